@@ -4,16 +4,17 @@ A controller made for another speed, another body or another delay can raise the
 pressure is valid. Two quantities show this, each averaged over two shedding cycles: the suction on the base, which
 falls where control helps, and the pressure difference between mirrored sensors, which grows where control only deflects
 the wake. The values without control are measured on the vehicle itself, whenever the jets have been shut for long
-enough. The speed, and with it the wake, may have changed since, so the pressures of each period are divided by the
-values of the release's own wake at the speed of that period. After power-on it is unknown how long the jets had been
-shut, and a reset under control leaves a calmed wake. Until the vehicle has measured for long enough, the check compares
-with the larger of the measured wake and the release's wake.
+enough. The speed, and with it the wake, may have changed since that measurement, so the pressures of each period are
+divided by the values of the release's own wake without jets at the speed of that period. After power-on the vehicle's
+measurement cannot be trusted yet: it is unknown how long the jets had been shut, and a reset under control leaves a
+calmed wake. Until the vehicle has measured for long enough, the check uses the larger of the measured value and the
+release's value.
 
 If control does not help for a shedding cycle, this is only a suspicion, because the comparison is with an earlier time,
 and the speed may be wrong. So the ECU begins a test: it shuts the jets and measures the wake without control at this
-speed. If the wake without control is worse, control continues. Control also continues if the speed changes, because the
-test is valid for its own speed only. Otherwise the fault latches when the tests have taken `BenefitCheck.patience`
-periods. A new request for control ends the fault.
+speed. Control continues if the wake without control is worse, and also if the speed changes, because the test is valid
+for its own speed only. Otherwise the fault latches when the tests together have taken `BenefitCheck.patience` periods.
+A new request for control ends the fault.
 """
 
 from dataclasses import dataclass, replace
@@ -32,30 +33,31 @@ from ecu.fit import positions_of
 _ON_BASE: Final = "base_"
 """Prefix of the names of sensors on a body's base."""
 MOVED: Final = 0.1
-"""Change of the speed, in design speeds, that ends a test, because the wake at the new speed is a different wake."""
+"""Change of the speed, relative to the design speed, that ends a test: a test is valid for its own speed only."""
 PATIENCE: Final = 6
-"""Total duration of the tests after which the fault latches, as a multiple of `wake_periods`: 18 s with shut jets, in
-which the vehicle may leave a speed at which control does harm."""
+"""Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. It is 18 s with shut
+jets; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Values in the form of `BenefitCheck.resting`, in Cp, for a release that does not state its wake. They are smaller
-than in any wake, so that the measured wake is always the larger one."""
+"""Values for `BenefitCheck.resting`, in Cp, if a release does not state its wake without jets. They are smaller than in
+any wake, so the measured wake is always the larger one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BenefitCheckState:
-    """The state after a control period. A period without pressures changes no mean. The swing is the mean magnitude of
+    """The state after a control period. A period without pressures changes no mean. "Swing" is the mean magnitude of
     the pressure differences between mirrored sensors.
 
     Attributes:
-        waking: number of periods that the jets must still be shut until the wake is as without control; 0 at power-on.
+        waking: number of periods for which the jets must still be shut until the wake has recovered from control; 0 at
+            power-on.
         rested: number of periods in the means without control, up to `BenefitCheck.proven`.
         resting_suction, resting_swing: mean suction on the base and mean swing without control, divided by the values
-            of the release's own wake.
+            of the release's own wake without jets.
         driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
         suction, swing: mean suction on the base and mean swing under control, divided by the values of the release's
-            own wake.
+            own wake without jets.
         doubt: number of periods in which control did not help minus the number in which it helped, at least 0.
-        tested_at: speed at which the present test began, in design speeds; 0 if there is no test.
+        tested_at: ratio of the speed at which the present test began to the design speed; 0 if there is no test.
         spent: number of periods in tests minus the number of periods in which control helped, 0 to
             `BenefitCheck.patience`.
     """
@@ -84,9 +86,8 @@ class BenefitCheck:
     Attributes:
         base: (B,) indices of the release's B sensors on the base.
         pairs: (P, 2) indices of the P pairs of mirrored sensors.
-        resting: (K, 3) the release's wake without jets at K rising speeds, one row each: the speed in design speeds,
-            the mean base pressure (below zero) and the mean magnitude of the differences of mirrored sensors, both in
-            Cp.
+        resting: (K, 3) the release's wake without jets at K rising speeds, one row for each speed: the speed in design
+            speeds, the mean base pressure (below zero) in Cp, and the swing in Cp (see `BenefitCheckState`).
     """
 
     base: tuple[int, ...]
@@ -105,8 +106,8 @@ class BenefitCheck:
 
     @property
     def proven(self) -> int:
-        """The number of periods after which the means without control no longer depend on the time before power-on: the
-        wake has recovered, and a mean has been taken."""
+        """The number of periods after which the means without control no longer depend on the time before power-on: by
+        then the wake has recovered, and the means cover their whole averaging time."""
         return self.config.wake_periods + self.config.mean_periods
 
     @property
@@ -121,8 +122,8 @@ class BenefitCheck:
 
         Args:
             cp: (S,) pressures of this period at the S sensors, as Cp; None if there are none.
-            drives: whether the jets could run up to this period.
-            speed: speed of the vehicle, in design speeds.
+            drives: whether the jets were allowed to run in the period before.
+            speed: ratio of the vehicle's speed to the design speed.
         """
         if state.tests:
             return self._tested(state, cp, speed)
@@ -159,9 +160,9 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Do `next` during a test. The means under control are compared with the wake since the jets were shut. The
-        mean of that wake covers more cycles than the means under control, because a wrong verdict by chance would
-        resume harmful control."""
+        """Do `next` during a test: compare the means under control with the wake since the jets were shut. This wake's
+        means cover more cycles than those under control, because a wrong verdict by chance would resume harmful
+        control."""
         if cp is None:
             return state, None
         config = self.config
@@ -189,7 +190,7 @@ class BenefitCheck:
         return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
-        """Add this period's values to the means without control, with the weight 1 / `over`."""
+        """Add this period's values to the means without control; a value has the weight 1 / `over` in its mean."""
         suction, swing = self._measured(cp, speed)
         return replace(
             state,
@@ -198,8 +199,8 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Return the suction on the base and the mean magnitude of the differences between mirrored sensors, divided by
-        the values of the release's wake at this speed. The sums are computed in a fixed order, as in C."""
+        """Return the suction on the base and the swing, both divided by the values of the release's wake at this speed.
+        The sums are computed in a fixed order, as in C."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])
@@ -209,8 +210,8 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """Return the base pressure and the swing of the release's wake without jets, in Cp, interpolated at this
-        speed."""
+        """Return the base pressure and the swing of the release's wake without jets at this speed, interpolated, in
+        Cp."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:
@@ -221,13 +222,13 @@ class BenefitCheck:
 
 
 def resting_of(manifest: Manifest) -> tuple[tuple[float, float, float], ...]:
-    """Return the values of a release's wake without jets by speed, in the form of `BenefitCheck.resting`."""
+    """Return the release's wake without jets at each stated speed, in the form of `BenefitCheck.resting`."""
     stated = manifest.resting
     return UNSTATED if stated is None else tuple(zip(stated.speeds, stated.base, stated.swing, strict=True))
 
 
 def mirrored_pairs(manifest: Manifest) -> tuple[tuple[int, int], ...]:
-    """Return the index pairs of a release's mirrored sensors; empty if the positions of the sensors are unknown."""
+    """Return the pairs of indices of a release's mirrored sensors; empty if the sensors' positions are unknown."""
     positions = positions_of(manifest)
     if positions is None:
         return ()

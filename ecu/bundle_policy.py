@@ -18,9 +18,10 @@ class BundlePolicy:
     plan.
 
     The memory holds the number of rows in the window, the rows (Cp_k, a_{k-1}), and the last plan as computed. The
-    graph shifts the plan, so that its first action, which exploration changed, is not used again. No other data are
-    needed, because every sample has its pressures, and the plant reports the action in force. Raises BundleError if the
-    model does not load, or if it reads a sensor that the plant does not have or has at another position.
+    graph shifts this plan by one step, so that its first action, which exploration has changed, is not used again. No
+    other data are needed, because every sample has its pressures, and the plant reports the action in force. Raises
+    BundleError if the model does not load, or if the plant does not have a sensor that the model reads, or has it at
+    another position.
 
     Args:
         controller: runs the bundle's `controller.onnx`; default: ONNX Runtime on one thread.
@@ -51,7 +52,7 @@ class BundlePolicy:
         return float(answer.plan[0]), _packed(after)
 
     def _unpacked(self, memory: Array, action: float) -> ControllerMemory:
-        """Return the state of the controller in a packed memory, with the action in force."""
+        """Return the controller's memory that an array holds, with the given action in force."""
         return ControllerMemory(
             window=memory[1 : -self._horizon].reshape(self._shape),
             rows=int(memory[0]),
@@ -62,6 +63,5 @@ class BundlePolicy:
 
 
 def _packed(memory: ControllerMemory) -> Array:
-    """Return the memory as an array: the number of rows, the window (L, S + 1), the plan (H,); shape (1 + L (S + 1) +
-    H,)."""
+    """Return a memory as an array (1 + L (S + 1) + H,): the number of rows, the window (L, S + 1), the plan (H,)."""
     return np.concatenate([[memory.rows], memory.window.ravel(), memory.plan])

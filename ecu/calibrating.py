@@ -1,7 +1,8 @@
 """The values of a release that may be calibrated on a vehicle, their limits, and the settings that result.
 
 The bounds on the jets can be narrowed, never widened: the vehicle's settings are their upper limits. The weights may
-have any meaningful value. The delay may have any value with which the controller still has an action to choose.
+have any value from 0 to their largest valid value. The delay is limited so that the controller always has an action to
+choose.
 """
 
 from dataclasses import replace
@@ -16,12 +17,12 @@ from contract.controller.interface import TERMS
 from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
-"""Smallest calibrated share of the vehicle's `flow.action_limit` and `ecu.command_step`. A smaller share would in
-effect switch the control off, and the enable request is there to do that."""
+"""Smallest share to which `flow.action_limit` and `ecu.command_step` of the vehicle may be calibrated. A smaller share
+would in effect switch the control off, which is the task of the enable request."""
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:
-    """Return the values at power-on: the goal of a verified release, and the settings of the vehicle."""
+    """Return the values at power-on: a verified release's cost weights, and the vehicle's bounds and delay."""
     return Calibration(
         weights=bundle.manifest.mpc.weights,
         action_limit=config.flow.action_limit,
@@ -31,7 +32,7 @@ def release_calibration(bundle: Bundle, config: Config) -> Calibration:
 
 
 def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
-    """Return the smallest and largest allowed values for a release in a vehicle."""
+    """Return the smallest and the largest values to which a release may be calibrated in a vehicle."""
     own = release_calibration(bundle, config)
     least = Calibration(
         weights=CostWeights(**dict.fromkeys(TERMS, 0.0)),
@@ -49,10 +50,11 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
 
 
 def with_calibration(config: Config, calibration: Calibration) -> Config:
-    """Return the vehicle's settings with a calibration's bounds and delay; its weights are an input of the controller.
+    """Return the vehicle's settings with a calibration's bounds and delay. The calibration's weights are no settings,
+    but an input of the controller.
 
-    A value that equals a setting rounded to float32 becomes that setting with all of its digits, so that an ECU that
-    gets its own values continues bit for bit. Any other bound is used as float32, as in C.
+    A bound that equals the vehicle's setting rounded to float32 becomes the setting with all of its digits, so that an
+    ECU that is calibrated to its own values continues bit for bit. Any other bound is used as float32, as in C.
     """
 
     def bound(value: float, own: float) -> float:

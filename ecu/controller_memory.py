@@ -4,9 +4,10 @@ Row k of the window is (Cp_k, a_{k-1}): the pressures of period k, and the actio
 optimisation of period k starts from the plan of period k - 1, which the graph shifts by one step. The ECU and the
 policy that records under feedback (`bundle_policy`) share this state.
 
-For a release with a range of speeds, the rows of past periods are also stored (`Past`), and the window is interpolated
-from them at steps of the present speed. Pressures, actions and plan are then in units of the present speed; sent
-actions and the jets' limits stay in units of the design speed.
+For a release with a range of speeds, the rows of past periods are also stored (`Past`). The window is interpolated from
+them, so that the vehicle travels an equal distance from row to row: that of one control period at the design speed.
+Pressures, actions and plan are then made dimensionless with the present speed; sent actions and the jets' limits are in
+units of the design speed.
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from contract.controller.resampling import followed, places
 
 @dataclass(frozen=True)
 class DelayLine:
-    """The latest `delay + 1` values, oldest first, with `delay` in control periods. `values` has shape (delay + 1,)."""
+    """The latest `delay + 1` values, oldest first, with a delay in control periods. `values` has shape (delay + 1,)."""
 
     values: tuple[float, ...]
 
@@ -32,7 +33,7 @@ class DelayLine:
 
     @property
     def in_force(self) -> float:
-        """The value that takes effect now; it was sent `delay` periods ago."""
+        """The value that takes effect now; it was pushed `delay` periods ago."""
         return self.values[0]
 
     @property
@@ -42,22 +43,22 @@ class DelayLine:
 
     @property
     def pending(self) -> tuple[float, ...]:
-        """The values that take effect in the next `delay` periods, (delay,)."""
+        """The values that take effect in the next `delay` periods, the earliest first, (delay,)."""
         return self.values[1:]
 
     def pushed(self, value: float) -> Self:
-        """Return the line after one more period, with `value` sent now."""
+        """Return the line one period later, with `value` as the newest."""
         return type(self)((*self.values[1:], value))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Past(ArrayValue):
-    """The rows of the latest N control periods with their speeds; a value with read-only arrays.
+    """The rows of the latest N control periods with their speeds; an immutable value with read-only arrays.
 
     Attributes:
-        rows: (N, S + 1) rows as in the window, with S sensors, each in units of the speed of its period; zero before
-            the first row.
-        speeds: (N,) speed of each period, in design speeds.
+        rows: (N, S + 1) rows as in the window, with S sensors, each made dimensionless with the speed of its period;
+            zero before the first row.
+        speeds: (N,) speed of each period, as a ratio to the design speed.
         count: number of rows with data, up to N.
     """
 
@@ -71,7 +72,7 @@ class Past(ArrayValue):
         return Past(rows=np.zeros((periods, sensors + 1)), speeds=np.zeros(periods), count=0)
 
     def with_row(self, row: Array, speed: float) -> "Past":
-        """Add the row of this period, (S + 1,)."""
+        """Return the past with the row of this period, (S + 1,), and without its oldest row."""
         return Past(
             rows=np.vstack([self.rows[1:], row]),
             speeds=np.append(self.speeds[1:], speed),
@@ -79,14 +80,14 @@ class Past(ArrayValue):
         )
 
     def with_column(self, sensor: int, values: Array) -> "Past":
-        """Replace the pressures of one sensor by `values`, (N,), in the rows with data."""
+        """Return the past with the pressures of one sensor replaced by `values`, (N,), in the rows with data."""
         rows, first = self.rows.copy(), len(self.rows) - self.count
         rows[first:, sensor] = values[first:]
         return replace(self, rows=rows)
 
     def read(self, length: int) -> tuple[Array, int]:
-        """Return the window (L, S + 1), interpolated at L steps of the present speed, and the number of its rows with
-        data."""
+        """Return the window (L, S + 1), interpolated at L equal steps of travelled distance, and the number of rows
+        with data."""
         window, first = np.zeros((length, self.rows.shape[1])), len(self.rows) - self.count
         if not self.count:
             return window, 0
@@ -102,10 +103,11 @@ class ControllerMemory(ArrayValue):
     Attributes:
         window: (L, S + 1) one row for each of L periods, oldest first: Cp at the S sensors and the action in force;
             zero before the first row.
-        rows: number of rows with data, the last ones of the window, 0 to L.
+        rows: number of rows with data, 0 to L; these are the last rows of the window.
         gap: number of consecutive periods without pressures.
         plan: (H,) plan for H steps, as computed by the controller; zeros without a plan.
-        under_way: sent actions; the first takes effect now, the other actions during the actuator's delay.
+        under_way: sent actions; the first takes effect now, the others in the following periods, during the actuator's
+            delay.
         past: rows from which the window of a release with a range of speeds is interpolated; None for other releases.
     """
 
@@ -143,21 +145,22 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """Rows L of the window, sensors S, steps H of the plan, and the actuator's delay; equal in all memories of a
-        controller."""
+        """The number of rows L, sensors S, steps H of a plan, and periods of delay; equal in all of a controller's
+        memories."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property
     def speed(self) -> float:
-        """The speed of the newest row, in design speeds."""
+        """The speed of the newest row, as a ratio to the design speed."""
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """Add a row for this period: pressures `cp`, (S,), at `speed` in design speeds."""
+        """Return the memory with this period's row: pressures `cp`, (S,), and the ratio `speed` of the speed to the
+        design speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Repeat the last pressures for a period without pressures; does nothing before the first row.
+        """Return the memory after a period without pressures: the last pressures are repeated, if there is a row.
 
         A gap of more than `longest_gap` periods empties the window, so that the controller does not plan with old
         pressures.
@@ -175,8 +178,8 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """Replace the pressures of one sensor in the rows with data by `values`: (L,), or (N,) if there is a past of N
-        periods."""
+        """Return the memory with the pressures of one sensor replaced by `values` in the rows with data: (L,), or (N,)
+        if there is a past of N periods."""
         if self.past is not None:
             past = self.past.with_column(sensor, values)
             return replace(self, past=past, window=past.read(len(self.window))[0])
@@ -186,21 +189,22 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=window)
 
     def commanded(self, action: float) -> "ControllerMemory":
-        """Return the memory with an action sent in this period, in U_inf W."""
+        """Return the memory after `action`, in U_inf W, was sent in this period."""
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":
-        """Change to another delay of the actuator, between two control periods; `delay` is less than the horizon.
+        """Return the memory for another delay of the actuator; call this between two control periods. `delay` is less
+        than the horizon.
 
         The sent actions stay, but take effect at other times: the latest `delay` actions are under way, and each row of
-        the window gets the action that was in force with the new delay. Actions older than the window are unknown, so
-        the action of the window's oldest row, which is zero before the first row, replaces them. The plan is shifted by
-        the change of the delay, so that its action for the next period stays. The rows in `past` are dropped.
+        the window gets the action that would have been in force with the new delay. Actions older than the window are
+        unknown; the action of the window's oldest row, which is zero before the first row, is used for them. The plan
+        is shifted by the change of the delay, so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:
             return self
-        # Together, the actions in the window's rows and in the delay line are all sent actions, without a gap.
+        # The actions in the window's rows and those in the delay line together are all sent actions, without a gap.
         sent = np.concatenate([self.window[:, -1], self.under_way.values])
         length, first = len(self.window), len(self.window) - self.rows
         in_force = sent[np.maximum(np.arange(length) - later, 0)]
@@ -228,13 +232,13 @@ class ControllerMemory(ArrayValue):
         with finite numbers.
 
         Args:
-            weights: weights of the cost, (8,) in the order of `CostWeights`; the controller's own by default.
-            limit: bound on |a| in U_inf W, at any speed; the controller's own by default.
+            weights: weights of the cost, (8,) in the order of `CostWeights`; by default those of the graph.
+            limit: bound on |a| in U_inf W, at any speed; by default the bound of the graph.
         """
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
-        # The graph shifts the plan by one step. The first actions of the shifted plan must be the actions on their way
-        # to the actuator, as they were sent, even if the gate, the mode HOLD or rounding changed them after planning.
+        # The graph shifts the plan by one step. The first actions of the shifted plan must be the actions that were
+        # sent and are not yet in force, even if the gate, the mode HOLD or rounding changed them after planning.
         plan[1 : 1 + len(pending)] = np.array(pending) / self.speed
         free[: len(pending)] = 0.0
         try:

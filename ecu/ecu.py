@@ -2,8 +2,8 @@
 
 Once a control period the ECU checks the pressure stream end to end, updates the fail-safe, extends the window, plans,
 and sends the plan's first action that was not sent before, limited by the command gate. Row k of the window is (Cp_k,
-a_{k-1}). The action a_{k-1} is stored as it was sent and, if the actuator has a known delay, in the row of the period
-in which it takes effect.
+a_{k-1}). The action a_{k-1} is stored as it was sent. If the actuator has a known delay, an action is stored in the row
+of the period in which it takes effect.
 
 Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
 """
@@ -49,12 +49,12 @@ class StepOutcome(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """The ECU's request to the command gate in one period.
+    """The request to the command gate in one period.
 
     Attributes:
         memory: controller's memory with the new plan, or without a plan.
         action: action before the command gate, in U_inf W.
-        forces: predicted (Cd, Cl) over the horizon, (H, 2); None without a plan.
+        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2); None without a plan.
         fault: reason why the controller gave no action in a period that needed one.
     """
 
@@ -66,8 +66,8 @@ class _Decision(NamedTuple):
 
 class Ecu:
     """An ECU with one controller of one bundle. `next` computes a control period from a state; `step` also stores the
-    state. Raises BundleError if the bundle was made for another vehicle or another number of sensors than the bus
-    carries; ConfigError if only one of `bus.key` and `authentication` is given.
+    new state. Raises BundleError if the bundle was made for another vehicle, or for another number of sensors than the
+    bus carries; ConfigError if only one of `bus.key` and `authentication` is given.
 
     Args:
         controller: runs the bundle's `controller.onnx`.
@@ -75,7 +75,7 @@ class Ecu:
         authentication: the ECU's data for authenticated frames, needed with `bus.key`.
 
     Attributes:
-        calibration: the values in force; at power-on the values of release and vehicle.
+        calibration: the calibrated values in force; at power-on those of the release and the vehicle.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class Ecu:
         ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
-        # A renewed bundle states new weights in its manifest, but its graph has the weights of its export, so the
+        # The graph has the cost weights of its export. The manifest of a renewed bundle states new weights, so the
         # manifest's weights are put in force here.
         self.calibrate(release_calibration(bundle, config))
 
@@ -128,8 +128,7 @@ class Ecu:
 
     def restore(self, state: EcuState) -> None:
         """Continue from a state of this ECU, or of another ECU with equal bundle, settings and calibration. Raises
-        ValueError if the state belongs to a controller with another window, other sensors, another horizon or another
-        delay."""
+        ValueError if the state's window, number of sensors, horizon or delay is not that of this ECU."""
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
@@ -146,14 +145,15 @@ class Ecu:
     def calibrate(self, calibration: Calibration) -> None:
         """Put other values in force; all of them take effect from the next step on.
 
-        The command gate limits the very next command to a narrower range, even if the previous command was larger.
-        Raises ConfigError if a value is outside the limits of this release and vehicle; then no value changes.
+        If the range of commands becomes narrower, the command gate limits the very next command to it, even if the
+        previous command was outside. Raises ConfigError if a value is outside the limits of this release and vehicle;
+        then no value changes.
         """
         self._calibration_limits.check(calibration)
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())
         self._config = with_calibration(self._own_config, calibration)
-        # Even if the check of the limits were wrong, no bound is ever wider than in the vehicle's settings.
+        # No bound may be wider than in the vehicle's settings, even if the check of the limits were wrong.
         self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
         memory = self._state.memory.with_delay(self._config.ecu.frozen_actions)
         self._state = replace(self._state, memory=memory)
@@ -164,7 +164,7 @@ class Ecu:
         """Do one control period. Returns a JetCommand and an EcuStatus.
 
         Args:
-            now_ns: time of the step, in the clock of the frames' timestamps.
+            now_ns: time of the step, in ns in the clock of the frames' timestamps.
             frames: all frames received since the last step, oldest first.
             health: health of the CAN controller, for the status.
             around: external conditions; see `Surroundings`.
@@ -181,8 +181,8 @@ class Ecu:
         health: BusHealth = HEALTHY,
         **around: Unpack[Surroundings],
     ) -> StepOutcome:
-        """Compute a control period from any state, without storing the result. This is a pure function if the
-        controller is a pure function."""
+        """Compute a control period from any state, without storing the result; a pure function if the controller is
+        one."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
@@ -198,8 +198,7 @@ class Ecu:
             flow_m2_per_s=passed.flow_m2_per_s,
             mode=mode.on_wire,
             enable=passed.enable,
-            # The command states the counter of the pressure frame on which it is based, even if it repeats an earlier
-            # command.
+            # The command states the counter of the pressure frame on which it is based, even if it repeats a command.
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
@@ -224,7 +223,7 @@ class Ecu:
     def _receive(
         self, state: EcuState, now_ns: int, frames: Sequence[Frame], health: BusHealth, around: Surroundings
     ) -> tuple[EcuState, PeriodInputs]:
-        """Return the state with the period's pressures, and the fail-safe's inputs."""
+        """Return the state with the pressures of this period, and the inputs of the fail-safe."""
         timing = state.timing.next(now_ns, self._period_ns, self._config.ecu)
         speed_state, speed = state.speed, 1.0
         dynamic_pressure: float | None = self._config.operating_point.dynamic_pressure
@@ -240,7 +239,7 @@ class Ecu:
         other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
         if speed_state.is_off:
-            # Pressures at this speed are no evidence of control at other speeds, so the window is emptied.
+            # The window is emptied: pressures at a speed outside the range must not be used for control within it.
             received, memory = received._replace(cp=None), memory.emptied()
         elif received.cp is None:
             memory = memory.bridged(self._longest_gap)
@@ -296,12 +295,11 @@ class Ecu:
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
         """Return the memory with one row for each skipped period, in which the last command stayed in force.
 
-        After a time step of unknown length the rows are useless: a wrong clock empties the window.
+        If the clock is wrong, the length of the step is unknown and the rows are useless: the window is emptied.
         """
         if timing.fault is Reason.CLOCK:
             return memory.emptied()
-        # After this number of periods the window is empty and the jets follow the last command, so more periods change
-        # nothing.
+        # After this number of periods the window is empty and the last command in force; more periods change nothing.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
@@ -309,8 +307,8 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the state of the sensor check, the memory with the estimate of a faulty sensor, and a reason to shut
-        the jets."""
+        """Return the state of the sensor check, the memory with a faulty sensor's estimate, and the reason to shut the
+        jets, or None."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -323,8 +321,8 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the state of the benefit check and a reason to shut the jets. A sensor that is set aside is replaced
-        by its estimate."""
+        """Return the state of the benefit check, and the reason to shut the jets, or None. The check uses a faulty
+        sensor's estimate."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
@@ -336,7 +334,7 @@ class Ecu:
         return round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
-        """Decide on the action in a period of this mode, with this period's row in the memory."""
+        """Return the request to the command gate in this mode; the memory already has this period's row."""
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
             try:
@@ -354,15 +352,13 @@ class Ecu:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """Return BUS_OFF while the CAN controller is bus-off, and in the first step after bus-off, because no node received
-    the frames."""
+    """Return BUS_OFF during bus-off and in the first step after it, because no node received the frames."""
     off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
     return Reason.BUS_OFF if off else None
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """Return the fail-safe after the command gate. If the gate shut the jets, the fail-safe has the reason that is sent
-    on the bus."""
+    """Return the fail-safe after the command gate; if the gate shut the jets, with the reason to send on the bus."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

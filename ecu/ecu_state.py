@@ -32,7 +32,8 @@ class Surroundings(TypedDict, total=False):
 
     Attributes:
         fault: reason for which the ECU must switch itself off.
-        updating: whether a release is being written; if so, the ECU is off from when no jet may run until a reset.
+        updating: whether a release is being written. If so, the ECU switches itself off as soon as no jet may run, and
+            stays off until a reset.
     """
 
     fault: Reason | None
@@ -48,17 +49,16 @@ class EcuState:
         fail_safe: the mode, and the reason why the ECU is not in control.
         pressures: state of the receiver of the Pressure message.
         commands, statuses: states of the senders of JetCommand and EcuStatus.
-        pressure_ns: sampling time of the latest usable pressures; None before the first usable pressures.
-        pressure_counter: counter of the frame that brought these pressures; None before the first usable pressures.
-        overruns: number of whole control periods left out.
-        missed: number of steps without usable pressures.
+        pressure_ns: sampling time of the latest usable pressures, in ns; None before them.
+        pressure_counter: counter of the frame with these pressures; None before them.
+        overruns: number of whole control periods left out since power-on.
+        missed: number of steps without usable pressures since power-on.
         health: health of the CAN controller in the latest step.
         verifier: state of the Pressure message's authentication.
         freshness: freshness values for the next JetCommand and the next EcuStatus.
-        other_ecu: whether another ECU is on the bus.
+        other_ecu: state of the detection of another ECU on the bus.
         sensors: state of the sensor check.
-        speed: state of the reception of the vehicle's speed; a release that does not need the speed leaves it as at
-            power-on.
+        speed: state of the reception of the vehicle's speed; as at power-on if the release does not need the speed.
     """
 
     memory: ControllerMemory
@@ -81,7 +81,7 @@ class EcuState:
 
     @classmethod
     def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int, past: int = 0) -> Self:
-        """Return the state before any frame is received or sent; see `ControllerMemory.empty` for the sizes."""
+        """Return the state before any frame was received or sent; `ControllerMemory.empty` explains the sizes."""
         return cls(
             memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay, past=past),
             fail_safe=FailSafe(),
@@ -97,7 +97,8 @@ class EcuState:
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
-        """Return the state with the data for `bus.key`, at power-on; unchanged without a key."""
+        """Return the power-on state with the data for authentication with `bus.key`; without a key, the state
+        itself."""
         if authentication is None:
             return self
         speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))
@@ -131,15 +132,15 @@ def answers(
     key: Key | None,
     bundle_hash: int,
 ) -> list[Frame]:
-    """Return the two frames of a period. Their counters and freshness values come from the state before the period, the
-    status from the state after it."""
+    """Return the two frames of a period. Their counters and freshness values come from the state before the period; the
+    contents of the status come from the state after the period."""
     contents = (
         (before.commands, messages.command.spec, messages.command.emit(command)),
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
     )
     return [
         secured(
-            # A frame's time cannot be negative. If the clock gives a negative time, the jets are shut anyway.
+            # A frame's time must not be negative. If the clock gives a negative time, the jets are shut anyway.
             protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
             spec=spec,
             key=key,
@@ -155,8 +156,7 @@ class Trace:
 
     Attributes:
         action: action that was sent, in U_inf W.
-        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed; None without a
-            plan.
+        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed; or None.
     """
 
     mode: Mode

@@ -3,9 +3,9 @@
 `TRANSITIONS` is examined from its first row on. A control step takes the first row that starts at the present state and
 whose condition is true in this step. `docs/reference/states.md` and its picture are made from the table.
 
-The limit on losses is a limit of (m, k)-firm control, in which at least m of any k consecutive periods must have usable
-pressures. With default settings, control ends when `loss_limit` = 25 of the last `loss_window` = 50 periods have none,
-or when more than `hold_periods` + `decay_periods` = 3 consecutive periods have none.
+The limit on losses is that of (m, k)-firm control: at least m of any k consecutive periods must have usable pressures.
+With default settings, control ends when `loss_limit` = 25 of the last `loss_window` = 50 periods have no usable
+pressures, or when more than `hold_periods` + `decay_periods` = 3 consecutive periods have none.
 """
 
 from collections.abc import Callable
@@ -68,10 +68,10 @@ class PeriodInputs:
     """The inputs of one control period.
 
     Attributes:
-        usable: whether a valid frame with four valid pressures arrived.
-        enable_request: enable request of the vehicle in that frame; None if no such frame arrived.
+        usable: whether pressures arrived that the controller may use.
+        enable_request: enable request of the vehicle, from a trusted frame of this period; None if there is none.
         unusable_because: reason why the pressures are not usable; ignored if they are usable.
-        window_full: whether the controller can plan.
+        window_full: whether the window is full, so that the controller can plan.
         off_speed: whether the vehicle is slower or faster than the range of speeds of the release.
         tests: whether the jets must be shut to measure the wake without control.
         fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
@@ -89,16 +89,16 @@ class PeriodInputs:
 
 
 class Period(NamedTuple):
-    """The data that conditions are evaluated with: one period's inputs, and the counts up to and including this period.
+    """The data from which conditions are evaluated: the inputs of one period, and the counts up to and including it.
 
     Attributes:
         request: the vehicle's request for control, as last received.
         rises: whether the request was low before this period and is high now.
         misses: number of consecutive periods without usable pressures.
-        good: number of consecutive periods with usable pressures.
+        good: number of consecutive periods with usable pressures, counted from the latest fault of the ECU itself on.
         lost: number of periods without usable pressures among the latest `loss_window` periods in which control was
             requested.
-        kept: reason of the state before this period.
+        kept: the reason that was reported before this period.
     """
 
     inputs: PeriodInputs
@@ -112,14 +112,14 @@ class Period(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """A condition of a transition, and its text for people."""
+    """A condition of a transition, and its description."""
 
     text: str
     holds: Callable[[Period], bool]
 
 
 class Because(NamedTuple):
-    """The rule that chooses the Reason to report for a state, and its text for people."""
+    """The rule that chooses the Reason to report in a state, and the rule's description."""
 
     text: str
     of: Callable[[Period], Reason]
@@ -136,8 +136,7 @@ def _waiting(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """Return a rule that gives this reason, or NOT_AUTHENTIC if no frame is authentic, because the ECU takes
-    requests from authentic frames only."""
+    """Return a rule that gives `reason`, or NOT_AUTHENTIC if no frame is authentic, so that no request is accepted."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 
@@ -191,11 +190,11 @@ SHORT: Final = Condition(
 
 @dataclass(frozen=True, kw_only=True)
 class Transition:
-    """One row of the table.
+    """One row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
 
     Attributes:
         within: number of periods from the first period with the cause to the period in which the ECU reacts, both
-            included: a number, or a formula of the ECU's settings.
+            included. It is a number, or a formula of the ECU's settings.
     """
 
     start: frozenset[OperatingMode]
@@ -219,14 +218,14 @@ TRANSITIONS: Final = (
     _row("INIT STANDBY ARMED WARMUP FAULT", UPDATING, _S.UPDATE, _WRITING),
     _row(f"INIT STANDBY ARMED {_WANTED}", OWN_FAULT, _S.FAULT, _OWN),
     _row("FAULT", OWN_FAULT, _S.FAULT, _FIRST),
-    # In these rows the request for control is low, or it is high and the ECU has not accepted it.
+    # In these rows the request for control is low, or it is high but the ECU has not accepted it.
     _row("INIT", NEVER_YET, _S.INIT, _QUIET),
     _row("INIT", LOW_AND_USABLE, _S.ARMED, _QUIET),
     _row("INIT", STANDING, _S.STANDBY, _STANDS),
     _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, _QUIET),
     _row("STANDBY", ALWAYS, _S.STANDBY, _STANDS),
-    # In INIT and ARMED, these rows are reached only if the request rises. In the other states, the request is high and
-    # the ECU has already accepted it.
+    # A step in INIT or ARMED reaches these rows only if the request rises. In the other states, the request is high and
+    # the ECU has accepted it before.
     _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, _MISSING),
     _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, _MISSING, "hold_periods + decay_periods + 1"),
     _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, _MISSING, "loss_limit"),
@@ -235,7 +234,7 @@ TRANSITIONS: Final = (
     _row(f"ARMED {_WANTED}", USABLE, _S.CONTROL, _NO_REASON),
     _row("ARMED WARMUP CONTROL HOLD", SHORT, _S.HOLD, _MISSING),
     _row(f"ARMED {_WANTED}", ALWAYS, _S.DECAY, _MISSING, "hold_periods + 1"),
-    # These rows end a latched fault, or keep it.
+    # These rows end a latched fault or keep it latched.
     _row(
         "FAULT",
         Condition(f"{REARMED.text}; {FILLING.text}", lambda p: REARMED.holds(p) and FILLING.holds(p)),
@@ -267,12 +266,12 @@ class FailSafe:
 
     Attributes:
         misses: number of consecutive periods without usable pressures.
-        good: number of consecutive periods with usable pressures.
+        good: number of consecutive periods with usable pressures, counted from the latest fault of the ECU itself on.
         lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the lowest
             bit for the newest: 1 for a period without usable pressures.
         reason: reason why the ECU is not in control; constant during a fault.
-        enable_request: latest enable request of the vehicle; counts as high before the first request, and when a fault
-            begins.
+        enable_request: latest enable request of the vehicle. It counts as high before the first request, and when a
+            fault begins, unless the frame of that period states that it is low.
     """
 
     mode: OperatingMode = OperatingMode.INIT
@@ -283,13 +282,13 @@ class FailSafe:
     enable_request: bool = True
 
     def next(self, inputs: PeriodInputs, config: EcuConfig) -> "FailSafe":
-        """Return the state in the next period; `config` gives the lengths of HOLD, DECAY and re-arming, and the limits
-        on losses."""
+        """Return the state in the next period; `config` has the lengths of HOLD and DECAY and the limits on frames and
+        losses."""
         request = self.enable_request if inputs.enable_request is None else inputs.enable_request
         rises = request and not self.enable_request
         usable = inputs.usable
         misses = 0 if usable else self.misses + 1
-        # Good frames for re-arming are counted from the last period in which the ECU itself had a fault.
+        # Good frames before the latest fault of the ECU itself do not count for the end of a fault.
         good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
         lost = 0
         if (
@@ -302,15 +301,16 @@ class FailSafe:
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
-            # The ECU must receive a low request before the fault can end, as after power-on. Otherwise a rise of the
-            # request that the ECU missed would end the fault.
+            # The fault may end only if the request rises, and for this the ECU must receive a low request first, as
+            # after power-on. Otherwise a rise of the request that the ECU missed would end the fault.
             request = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Latch a fault of the ECU itself that is found during the period; the count of good frames restarts at 0."""
+        """Return the state after a fault of the ECU itself that is found in this period; the count of good frames
+        becomes 0."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )
@@ -323,12 +323,11 @@ class FailSafe:
 
 
 _NO_LIMITS: Final = EcuConfig()
-"""Settings to evaluate the rows of the ECU's own faults, which do not depend on the settings."""
+"""Settings for evaluating the table's rows for the ECU's own faults; these rows depend on no setting."""
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:
-    """Return the row of the table that applies in this mode and period. There always is one, because each mode's last
-    row has no condition."""
+    """Return the row of the table for this mode and period. There is always one: a mode's last row has no condition."""
     rows, otherwise = _FROM[mode]
     for row in rows:
         if row.when.holds(period):

@@ -1,4 +1,4 @@
-"""Checks that a release was made for this flow and this vehicle; an error states the release's value and the present
+"""Checks that a release was made for this flow and this vehicle. An error states the release's and the present
 value."""
 
 from dataclasses import fields
@@ -18,8 +18,7 @@ from contract.sensors import TRUCK
 
 
 def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None:
-    """Raise BundleError if the control period or the action limit for which the controller was built differs from
-    `flow`."""
+    """Raise BundleError if the controller was built for another control period or action limit than that of `flow`."""
     for name in ("control_period", "action_limit"):
         right = getattr(bundle.manifest, name)
         remedy = f": set flow.{name}={right}"
@@ -27,7 +26,8 @@ def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
-    """Raise BundleError if the controller was built for another vehicle, bus or actuator delay."""
+    """Raise BundleError if the controller was built for another vehicle, another bus or another delay of the
+    actuator."""
     manifest = bundle.manifest
     points = (_values(point) for point in (manifest.operating_point, config.operating_point))
     _check_equal(bundle, "operating point", *points, owner="vehicle")
@@ -48,7 +48,8 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
 def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
     """Raise BundleError if a sensor of the controller is missing on the plant or has another position there.
 
-    A bundle without positions is from a version whose only body was the truck, so its sensors have the truck's names.
+    A bundle that states no positions is from a version whose only body was the truck. So its sensors have the names,
+    and therefore the positions, of the truck's sensors.
     """
     manifest = bundle.manifest
     try:
@@ -67,7 +68,7 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
 
 
 def positions_of(manifest: Manifest) -> Array | None:
-    """Return a release's sensor positions (S, 2); None if the release states no positions and its sensors are not the
+    """Return a release's sensor positions (S, 2); None if it states no positions and its sensors are not the
     truck's."""
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)

@@ -1,8 +1,8 @@
-"""Detection of another ECU by its frames: a node does not receive its own frames.
+"""Detection of another ECU by its frames, as a node does not receive its own frames.
 
-Two ECUs on one bus would take turns in driving the jets. So each ECU keeps the jets shut until it has received no frame
-of the other ECU for `SILENCE_NS`. With a key only authentic frames count: a forged frame does not shut the jets, but a
-repeated authentic frame does.
+Two ECUs on one bus would both drive the jets, in turn. So an ECU keeps the jets shut until it has received no frame of
+another ECU for `SILENCE_NS`. With a key only authentic frames count: a forged frame does not shut the jets, but a
+recorded authentic frame that is sent again does.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,7 @@ SILENCE_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class OtherEcu:
-    """The state after a control period. `until_ns` is the time until which another ECU counts as present; None if there
-    is none."""
+    """The state after a control period. `until_ns` is the time until which another ECU counts as present, or None."""
 
     frames: int = 0
     until_ns: int | None = None
@@ -34,7 +33,7 @@ class OtherEcu:
         return None if self.until_ns is None else Reason.OTHER_ECU
 
     def next(self, heard: int, step_ns: int) -> "OtherEcu":
-        """Count a step in which `heard` frames of another ECU were received."""
+        """Return the state after a step in which `heard` frames of another ECU were received."""
         if heard:
             return OtherEcu(frames=self.frames + heard, until_ns=step_ns + SILENCE_NS)
         is_gone = self.until_ns is not None and step_ns > self.until_ns

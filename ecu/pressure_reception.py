@@ -1,4 +1,5 @@
-"""Conversion of a control period's frames to pressures that the controller may use, or the reason why there are none.
+"""Conversion of a control period's frames to pressures that the controller may use, or to the reason why there are
+none.
 
 The checks are, in this order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
 """
@@ -26,11 +27,11 @@ class Received(NamedTuple):
     Attributes:
         verifier, receiver: states of the authentication and of the E2E receiver after these frames.
         cp: (S,) usable pressures at the S sensors, as Cp; None if there are none.
-        reading: (S,) pressures in units of the design speed's dynamic pressure, in which a stuck sensor is constant at
-            any vehicle speed.
-        enable_request: enable request of the vehicle; None if no trusted frame arrived.
-        unusable_because: reason why there are no usable pressures, if there are none.
-        sampled_ns: sampling time of the usable pressures.
+        reading: (S,) the same pressures divided by the dynamic pressure at the design speed, so that the reading of a
+            stuck sensor is constant at any vehicle speed.
+        enable_request: enable request of the vehicle; None if no trusted frame states it.
+        unusable_because: reason why there are no usable pressures; NONE if there are usable pressures.
+        sampled_ns: sampling time of the usable pressures, in ns.
     """
 
     verifier: VerifierState
@@ -49,7 +50,7 @@ class PressureReception:
 
     Attributes:
         key: key of the bus; None without authentication.
-        dynamic_pressure: pressure in Pa for Cp = 1 at the design speed.
+        dynamic_pressure: dynamic pressure in Pa at the design speed, for which Cp = 1.
         fresh_age_ns: largest age in ns of pressures that the controller may use.
     """
 
@@ -72,7 +73,7 @@ class PressureReception:
 
         Args:
             verifier, receiver: states of the authentication and of the E2E receiver before the period.
-            dynamic_pressure: pressure in Pa for Cp = 1 at the present speed; None if the speed is unknown.
+            dynamic_pressure: dynamic pressure in Pa at the present speed, for which Cp = 1; None without a speed.
         """
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
@@ -85,7 +86,7 @@ class PressureReception:
             withdrawn = pressure is not None and not pressure.enable_request
             because = Reason.NOT_AUTHENTIC if none_authentic else _without_live(reception)
             return unusable._replace(enable_request=False if withdrawn else None, unusable_because=because)
-        # The age counts from sampling, so it includes delays before sending and in queues.
+        # The age in a frame is counted from the sampling, so it includes the delays before sending.
         sampled_ns = frame.timestamp_ns - pressure.age_ns
         fresh = 0 <= now_ns - sampled_ns <= self.fresh_age_ns
         if not (fresh and all(pressure.valid)):

@@ -1,27 +1,28 @@
 """The check of the sensors: each pressure is compared with its prediction from the other pressures.
 
-Transducers fail without a sign: they get stuck, read zero, drift, or are exchanged when plugged in, while all frames
-are valid. A network of the bundle estimates each pressure from the window of the other pressures
-(`contract.controller.estimator`), and the residuals decide between three hypotheses:
+Transducers fail without an error message: they get stuck, read zero, drift, or are exchanged when plugged in, while all
+frames are valid. A network of the bundle estimates each pressure from the window of the other pressures
+(`contract.controller.estimator`). The residual is the pressure minus this estimate. The residuals decide between three
+hypotheses:
 
 * one sensor reads wrongly: its reading is far from the estimate by the other sensors, which agree with each other
-  without it. The sensor is set aside until the ECU is restarted, and its reading is replaced by the estimate, which
-  never depends on that reading;
-* two sensors are exchanged: with their readings swapped, all sensors agree far better. The jets go to zero, and the
-  fault latches;
-* the pressures disagree, either over one shedding cycle or in the mean of two, and neither of the other hypotheses
-  explains the disagreement. The jets go to zero, and the fault latches.
+  without it. The sensor is set aside: until the ECU is restarted its estimate, which never depends on its reading, is
+  used instead of its reading;
+* two sensors are exchanged: with their readings swapped, all sensors agree far better. The jets are shut, and the fault
+  latches;
+* the pressures disagree, either over one shedding cycle or in the mean of two cycles, and neither of the other
+  hypotheses explains the disagreement. The jets are shut, and the fault latches.
 
-Residuals are averaged over a few periods, which keeps slow changes and reduces noise. These averages are squared, and
-the squares are averaged over a shedding cycle. Noise, unlike a sensor fault, changes from one period to the next. So
-the differences between consecutive residuals show how much noise remains in the averages, and the check allows for this
-amount. Noise on all sensors, which the controller tolerates, is therefore no fault.
+Residuals are averaged over a few periods, which preserves slow changes and reduces noise. These averages are squared,
+and the squares are averaged over a shedding cycle. Noise, unlike a sensor fault, changes from one period to the next.
+So the differences between consecutive residuals show how much noise remains in the averages, and the limits rise with
+this noise. Noise on all sensors, which the controller tolerates, is therefore no fault.
 
 If two sensors have equal readings over a whole window, and the readings vary in this window, one sensor is a copy of
-the other, for example because of a broken multiplexer: the jets go to zero. Mirrored sensors whose readings hardly vary
-do not count as copies, because a calm wake is symmetric. A reading that never changes is stuck, because no transducer
-in a flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at very low speed all
-pressures are nearly constant, and no sensor counts as stuck.
+the other, for example because of a broken multiplexer, and the jets are shut. Mirrored sensors whose readings hardly
+vary do not count as copies, because a calm wake is symmetric. A sensor whose reading never changes is stuck, because
+no pressure in a flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at very low
+speed all pressures are nearly constant, and no sensor counts as stuck.
 """
 
 from dataclasses import dataclass, field, replace
@@ -40,34 +41,33 @@ from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimato
 from contract.runtime.onnx_estimator import OnnxEstimator
 
 SCORE_PERIODS: Final = 32
-"""Number of periods over which squares of averaged residuals are averaged: a shedding cycle. During a part of a cycle a
-wrong reading may agree with the other readings by chance."""
+"""Number of periods over which the squares of averaged residuals are averaged: a shedding cycle. During a part of a
+cycle, a wrong reading may agree with the other readings by chance."""
 NOISE_ALLOWED: Final = 0.3
-"""Share of the noise's variance that the check allows for: twice the share that the fast average leaves, 1 / (2
-FAST_PERIODS - 1), because the estimate of the variance is noisy, too."""
+"""Share of the noise's variance that is added to the variance of healthy sensors. It is twice the share that remains in
+the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
 
 MOVING: Final = 0.4
-"""Smallest median range of the other sensors' readings at which a constant reading counts as stuck, in standard
-deviations of healthy sensors' residuals. With the shipped recording this limit is 0.015 in Cp; the median range of the
-other sensors in ten periods is 0.022 or more there."""
+"""Smallest median of the other sensors' ranges of readings at which a constant reading counts as stuck, in standard
+deviations of healthy sensors' residuals. With the shipped recording this limit is 0.015 in Cp; in this recording, the
+median in ten periods is 0.022 or more."""
 
 ALIKE: Final = 0.1
-"""Largest rms difference of two readings over a window at which they can be copies, in standard deviations of healthy
-sensors' residuals: 0.004 in Cp; the difference between healthy sensors exceeds 0.011."""
+"""Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
+deviations of healthy sensors' residuals: 0.004 in Cp. The difference between healthy sensors exceeds 0.011."""
 
 COPIED: Final = 2.0
-"""Smallest range of a reading over the window at which another reading can be its copy, in standard deviations of
-healthy sensors' residuals: 0.08 in Cp. Under control of the shipped release all ranges exceed 0.11; in a calm wake,
-where mirrored sensors agree, they are below 0.07."""
+"""Smallest range of a sensor's readings over the window at which another sensor may be its copy, in standard deviations
+of healthy sensors' residuals: 0.08 in Cp. Under control with the shipped release all ranges exceed 0.11; in a calm
+wake, in which mirrored sensors agree, they are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
-"""Factor by which the limit for slow means of residuals exceeds the limit for fast means; the limit for slow means is
-64. Healthy sensors reach 7, or 40 with one sensor left out."""
+"""Ratio of the limit for slow means of residuals, which is 64, to the limit for fast means. Slow means of healthy
+sensors reach 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
-"""Factor by which the remaining sensors may disagree more when one sensor is set aside, because an estimate from two
-other sensors is less accurate than an estimate from three. Healthy sensors then reach 28, in a gust that the speed on
-the bus does not show."""
+"""Factor by which the remaining sensors may disagree more after one sensor is set aside, because an estimate from two
+other sensors is less accurate than from three. Healthy sensors then reach 28, in a gust that the bus does not state."""
 
 
 class EstimatorModel(Protocol):
@@ -75,19 +75,20 @@ class EstimatorModel(Protocol):
 
     def estimates(self, window: Array) -> Array:
         """Return the estimates in Cp of each of the V views, (V, S), for a window (L, S + 1) of L rows and S sensors.
-        Raises ControllerError if there are none."""
+        Raises ControllerError if the model fails."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheckState(ArrayValue):
     """The state after a control period. The arrays are read-only. S is the number of sensors; an array whose shape is
-    not given has a row for each of the S + P `Hypotheses`, with P pairs of sensors.
+    not given has one row for each of the S + P `Hypotheses`, where P is the number of pairs of sensors, and S columns.
 
     Attributes:
-        residual: residual of the latest judged period, in Cp; NaN before the first.
+        residual: residual in Cp of the latest period in which the sensors were judged; NaN before the first.
         fast, slow: running means of the residual over few and over many periods.
         noise: running variance of the residual's change from one period to the next, in Cp^2.
-        score: running mean of the fast mean's square, divided by the variance of healthy sensors and noise.
+        score: running mean of a ratio: the square of the fast mean, divided by its variance for healthy sensors with
+            this noise.
         readings: (S,) latest readings; NaN before the first.
         flat: (S,) number of consecutive periods with unchanged readings.
         estimates: (n, S) estimate of each sensor by all others, one row for each of the n periods of the controller's
@@ -127,20 +128,20 @@ class SensorCheckState(ArrayValue):
 
     @property
     def mask(self) -> int:
-        """The sensor that is set aside, as a mask with one bit for each sensor, as in EcuStatus."""
+        """The sensor that is set aside, as a mask with one bit for each sensor, as in EcuStatus; 0 if there is none."""
         return 0 if self.set_aside is None else 1 << self.set_aside
 
 
 class ResidualLevels(NamedTuple):
-    """The levels of evidence for each hypothesis: mean squares of residuals, relative to the values of healthy sensors.
+    """The levels of evidence for each hypothesis, from mean squares of residuals, relative to those of healthy sensors.
 
     Attributes:
-        liar: (S,) level for the hypothesis that this sensor reads wrongly, and the other sensors do not.
-        bias: (S,) level for the hypothesis of `liar`, computed from the slow means.
+        liar: (S,) level for the hypothesis that this sensor reads wrongly and the other sensors read correctly.
+        bias: (S,) level for the same hypothesis, computed from the slow means.
         swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
-        doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one is set aside.
-        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out; if
-            there is none, the sensor without which the other sensors agree best.
+        doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
+        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out. If
+            there is none, the sensor is left out without which the other sensors agree best.
     """
 
     liar: Array
@@ -152,8 +153,8 @@ class ResidualLevels(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
-    """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) rms of the averaged residuals of healthy sensors,
-    in Cp, for each hypothesis and sensor."""
+    """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) rms in Cp of the fast and slow means of healthy
+    sensors' residuals, for each hypothesis and sensor."""
 
     estimator: EstimatorModel
     fast: Array
@@ -169,7 +170,7 @@ class SensorCheck:
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: EstimatorModel, config: SensorCheckConfig) -> "SensorCheck":
-        """Return the check that uses the figures of a manifest."""
+        """Return the check with the rms values in a manifest."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
         return cls(estimator=estimator, fast=fast, slow=slow, config=config)
 
@@ -189,7 +190,8 @@ class SensorCheck:
             window: (L, S + 1) the controller's window, with this period's row.
             rows: number of rows of the window that have data.
             cp: (S,) pressures of this period; None if there are none, and then no sensor is judged.
-            reading: (S,) pressures as received, not scaled by the present speed; `cp` by default.
+            reading: (S,) pressures as received, scaled with the design speed instead of the present speed; `cp` by
+                default.
             skipped: number of skipped periods before the present period; the window has a row for each of them.
         """
         length, kept_rows = len(window), len(state.estimates)
@@ -199,13 +201,13 @@ class SensorCheck:
             return kept, Reason.IMPLAUSIBLE if kept.implausible else None
         seen = window
         if rows < length:
-            # After an ECU's start, missing rows are filled with the first row.
+            # Until the window is full after the ECU's start, its missing rows are filled with the first row.
             seen = window.copy()
             seen[: length - rows] = window[length - rows]
         try:
             by_view = self.estimator.estimates(seen)
         except ControllerError:
-            # The window grew by these rows, so the estimates must grow by the same number.
+            # The window has got a row for each of these periods, so the estimates must get the same number of rows.
             held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
             return replace(state, estimates=held), Reason.INTERNAL
         estimates = _appended(state.estimates, state.estimates[-1], min(skipped, kept_rows))
@@ -216,13 +218,13 @@ class SensorCheck:
         means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
         state = replace(state, readings=reading.copy(), flat=flat, estimates=estimates, **means)
         verdict = self._verdict(state, seen, full=rows == length)
-        # A new state is expensive to create, and the verdict rarely changes.
+        # A new state is expensive to create, and the verdict changes rarely.
         if any(getattr(state, name) != value for name, value in verdict.items()):
             state = replace(state, **verdict)
         return state, Reason.IMPLAUSIBLE if state.implausible else None
 
     def levels(self, state: SensorCheckState) -> ResidualLevels:
-        """Return the levels of a state's running means."""
+        """Return the levels of evidence that follow from a state's running means."""
         sensors = len(state.readings)
         slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
         fast_each, slow_each = _split(state.score, sensors), _split(slow, sensors)
@@ -254,20 +256,22 @@ class SensorCheck:
         }
 
     def _others_move(self, resting: int, window: Array) -> bool:
-        """Return whether the other sensors of a window show a flow while this sensor's reading was constant."""
+        """Return whether the other sensors' readings in the window show a flow while the sensor `resting` had a
+        constant reading."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
 
     def _any_alike(self, window: Array, set_aside: int | None) -> bool:
-        """Return whether two sensors in use have equal readings over a window while these readings vary."""
+        """Return whether the readings of two sensors in use are equal over a window although they vary in it."""
         one, other = np.transpose([pair for pair in pairs(window.shape[1] - 1) if set_aside not in pair])
-        # `cumsum` adds in order, as in C; `sum` may add in another order.
+        # `cumsum` adds in a fixed order, as C does; `sum` may add in another order.
         squares = np.square(window[:, one] - window[:, other]).cumsum(axis=0)
         same = squares[-1] <= len(window) * (ALIKE * self._sound) ** 2
         return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self._sound)).any())
 
     def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
-        """Return new values of the state's fields from means, constant readings and the window (L, S + 1)."""
+        """Return the new values of `set_aside`, `doubt` and `implausible`; `full` is whether all rows of the window
+        have data."""
         config, levels = self.config, self.levels(state)
         flat = np.flatnonzero(state.flat >= config.flat_periods)
         others_flat = [j for j in flat if j != state.set_aside]
@@ -293,15 +297,16 @@ class SensorCheck:
 
 
 def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
-    """Return the check of a bundle's pressures; None if it has no estimator, or the settings disable the check."""
+    """Return the check of a bundle's pressures; None if the bundle has no estimator, or the settings disable the
+    check."""
     figures, wanted = bundle.manifest.sensor_estimator, config.ecu.sensor_check
     estimator = OnnxEstimator.of(bundle) if wanted.enabled else None
     return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)
 
 
 class _Split(NamedTuple):
-    """Parts of an array (S + P, S). `own`: (S,) value of each sensor in the row in which this sensor is left out.
-    `others`: (S,) mean value of the other sensors in that row."""
+    """Two parts of an array (S + P, S). `own`: (S,) values of the sensors, each from the row that leaves this sensor
+    out. `others`: (S,) mean values of the other sensors in these rows."""
 
     own: Array
     others: Array
@@ -313,8 +318,8 @@ def _split(values: Array, sensors: int) -> _Split:
 
 
 def _with_swaps(table: Array) -> Array:
-    """Return the table with a row added for each of the P exchanged pairs, (S + P, S). In these rows each sensor is
-    estimated by all others, as in the table's diagonal."""
+    """Return the table (S, S) with a row for each of the P exchanged pairs, (S + P, S). In these rows each sensor is
+    estimated by all others, so the values are those of the table's diagonal."""
     sensors = len(table)
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(sensors)), 1))])
 

@@ -1,4 +1,4 @@
-"""An ECU without a release: it keeps the jets shut, reports the reason, and can be flashed."""
+"""An ECU without a release. It keeps the jets shut, reports the reason, and can be flashed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +15,7 @@ from ecu.ecu_state import EcuState, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode
 
 NO_BUNDLE: Final = 0
-"""Bundle hash that an ECU without a release sends on the bus."""
+"""Bundle hash that an ECU without a release sends in its status."""
 
 
 class ShutEcu:
@@ -60,8 +60,7 @@ class ShutEcu:
         fault: Reason | None = None,
         updating: bool = False,
     ) -> list[Frame]:
-        """Do one control period as `ecu.ecu.Ecu.step` does. The ECU reports the missing release even if there is a
-        fault."""
+        """Do one control period as `ecu.ecu.Ecu.step` does. The ECU reports the missing release even during a fault."""
         before = self._state
         updating = updating or before.fail_safe.mode is OperatingMode.UPDATE
         self._state = replace(

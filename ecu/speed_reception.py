@@ -1,8 +1,8 @@
 """The vehicle's speed through the air, which converts pressures to coefficients and actions to flow rates.
 
 A release with a range of speeds needs the vehicle's speed. The checks are, in this order: authentication, end-to-end
-check, age, plausibility. If a speed is not trusted, the last speed stays in force for a limited time, because a vehicle
-does not change its speed in a fraction of a second.
+check, age, plausibility. If a speed fails a check, the last accepted speed stays in force for a limited time, because a
+vehicle hardly changes its speed in a fraction of a second.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from contract.config.vehicle import E2eConfig, SpeedConfig
 from contract.release.manifest import Manifest, SpeedRange
 
 SHORTEST_S: Final = 0.1
-"""Shortest time in s over which a change of speed is judged, so that rounding or a late frame is not mistaken for an
+"""Shortest time in s over which a change of speed is judged: over less, rounding or a late frame may look like
 acceleration."""
 
 
@@ -31,10 +31,11 @@ class SpeedState:
 
     Attributes:
         ratio: ratio of the last accepted speed to the design speed; None if no speed is in force.
-        density: density of the air in kg/m3, as stated by the vehicle with this speed, or the density of the operating
+        density: density of the air in kg/m3: as stated by the vehicle with this speed, otherwise that of the operating
             point.
-        measured_ns: time at which the speed was measured.
-        is_off: whether the speed left the release's range by more than the margin and has not returned into the range.
+        measured_ns: time in ns at which the speed was measured.
+        is_off: whether the speed has left the release's range by more than the margin and has not returned into the
+            range.
     """
 
     ratio: float | None = None
@@ -52,7 +53,7 @@ class SpeedReception:
     Attributes:
         key: key of the bus; None without authentication.
         design: the operating point of the release.
-        speeds: range of speeds of the release, in design speeds.
+        speeds: range of speeds of the release, as ratios to the design speed.
     """
 
     message: Message[VehicleSpeed]
@@ -95,13 +96,13 @@ class SpeedReception:
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
-        """Return the pressure in Pa for Cp = 1 at the present speed; None if no speed is in force."""
+        """Return the dynamic pressure in Pa at the present speed, for which Cp = 1; None if no speed is in force."""
         through_air = self.present(state) * self.design.speed
         return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 
     def present(self, state: SpeedState) -> float:
-        """Return the vehicle's speed in design speeds, limited to the release's range; 1 if it is unknown or too far
-        outside the range."""
+        """Return the ratio of the speed to the design speed, limited to the release's range; 1 if unknown or too far
+        outside."""
         if state.ratio is None or state.is_off:
             return 1.0
         return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)
@@ -111,8 +112,7 @@ class SpeedReception:
         return round(self.config.oldest_ms * 1e6)
 
     def _believed(self, state: SpeedState, stated: VehicleSpeed, measured_ns: int, now_ns: int) -> SpeedState:
-        """Accept a new speed, unless it is old, or no vehicle can change from the last speed to the new one in this
-        time."""
+        """Return the state with a new speed, unless the speed is old or too far from the last speed for any vehicle."""
         if stated.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
             return state
         if state.ratio is not None:

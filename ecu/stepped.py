@@ -1,4 +1,4 @@
-"""The interface of an ECU for a closed loop: the ECU in Python, the ECU in C, or an emulated core."""
+"""The interface that a closed loop needs of an ECU: the ECU in Python, in C, or on an emulated core."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class SteppedEcu(Protocol):
         """The number of received pressure frames that were not accepted."""
 
     def restore(self, state: EcuState) -> None:
-        """Continue from a state."""
+        """Continue from a state of an ECU with the same release and settings."""
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ...) -> list[Frame]:
         """Do one control period and return the frames to be sent."""
@@ -37,14 +37,14 @@ class SteppedEcu(Protocol):
 
 
 class CalibratedEcu(SteppedEcu, Protocol):
-    """An ECU that runs a release, and whose goal and bounds can be changed between two steps."""
+    """An ECU that runs a release, and whose cost weights and bounds can be changed between two steps."""
 
     @property
     def calibration(self) -> Calibration:
         """The values in force."""
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force from the next step on; raises ConfigError."""
+        """Put other values in force from the next step on; raises ConfigError for a value out of its limits."""
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = ..., **around: Unpack[Surroundings]
@@ -58,10 +58,10 @@ class LoopEcu:
 
     Attributes:
         kind: kind of the ECU: python, c or mcu.
-        computed_by: description of the code that computes the control step, for people.
-        step_ns: returns the duration of the latest step in virtual time, in ns; if None, the loop uses
+        computed_by: description of the code that computes the control step, in words.
+        step_ns: returns the duration in ns of the latest step, in virtual time; if None, the loop uses
             `ecu.compute_time_ms`.
-        clock_mhz: clock frequency of the core to which `step_ns` refers, in MHz.
+        clock_mhz: clock frequency in MHz of the core to which `step_ns` refers.
     """
 
     ecu: CalibratedEcu

@@ -1,9 +1,10 @@
-"""The check that the ECU's steps are on time: whole periods left out, steps too early, a clock that stops or goes back.
+"""The check that the ECU's steps are on time. It detects periods that are left out, steps that are too early, and a
+clock that stops or goes back.
 
-Lateness is added up, so that steps which are each a little late are detected as well as one very late step: when half a
-period has accumulated, a period counts as left out. In every step the remaining lateness is reduced by an eighth. So a
-clock that runs a little slower or faster than the vehicle's never adds up to a period, but steps that are repeatedly
-late by more than a sixteenth of a period do.
+The lateness of all steps is added up, so that many slightly late steps are detected as well as one very late step: when
+the sum reaches half a period, a period counts as left out. In every step the remaining sum is reduced by an eighth. So
+the sum never reaches half a period if a clock only runs a little slower or faster than the vehicle's, but it does if
+steps are repeatedly late by more than a sixteenth of a period.
 """
 
 from dataclasses import dataclass, replace
@@ -13,8 +14,8 @@ from can_bridge.wire.messages import Reason
 from contract.config.vehicle import EcuConfig
 
 LATEST_NS: Final = 2**61
-"""Largest valid clock value in ns (73 years). A larger value is an error, as a negative value is. Differences of valid
-times fit into 64 bits, here and in the ECU in C."""
+"""Largest valid clock value in ns (73 years). A larger value is an error, and so is a negative value. The difference of
+two valid times fits into 64 bits, here and in the ECU in C."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,11 +23,11 @@ class StepTiming:
     """The timing after a control step.
 
     Attributes:
-        step_ns: time of the step; None before the first. -1 replaces a negative time, `LATEST_NS` replaces a later
-            time.
-        lag_ns: lateness beyond the periods left out; negative if early.
+        step_ns: time of the step in ns; None before the first. -1 replaces a negative time, `LATEST_NS` replaces a
+            later time.
+        lag_ns: accumulated lateness in ns, without the periods left out; negative if early.
         off_time: one bit for each of the latest `ecu.deadline_window` steps, the lowest bit for the newest: 1 if the
-            step was late or early.
+            accumulated lateness or earliness reached half a period.
         skipped: number of whole periods left out before the step.
         fault: reason for which the ECU must switch itself off, or None.
     """
@@ -48,8 +49,7 @@ class StepTiming:
         whole = (2 * lag_ns + period_ns) // (2 * period_ns)  # to the nearest
         off_time = (self.off_time << 1 | (whole != 0)) & ((1 << config.deadline_window) - 1)
         too_often = whole != 0 and off_time.bit_count() >= config.deadline_misses
-        # A step this late exceeds the number of missing pressures that the fail-safe tolerates, so the jets have been
-        # shut meanwhile.
+        # Before a step this late, more periods passed without pressures than the fail-safe tolerates.
         away = whole > config.hold_periods + config.decay_periods
         fault = None
         if too_often or away:

@@ -1,7 +1,7 @@
 """The program `stillwake`, which registers every command under its name.
 
-Each command imports other packages only when it needs them. So an ECU on a vehicle's computer needs neither torch nor a
-flow solver's compiler, and a missing extra gives an error message of one line.
+Each command imports other packages only when it needs them. So an ECU on a vehicle's computer needs neither torch nor
+the compiler of the flow solver, and a command that lacks an extra prints an error message of one line.
 """
 
 from stillwake.console import own_rooms  # noqa: F401  (refuses to go on where a file hides one of our packages)
@@ -97,7 +97,7 @@ app.add_typer(dataset, name="dataset", rich_help_panel=_MODEL)
 
 
 def _let_paragraphs_flow(group: typer.Typer) -> None:
-    """Let rich break the lines of every command's help at the terminal's width, not at the source's line ends."""
+    """Let rich break the lines of every command's help where the terminal ends, not where the source's lines end."""
     for info in group.registered_commands:
         paragraphs = (getdoc(info.callback) or "").split("\n\n")
         info.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
@@ -113,7 +113,7 @@ def main() -> None:
     """Run the `stillwake` command."""
     ends_like_ctrl_c()
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that lacks a character, or a file name that is not UTF-8, must not end a command.
+        # Output must not end a command with an error if the terminal lacks a character, or if a file name is not UTF-8.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
 

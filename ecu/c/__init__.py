@@ -1,1 +1,1 @@
-"""The C sources of the ECU, of its loader, of a board and of the FMUs."""
+"""The C sources of the ECU, its loader, a board and the FMUs."""

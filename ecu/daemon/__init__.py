@@ -1,2 +1,1 @@
-"""The ECU as a process on a vehicle's computer, with a bus that may disconnect, signals, a watchdog, a log and
-counters."""
+"""The ECU as a process on a vehicle's computer: reconnection to a bus, signals, a watchdog, a log and counters."""

@@ -1,7 +1,8 @@
-"""The ECU's connection to a bus that may be lost and return, such as an unplugged adapter or an interface set down.
+"""The ECU's connection to a bus that may be lost and return, for example because an adapter is unplugged or an
+interface is switched off.
 
 A thread opens the bus, because this can take seconds with a serial adapter. Meanwhile the control steps continue and
-report BUS_OFF, so that control returns only after the enable request has risen again.
+report BUS_OFF. So when the bus is back, control starts only after the enable request has risen again.
 """
 
 import time
@@ -21,10 +22,9 @@ from ecu.real_time.privileges import step_back
 
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
-"""Longest pause in s between two attempts to open a bus again; each pause is twice as long as the previous pause."""
+"""Longest pause in s between two attempts to open a bus again. Each pause is twice as long as the one before."""
 SEND_TIMEOUT_S: Final = 0.003
-"""Longest time in s to send a frame. A period sends two frames, so two thirds of the period remain even if both sends
-time out."""
+"""Longest time in s to send a frame. A period of 20 ms has two frames; if both time out, 14 ms of the period remain."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """Return the change of the connection since the last call, if any. Call this method once a period; it never
+        """Return whether the bus was lost or has returned since the last call. Call this once a period; it never
         waits."""
         if self._bus is None:
             if not self._opened:
@@ -100,20 +100,19 @@ class Connection:
         return None if fault is None else self._lose(self._bus, str(fault))
 
     def health(self) -> BusHealth:
-        """Return the CAN controller's counters since the start; a lost bus counts as bus-off."""
+        """Return state and counters of the CAN controller since the process started; a lost bus counts as bus-off."""
         if self._bus is not None:
             now = self._bus.bus.health()
             self._health = replace(now, bus_off=self._before.bus_off + now.bus_off)
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Return the number of receptions on the open bus that were not frames of the kind that this node uses, by
-        reason."""
+        """Return how many receptions on the open bus were not frames of the kind that this node uses, by reason."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus took all of them. A thread waits at most until another thread has sent
-        one frame."""
+        """Send frames; return whether the bus accepted all of them. Two threads that send take turns after each
+        frame."""
         sent = True
         for frame in frames:
             with self._sending:

@@ -1,7 +1,8 @@
-"""Control steps at absolute deadlines: wake, take received frames, step, send.
+"""Control steps at absolute deadlines. In each period the loop wakes, takes the received frames, computes a step, and
+sends the answers.
 
-The loop does not read the bus: a thread reads it and queues the frames, and an observer gets the counters after each
-step. Deadlines follow the arrival of the pressures that were used.
+The loop does not read the bus: a thread reads it and queues the frames. After each step an observer gets the counters.
+The deadlines follow the arrival times of the pressures that were used.
 """
 
 import gc
@@ -28,18 +29,18 @@ from ecu.real_time.stage_times import NOTHING, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
 GRACE: Final = 4
-"""Divisor of the period: a step may begin up to a period / GRACE late; a step that would begin later is left out."""
+"""Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
-"""Number of periods at the end in which the ECU sends a command to shut the jets, because single frames may be lost."""
+"""Number of periods at the end in which the ECU sends commands to shut the jets, because a frame may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
-"""Modes that last too briefly for a line in the log."""
+"""Modes that last too briefly to be reported in the log."""
 
 Tell = Callable[..., None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RealTime:
-    """The clock of the loop, in ns."""
+    """The clock of the loop, in ns, and a sleep until a time of this clock."""
 
     now_ns: Callable[[], int] = clock.now_ns
     sleep_until: Callable[[int], None] = clock.sleep_until
@@ -51,7 +52,7 @@ class ControlLoop:
     Args:
         tell: called with an event's name, its text, and its fields.
         after_step: called with the time and the counters after each step.
-        stage_times: table for the times of each stage, or None.
+        stage_times: table in which the times of each period's stages are stored, or None.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class ControlLoop:
         if self._stages is not None:
             self._note(self._stages, pressures, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
         if self._ecu.state.missed == before.missed:
-            # Only pressures that were used move the deadlines, so that frames of another node do not move them.
+            # Only pressures that the ECU used move the deadlines; frames of another node have no influence.
             counters = [self._counter(frame) for frame in pressures]
             if (used := self._ecu.state.pressure_counter) in counters:
                 self._used += 1
@@ -123,7 +124,7 @@ class ControlLoop:
             self._deadlines = self._deadlines.slewed(expected_ns + self._offset_ns)
 
     def shut(self) -> None:
-        """Send the last frames, in which the jets are at zero and not enabled, as at power-on."""
+        """Send the last frames, in which the jet flow is zero and the jets are not enabled, as at power-on."""
         self._ecu.restore(replace(self._ecu.state, fail_safe=FailSafe()))
         for _ in range(SHUT_FRAMES):
             self._clock.sleep_until(self._deadlines.due_ns)
@@ -176,7 +177,8 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Return the counter in a pressure frame's E2E header; NOTHING if the frame has another length."""
+        """Return the counter in a pressure frame's E2E header; NOTHING if the frame does not have the message's
+        length."""
         if len(frame.data) != self._pressure.length:
             return NOTHING
         return profile_of(self._pressure).counter_of(frame.data)
@@ -216,7 +218,8 @@ def check_offset(config: Config) -> int:
 
 
 def _usage() -> tuple[int, int, int, int]:
-    """Return the process's garbage collections, and this thread's minor and major faults and involuntary switches."""
-    # Linux counts faults and switches for each thread, other systems only for the process.
+    """Return the numbers of the process's garbage collections, and of this thread's minor page faults, major page
+    faults and involuntary context switches."""
+    # Linux counts page faults and context switches for each thread; other systems count them for the process only.
     used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

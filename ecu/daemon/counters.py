@@ -10,14 +10,14 @@ from ecu.ecu_state import EcuState
 
 @dataclass(frozen=True, kw_only=True)
 class Counters:
-    """The counters after a control step, counted since the start.
+    """The counters after a control step, counted since the process started.
 
     Attributes:
         dropped: number of pressure frames that were dropped because the queue was full.
         not_sent: number of frames that the bus refused.
         action: action that was sent last, in U_inf W.
-        busy_ns: total time of all steps in ns, from waking until the frames were sent.
-        latest_wake_ns: largest time in ns from a deadline to the start of its step.
+        busy_ns: total time of all steps in ns, each from its waking until its frames were sent.
+        latest_wake_ns: largest time in ns from a deadline until the loop woke.
     """
 
     state: EcuState

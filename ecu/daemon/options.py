@@ -25,10 +25,10 @@ class ProcessOptions:
     Attributes:
         spin_ns: see `clock.sleep_until`.
         periods: number of periods after which the process ends; None for no limit.
-        stage_times: file with the times of the stages of each period, written at the end.
-        metrics: file of counters for Prometheus.
+        stage_times: file to which the times of each period's stages are written at the end.
+        metrics: file to which the counters are written for Prometheus.
         freshness: file that stores freshness values over a power cycle, needed with `bus.key`.
-        frames: file with the frames that the ECU sent and accepted, written at the end.
+        frames: file to which the frames that the ECU sent and accepted are written at the end.
     """
 
     wanted: Wanted = field(default_factory=Wanted)
@@ -43,8 +43,8 @@ class ProcessOptions:
 
 
 def freshness_file(options: ProcessOptions) -> Path:
-    """Return the file that stores freshness values over a power cycle. Raises ConfigError if neither the options nor
-    systemd state it."""
+    """Return the file that stores freshness values over a power cycle. Raises ConfigError if there is neither the
+    option nor systemd's state directory."""
     if options.freshness is not None:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
@@ -54,8 +54,8 @@ def freshness_file(options: ProcessOptions) -> Path:
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
-    """Return the freshness store and the node's authentication data for a new power cycle; None for both without
-    `bus.key`. Raises KeyFileError if the key cannot be read, and the errors of `FreshnessStore.begin`."""
+    """Return the freshness store and the node's authentication data for a new power cycle, or (None, None) without
+    `bus.key`. Raises KeyFileError if the key cannot be read; also the errors of `FreshnessStore.begin`."""
     if not config.bus.key:
         return None, None
     key = read_key(Path(config.bus.key))

@@ -1,4 +1,4 @@
-"""An ECU's process around its control loop: bus, privileges, log, counters, systemd. It shuts the jets when it ends."""
+"""The process around an ECU's control loop: bus, privileges, log, counters, systemd. It shuts the jets when it ends."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -32,10 +32,11 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU with the parts that its process runs.
+    """An ECU and the further parts of its process.
 
     Attributes:
-        hears: further receivers of frames, by identifier; called by the thread that reads the bus.
+        hears: functions that receive the frames of further identifiers, by identifier; called by the thread that reads
+            the bus.
         beside: context that is active while the bus is open, in parallel with the control.
     """
 
@@ -49,8 +50,8 @@ class ServedEcu:
 
 
 def check(config: Config, options: ProcessOptions) -> None:
-    """Raise StillwakeError for options that would fail later: a step offset that is too long, a file that cannot be
-    written."""
+    """Raise StillwakeError for options that would cause a failure later: a step offset that is too long, an output file
+    that cannot be written."""
     check_offset(config)
     for path in (options.stage_times, options.metrics):
         if path is not None:
@@ -78,8 +79,7 @@ def run(
         stages = StageTimes(EcuStage, USUAL_PERIODS if options.periods is None else options.periods)
 
     def opened() -> PythonCanBus:
-        # Frames of the other message sets are accepted, too, because they show why no frame of the ECU's own set
-        # arrives.
+        # Frames of the other message sets are accepted too, to show why no frame of the ECU's own set arrives.
         accept = [spec.frame_id for known in SETS for spec in known.specs] + list(served.hears)
         return PythonCanBus.open(config.bus, accept=accept, keep=kept)
 
@@ -93,7 +93,7 @@ def run(
             freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
 
     with ExitStack() as stack:
-        # The log's thread starts before the process takes its privileges, so the thread has no privileges.
+        # The log's thread starts before the process takes its privileges, so that they do not apply to this thread.
         kept = stack.enter_context(live_log(options.frames))
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())

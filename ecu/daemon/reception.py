@@ -1,8 +1,8 @@
 """Frames received between two control steps, with times in the ECU's clock.
 
-The backends of a bus stamp a received frame with the date, which NTP sets. When NTP changes the date, fresh pressures
-must not count as old, nor old pressures as fresh. So the stamp only gives the age of a frame when it is read, within
-bounds. The time of a frame is CLOCK_MONOTONIC minus its age.
+The software that receives from a bus stamps a frame with the date and time of the computer, which NTP sets. When NTP
+changes them, fresh pressures must not count as old, nor old pressures as fresh. So the stamp is used only for the age
+of a frame when it is read, within bounds. The time of a frame is CLOCK_MONOTONIC minus this age.
 """
 
 import time
@@ -15,14 +15,14 @@ from can_bridge.wire.message_sets import MessageSet
 from ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
-"""Largest age in ns of a frame when it is read from the bus. If the age is larger, the frame is useless, or the clock
+"""Largest age in ns of a frame when it is read from the bus. A larger age means that the frame is useless or the clock
 was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
-"""Interfaces that stamp the reception with the computer's date. A `virtual` bus passes on the sender's stamp, and
-vendors' drivers have their own clocks; on these interfaces a frame counts as received when it is read."""
+"""Interfaces that stamp a received frame with the computer's date. A `virtual` bus has the sender's stamp, and vendors'
+drivers have clocks of their own; on these interfaces a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Largest number of frames stored for a step. A period has one pressure frame, but a node that floods the bus may send
-more frames with this identifier. Checking this number of frames takes 2 ms."""
+"""Largest number of frames that are stored for a step. A period has one pressure frame, but a node that floods the bus
+may send more frames with the same identifier. Checking this number of frames takes 2 ms."""
 
 
 class Taken(NamedTuple):
@@ -38,15 +38,14 @@ class Taken(NamedTuple):
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
-    """Return the time in the monotonic clock at which a frame was received. `stamp_ns` is the date of its reception in
-    ns."""
+    """Return the time in ns in the monotonic clock when a frame was received at the date `stamp_ns`, in ns."""
     age_ns = min(max(0, date_ns - stamp_ns), LONGEST_AGE_NS)
     return max(0, monotonic_ns - age_ns)
 
 
 class FrameReception:
     """The received frames of the ECU's messages, for the control step. `heard` counts all frames on the bus since the
-    caller last replaced it, for the report on a bus without usable frames."""
+    caller last replaced it; it is used to report a bus without usable frames."""
 
     def __init__(
         self,
@@ -69,7 +68,7 @@ class FrameReception:
 
     @property
     def dropped(self) -> int:
-        """The number of pressure frames dropped because the queue was full; the oldest are dropped."""
+        """The number of pressure frames dropped because the queue was full; the oldest frames are dropped first."""
         return self._pressures.dropped
 
     def put(self, frame: Frame) -> None:
@@ -81,7 +80,7 @@ class FrameReception:
             self._others.put(frame)
 
     def take(self) -> Taken:
-        """Return all frames and remove them."""
+        """Remove and return all frames."""
         return Taken(self._pressures.take(), self._others.take())
 
     def _stamp(self, frame: Frame) -> int:

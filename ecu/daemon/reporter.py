@@ -1,6 +1,6 @@
-"""The thread for reports: log lines for people or as JSON, the file of counters, the freshness file.
+"""The thread for reports: log lines as text or as JSON, the file of counters, the freshness file.
 
-The control loop never waits for this thread: writing may block on a slow disk or a full pipe, or fail on a full disk.
+The control loop never waits for this thread, because writing may block on a slow disk or a full pipe, or fail.
 """
 
 import json
@@ -31,7 +31,7 @@ class DatedEvent:
 
 
 def plain(event: DatedEvent) -> str:
-    """Return a line for people: `12:34:56.789 ecu: bus lost: ...`, UTC."""
+    """Return a line of text: `12:34:56.789 ecu: bus lost: ...`, UTC."""
     text = " ".join(event.text.split())
     return f"{_moment(event):%H:%M:%S}.{event.date_ns // 1_000_000 % 1000:03d} ecu: {text}"
 
@@ -51,12 +51,13 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """A writer of the control loop's counters and log lines while its `with` block runs, and of the rest at its end.
+    """A thread that writes the control loop's counters and log lines while its `with` block runs, and the rest at its
+    end.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.
         metrics: file to which the counters are written; None for no file.
-        keep: called with the counters once an interval; may raise StillwakeError.
+        keep: called with the counters once an interval to store freshness values; may raise StillwakeError.
         interval_s: time between two readings of the counters, in s.
 
     Attributes:
@@ -84,7 +85,7 @@ class Reporter:
         self.counters: Counters | None = None
 
     def tell(self, name: str, line: str, **fields: str | int | float) -> None:
-        """Report an event that happens now; the call does not wait."""
+        """Report an event with the present time; the call does not wait."""
         self._events.put(DatedEvent(date_ns=time.time_ns(), name=name, text=line, fields=fields))
 
     def __enter__(self) -> Self:
@@ -121,7 +122,7 @@ class Reporter:
         counters = self.counters
         if counters is None:
             return
-        # At most one line is written per second.
+        # The events of an interval are reported in one line of each kind.
         if (more := counters.left_out - self._left_out) > 0:
             self._left_out = counters.left_out
             self.tell("left_out", f"{more} periods left out, {counters.left_out} in all", more=more)
@@ -132,7 +133,7 @@ class Reporter:
         self._attempt("freshness", lambda: self._keep(counters))
 
     def _attempt(self, name: str, work: Callable[[], None]) -> None:
-        """Call `work`. Report when it fails for the first time, and when it succeeds again."""
+        """Call `work`. Report its first failure, and its first success after a failure."""
         try:
             work()
         except StillwakeError as error:

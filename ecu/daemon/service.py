@@ -1,4 +1,4 @@
-"""The service of an ECU from a release and settings. Everything is opened and tested before the first frame is sent."""
+"""The process of an ECU that runs one release. Everything is opened and tested before the first frame is sent."""
 
 from collections.abc import Callable
 from typing import Final
@@ -18,7 +18,8 @@ from ecu.real_time.stage_times import TimedController
 __all__ = ["WARM_UP_STEPS", "ProcessOptions", "freshness_file", "serve"]
 
 WARM_UP_STEPS: Final = 50
-"""Number of warm-up steps of the controller on zeros, and of the ECU without frames; half a second in all."""
+"""Number of warm-up steps of the controller on zeros, and of the ECU without frames; together they take half a
+second."""
 
 
 def serve(
@@ -36,8 +37,8 @@ def serve(
     StillwakeError if the release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
 
     Args:
-        config: settings of the vehicle; its bus is a real bus.
-        signature: result of verifying the release's signature, in words.
+        config: settings of the vehicle; the bus in them is a real bus.
+        signature: description of who signed the release.
         calibration: values for the ECU before its first step; the release's own values by default.
     """
     check_vehicle(release, config)

@@ -1,8 +1,9 @@
-"""The ECU with a store of releases as a process: its control loop, and a thread that serves a tester.
+"""The process of an ECU with a store of releases. It has the control loop, and a thread that serves a tester.
 
-Slow disks and long checks do not delay a control period. The thread takes the frames of diagnosis, does one part of a
-long operation, and sends the frames that are due. During a long operation it repeats this every ms; otherwise it waits
-for a frame. The thread also boots after a reset, and the control runs the booted release from the next period on.
+Because of the thread, slow disks and long checks do not delay a control period. The thread processes the frames of
+diagnosis, does one part of a long operation, and sends the frames that are due. During a long operation it repeats this
+every ms; otherwise it waits for a frame. The thread also boots after a reset; the control loop then runs the booted
+release from the next period on.
 """
 
 import secrets
@@ -34,19 +35,19 @@ from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
 _ROOM: Final = 1024
-"""Largest number of waiting frames: seven requests of the largest length on CAN FD. In a flood the oldest are
+"""Largest number of waiting frames: seven requests of the largest length on CAN FD. If more arrive, the oldest are
 dropped."""
 PAUSE_S: Final = 0.05
-"""Largest time in s between two calls of `service` if no frame arrives, and so the largest delay of a timeout."""
+"""Largest time in s between two calls of `service` if no frame arrives, and so the longest delay of a timeout."""
 SENDING_S: Final = 0.001
-"""Time in s between two calls of `service` during a long operation or a long answer, or while a tool measures."""
+"""Time in s between two calls of `service` during a long operation, a long answer, or a tool's measurement."""
 
 
 class DiagnosisThread:
     """A thread that serves the tester of an ECU while its `with` block runs.
 
     Args:
-        ecu: the ECU whose diagnosis the thread serves; another thread does its control.
+        ecu: the ECU whose diagnosis the thread serves; its control steps run in another thread.
         failed: called with an error that ends the thread early.
     """
 
@@ -91,7 +92,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s for which another thread keeps Python's interpreter after the control wakes; Python's default is 5
+"""Longest time in s that the control, once awake, waits until another thread releases the interpreter; default: 5
 ms."""
 NO_RELEASE: Final = "none"
 
@@ -99,7 +100,7 @@ _Fields = str | int | float
 
 
 class _EarlyLog:
-    """Storage of events until there is a log, and of the name of the booted `release`."""
+    """A store for events until there is a log, and for the name of the booted `release`."""
 
     def __init__(self) -> None:
         self._early: list[tuple[str, str, dict[str, _Fields]]] = []
@@ -136,12 +137,12 @@ def serve_store(
     write: Callable[[str], object],
 ) -> Counters:
     """Run the ECU until it is stopped. Its last frames shut the jets, whatever the cause of the end. Raises
-    StillwakeError if another process runs this ECU, the bus cannot be opened, a file cannot be written, or a reset
-    within the process failed: the next start of the process boots again.
+    StillwakeError if another process runs this ECU, the bus cannot be opened, or a file cannot be written. Also raises
+    it if a reset within the process failed; then the process must be started again to boot.
 
     Args:
         access: key shared with the tester.
-        config: settings of the vehicle; its bus is a real bus.
+        config: settings of the vehicle; the bus in them is a real bus.
         is_stopped, write: see `ecu.daemon.service.serve`.
     """
     check(config, options)
@@ -171,7 +172,7 @@ def serve_store(
         def failed(error: BaseException) -> None:
             goes_on = "control continues"
             if ecu.needs_reset:
-                # No thread serves the tester any more, and only a reset would end the update, so the process ends.
+                # No thread serves the tester any more, and an update ends only with a reset, so the process ends.
                 goes_on = "and with it the process"
                 fatal.append(error)
             log.tell("diagnosis_ended", f"diagnosis ended, {goes_on}: {type(error).__name__}: {error}")

@@ -1,6 +1,6 @@
 """Reports to systemd: datagrams to the socket that systemd states, as in sd_notify(3), without systemd's library.
 
-Only completed control steps feed the watchdog, so that systemd restarts a process whose loop hangs.
+The watchdog is signalled only after completed control steps, so that systemd restarts a process whose loop hangs.
 """
 
 import socket
@@ -13,8 +13,8 @@ PER_INTERVAL: Final = 4
 
 
 class Notifier:
-    """A sender of notifications. It sends nothing unless systemd asked for notifications by NOTIFY_SOCKET,
-    WATCHDOG_USEC and WATCHDOG_PID in the environment."""
+    """A sender of notifications. It sends nothing unless systemd has set NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID
+    in the environment to request them."""
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")
@@ -32,12 +32,12 @@ class Notifier:
         self._tell(f"READY=1\nSTATUS={status}")
 
     def status(self, text: str) -> None:
-        """Set the line in `systemctl status`."""
+        """Set the line that `systemctl status` shows."""
         # A line break in the text would begin another assignment.
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
-        """Note a completed control step; report it to the watchdog when a report is due."""
+        """Note a completed control step at `now_ns`, and signal the watchdog if a signal is due."""
         if self._interval_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
             self._tell("WATCHDOG=1")

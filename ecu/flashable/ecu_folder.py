@@ -4,7 +4,7 @@
     ecu.json            schema, hardware, serial
     *.record, *.image   files of the store (`can_bridge.flashing.folder_backing`)
 
-Write access to the folder allows replacing all of it: only root or the service should have this access.
+A process that may write to the folder can replace all of it, so only root or the service should have this access.
 """
 
 import fcntl
@@ -33,7 +33,7 @@ _LOCK: Final = "lock"
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFolder:
-    """The folder after provisioning.
+    """An ECU's folder after its provisioning.
 
     Attributes:
         root: public key that verifies key lists.
@@ -47,7 +47,7 @@ class EcuFolder:
     serial: str
 
     def backing(self) -> FolderBacking:
-        """Return the store's backing; raise MediumError if the folder cannot be used."""
+        """Return the folder as the backing of a store; raise MediumError if the folder cannot be used."""
         return FolderBacking(self.folder)
 
 

@@ -1,4 +1,4 @@
-"""The equipment of an ECU: the data from production and the access to its surroundings, which no reset changes."""
+"""The equipment of an ECU: data from production and access to its surroundings. A reset does not change it."""
 
 import struct
 from collections.abc import Callable, Mapping
@@ -33,7 +33,7 @@ class Equipment:
         random_bytes: returns the given number of unpredictable bytes.
         hardware: name of the hardware, which a bundle may require.
         serial: serial number of this ECU.
-        controller_of: creates a bundle's controller; raises BundleError if the controller does not run here.
+        controller_of: creates a bundle's controller; raises BundleError if it does not run on this computer.
         ecu_of: creates the ECU around the controller, with its authentication for `bus.key`.
         log: called with an event's name, its text line, and its fields.
     """
@@ -50,7 +50,7 @@ class Equipment:
 
 
 def identification(equipment: Equipment, config: Config) -> Mapping[Did, bytes]:
-    """Return the values of the identifiers that do not change while the ECU has power."""
+    """Return the values of those UDS data identifiers that do not change while the ECU has power."""
     return {
         Did.SERIAL_NUMBER: equipment.serial.encode(),
         Did.HARDWARE: equipment.hardware.encode(),

@@ -16,7 +16,7 @@ class TesterAccess(NamedTuple):
     """The access of a tester.
 
     Attributes:
-        attempts: number of wrong keys in a row, by level.
+        attempts: number of wrong keys in a row, for each security level.
     """
 
     session: Session
@@ -52,7 +52,7 @@ def log_boot(log: Log, boot: Boot) -> None:
 
 
 def log_access(log: Log, before: TesterAccess, after: TesterAccess) -> None:
-    """Log a session that began or ended, a level that was unlocked, or a key that was refused."""
+    """Log the start or the end of a session, the unlocking of a security level, or the refusal of a key."""
     if after.session is not before.session:
         log("session", f"{after.session.name.lower()} session", session=after.session.name)
     if after.unlocked is not None and after.unlocked is not before.unlocked:

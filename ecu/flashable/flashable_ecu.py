@@ -3,7 +3,8 @@
 `step` runs a control period and one call of diagnosis; it is a function of time and received frames, like
 `ecu.ecu.Ecu.step`. A caller that has time between two periods calls `control` once a period and `service` any number of
 times in between, possibly in another thread. A reset has the effect of a power loss: the release is booted again and
-every counter begins at 0. Only freshness values continue, because receivers refuse a repeated value.
+every counter begins at 0. Only freshness values continue, because a receiver refuses a value that it has received
+before.
 """
 
 from collections.abc import Sequence
@@ -36,9 +37,9 @@ class FlashableEcu:
         config: bus, E2E and fail-safe settings, operating point and control period of the vehicle.
         equipment: data from production and access to the surroundings.
         authentication: keys and counters of the node, needed with `bus.key`.
-        boot_ns: time after a reset in which the ECU neither receives nor sends, in ns. In real time the duration of the
-            boot itself is added.
-        serviced_apart: whether `step` is a control period alone, and another thread calls `service`.
+        boot_ns: time in ns after a reset in which the ECU neither receives nor sends. In real time, the boot itself
+            takes additional time.
+        serviced_apart: whether `step` is only a control period, and another thread calls `service`.
 
     Attributes:
         resets: number of resets since power-on.
@@ -62,7 +63,7 @@ class FlashableEcu:
         self._service_ns = 0
         self._wants_reset = False
         self.resets = 0
-        # Diagnosis uses a new power cycle as soon as its boot has ended; the control uses it from the next period on.
+        # Diagnosis uses a newly booted release as soon as its boot has ended; control uses it from the next period on.
         self._serviced = self._controlled = self._power_on()
 
     @property
@@ -101,7 +102,7 @@ class FlashableEcu:
 
     @property
     def is_busy(self) -> bool:
-        """Whether `service` has work to do even if no further frame arrives."""
+        """Whether `service` has work to do even if it receives no further frame."""
         cycle = self._serviced
         is_sending = cycle.calibration is not None and cycle.calibration.is_sending
         return self._wants_reset or cycle.link.is_busy or is_sending
@@ -113,11 +114,11 @@ class FlashableEcu:
 
     @property
     def needs_reset(self) -> bool:
-        """Whether the jets stay shut until a reset: a release was written, or a reset was requested."""
+        """Whether the jets stay shut until a reset, because a release was written or a reset was requested."""
         return self._wants_reset or self._serviced.is_updating
 
     def restore(self, state: EcuState) -> None:
-        """Continue the control from a state of an ECU with the same release and settings; the store stays unchanged."""
+        """Continue the control from a state of an ECU with the same release and settings; the store is not changed."""
         self._ecu.restore(state)
 
     def status(self) -> EcuStatus:
@@ -126,11 +127,11 @@ class FlashableEcu:
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
         """Run one control period and, unless `serviced_apart`, one call of `service`. Returns a JetCommand, an
-        EcuStatus, and the frames of diagnosis. Returns no frames while the ECU boots, and neither command nor status
-        while a tester has silenced them and no jet can run.
+        EcuStatus, and the frames of diagnosis. While the ECU boots, no frames are returned. While a tester has silenced
+        command and status and no jet can run, these two are not returned.
 
         Args:
-            now_ns: time of the step, on the clock of the frames' timestamps.
+            now_ns: time of the step in ns, on the clock of the frames' timestamps.
             frames: all frames received since the last step, oldest first.
             health: state of the CAN controller, for the status.
         """
@@ -147,7 +148,7 @@ class FlashableEcu:
         self._take_over()
         if self._controlled.calibration is not None:
             self._controlled.calibration.hand_over()
-        # The release that boots next has no information on whether the jets run now, so they are shut before the reset.
+        # The jets are shut before the reset, because the release that boots next cannot find out whether they run.
         fault = Reason.UPDATING if self._wants_reset else None
         before = self._ecu.state
         sent = self._ecu.step(now_ns, frames, health, fault=fault, updating=self._controlled.is_updating)
@@ -201,7 +202,7 @@ class FlashableEcu:
         self.resets += 1
 
     def _take_over(self) -> None:
-        """Use the booted release for control from now on; the boot itself may have run in another thread."""
+        """Use the release that was booted last, perhaps in another thread, for control from now on."""
         cycle = self._serviced
         if cycle is self._controlled:
             return

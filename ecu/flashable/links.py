@@ -1,7 +1,7 @@
 """The links of a tester on the bus: to the server of diagnosis, and to the calibration of the running release.
 
-A functional request goes to every ECU, so it may have only one frame (ISO 15765-2, table 4): longer requests would need
-flow control. A functional request is independent of the physical conversation and does not interrupt it.
+A functional request goes to every ECU. It must fit into one frame (ISO 15765-2, table 4), because a longer request
+would need flow control. A functional request does not interrupt a physical request to this ECU.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,15 +27,15 @@ from ecu.flashable.equipment import Equipment
 from ecu.stepped import CalibratedEcu
 
 XCP_PLACES: Final = 4
-"""Largest number of packets that wait to be sent to a tool. A tool waits for each answer before its next command; a
-command for whose answer no place is free is lost."""
+"""Largest number of packets that wait to be sent to a tool. A tool waits for each answer before its next command. A
+command is lost if no place is free for its answer."""
 MOST_FRAMES: Final = 128
-"""Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, CAN FD
-at 2 Mbit/s carries a third of this number."""
+"""Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, a CAN FD
+bus at 2 Mbit/s carries at most a third of this number."""
 
 
 def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettings:
-    """Return the ISO-TP settings of the ECU, or of the tester, with the frame format and identifiers of this bus."""
+    """Return the ISO-TP settings of the ECU, or of the tester: frame format and identifiers of this bus."""
     own, other = config.diagnosis.response, config.diagnosis.request
     if is_tester:
         own, other = other, own
@@ -44,7 +44,7 @@ def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettin
 
 
 class DiagnosticLink:
-    """The link to the server of diagnosis, just after power-on.
+    """The link between a tester and the server of diagnosis, just after power-on.
 
     Args:
         config: settings of the bus: CAN FD or classic frames, identifiers.
@@ -64,12 +64,12 @@ class DiagnosticLink:
 
     @property
     def room(self) -> int:
-        """Number of frames that other links may send in addition to the frames of this link's latest call."""
+        """Number of frames that other links may still send after this link's latest call."""
         return self._settings.burst - self._sent
 
     @property
     def is_busy(self) -> bool:
-        """Whether work remains even if no further frame arrives. A reception can still end later by a timeout."""
+        """Whether work remains even if no further frame arrives. The timeout of a reception does not count as work."""
         return self._server.is_busy or self._sent > 0
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
@@ -77,14 +77,14 @@ class DiagnosticLink:
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
-            # In a flood, a request is lost if there is no free place for its answer.
+            # If too many requests arrive, a request is lost for whose answer no place is free.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
                 answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
                 self._send(answers)
             requests += 1
-        # A request that begins a long operation has executed the first part in this call. A request that arrives during
-        # a long operation executes no part of it.
+        # A request that begins a long operation has already executed its first part in this call. A request that
+        # arrives during a long operation executes no part of the operation.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -92,7 +92,7 @@ class DiagnosticLink:
         return sent
 
     def _requests(self, now_ns: int, frames: Sequence[Frame]) -> Iterator[tuple[bytes, bool]]:
-        """Yield each request as soon as it is complete, and whether it is functional."""
+        """Yield each request as soon as it is complete, and whether it is a functional request."""
         for frame in frames:
             if frame.identifier == self._functional:
                 part = control_info.parse(frame.data)
@@ -109,12 +109,12 @@ class DiagnosticLink:
 
 
 class CalibrationLink:
-    """The calibration of an ECU, in Python or in C, from the boot of one release on.
+    """The calibration of an ECU, in Python or in C; it is created at the boot of a release.
 
     Args:
         bundle: the running release.
         ecu: the ECU that runs the release.
-        refusal: returns the reason why storing is not allowed now; values in force can always be changed.
+        refusal: returns the reason why values may not be stored now, or None. Values in force can always be changed.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class CalibrationLink:
             equipment.log("calibration_dropped", f"stored calibration not used: {error}")
 
     def hand_over(self) -> None:
-        """Calibrate the ECU at the beginning of a control period if the values in force have changed."""
+        """Calibrate the ECU at the beginning of a control period if a tool or a tester has set new values."""
         if (calibration := self._segment.take()) is not None:
             self._ecu.calibrate(calibration)
 
@@ -156,7 +156,7 @@ class CalibrationLink:
         return self._xcp is not None and self._xcp.daq.is_running
 
     def sample(self, state: EcuState) -> None:
-        """Pass the values of the ended control period to the measurement; called by the thread of the control."""
+        """Pass the measured values of the period that just ended to the tool's measurement; called by the control."""
         if self._xcp is None:
             return
         measured = measured_bytes(
@@ -170,8 +170,9 @@ class CalibrationLink:
         self._xcp.daq.sample(measured)
 
     def xcp(self, now_ns: int, frames: Sequence[Frame], *, room: int, may_store: bool) -> list[Frame]:
-        """Process the tool's frames and return at most `room` frames to the tool. A request to store waits until
-        `may_store`, and until UDS has finished its work."""
+        """Process the tool's frames and return at most `room` frames to the tool. A request to store waits while
+        `may_store` is False because UDS is working, while the jets may run, and while there is no free place for its
+        answer."""
         if self._xcp is None:
             return []
         self._xcp.daq.look()
@@ -184,7 +185,7 @@ class CalibrationLink:
                 self.service.store(calibration)
             except Refused as refused:
                 if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
-                    # The request ends here, because an attempt in every period would wear out a memory that fails.
+                    # The request ends here: if the memory fails, an attempt in every period would wear it out.
                     self._xcp.not_stored()
             else:
                 self._waiting += self._xcp.stored()

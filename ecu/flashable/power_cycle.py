@@ -29,15 +29,15 @@ class PowerCycle:
 
     Args:
         request: returns the vehicle's latest request for control.
-        now_ns: returns the time of the current call of the service.
-        on_reset: called when a tester's reset is due.
+        now_ns: returns the time of the current call of the service, in ns.
+        on_reset: called when the reset that a tester requested is due.
 
     Attributes:
         store, boot: the store and the result of its boot.
-        ecu: the control at power-on; without a release, an ECU that keeps the jets shut.
+        ecu: the control, just powered on; without a release, an ECU that keeps the jets shut.
         calibration: link to a calibration tool; None without a release.
         link: link to the tester.
-        watch: search for faults in the control periods.
+        watch: detector of faults in the control periods.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class PowerCycle:
         self.store = Store(backing, root=equipment.root, hardware=equipment.hardware, fits=fit.fits)
         self.boot = self.store.boot()
         log_boot(equipment.log, self.boot)
-        # The cast is correct, because the check that this store uses returns objects of the type Bundle.
+        # The cast is correct, because the check that this store was given returns objects of the type Bundle.
         bundle = cast("Bundle | None", self.boot.bundle)
         controller = None if bundle is None else fit.controller(bundle)
         jets = lambda: Nrc.CONDITIONS_NOT_CORRECT if request().drives_jets else None  # noqa: E731
@@ -83,17 +83,16 @@ class PowerCycle:
 
     @property
     def is_updating(self) -> bool:
-        """Whether a transfer was announced since the boot, so that only a reset ends the update."""
+        """Whether a tester has announced a transfer since the boot. Then only a reset ends the update."""
         return self._services.is_updating
 
     @property
     def is_silent(self) -> bool:
-        """Whether a tester has silenced the frames of the control. While a jet can run, these frames are sent
-        nevertheless."""
+        """Whether a tester has silenced the frames of the control. They are sent nevertheless while a jet can run."""
         return self._server.is_silent
 
     def settle_faults(self) -> None:
-        """Store the faults of the control periods in the fault memory."""
+        """Write the faults that were found in the control periods into the stored fault memory."""
         try:
             self._faults.settle()
         except MediumError as error:

@@ -1,6 +1,6 @@
-"""The check that a release is for this vehicle and runs on this computer: before a boot, and before a confirmation.
+"""The check, before a boot and before a confirmation, that a release is for this vehicle and runs on this computer.
 
-All other checks of the release are done before this check. The self-test shows that controller and estimator run here.
+All other checks of the release are done before this one. The self-test shows that controller and estimator run.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ from ecu.fit import check_vehicle
 
 
 class VehicleFit:
-    """The check of bundles, which stores the controller of the last bundle, so that a boot creates it only once.
+    """The check of bundles. It stores the controller of the latest bundle, so that a boot creates it only once.
 
     Args:
         controller_of: creates a bundle's controller.
@@ -49,8 +49,7 @@ class VehicleFit:
         return Verdict.GOOD
 
     def controller(self, bundle: Bundle) -> Controller:
-        """Return the controller from the bundle's check, or a new controller; raise BundleError if the controller does
-        not run."""
+        """Return the controller that the check has created, or a new one; raise BundleError if it does not run."""
         if self._made is None or self._made[0] != bundle.digest:
             self._made = None
             self._made = bundle.digest, self._controller_of(bundle)
@@ -65,9 +64,9 @@ LIMIT_SLACK: Final = 1e-5
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
-    """Run the controller on windows of zeros and of a shedding wake, and the estimator on the same windows, in several
-    parts. Raises ControllerError if controller or estimator fails, or if an answer is not finite, has another shape, or
-    exceeds the action limit."""
+    """Run the controller on a window of zeros and on a window of a shedding wake, and the estimator on the same
+    windows. The test has several parts. Raises ControllerError if controller or estimator fails, or if a plan or a
+    force is not finite, or a plan has another shape or exceeds the action limit."""
     sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())
     estimator = OnnxEstimator.of(bundle)
@@ -88,7 +87,7 @@ def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
 
 
 def _windows(sizes: Sizes, control_period: float) -> Iterator[Array]:
-    """Yield the windows of L rows and S sensors, (L, S + 1) each."""
+    """Yield the windows, (L, S + 1) each, with L rows and S sensors."""
     yield np.zeros((sizes.window, sizes.sensors + 1))
     phase = 2 * np.pi * control_period / SHEDDING_CYCLE_TC * np.arange(sizes.window)
     shifts = np.pi * np.arange(sizes.sensors)

@@ -1,4 +1,5 @@
-"""The data for diagnosis from the control periods: whether the vehicle wants control, and which faults occurred."""
+"""Data that diagnosis takes from the control periods: whether the vehicle requests control, and which faults
+occurred."""
 
 import struct
 from dataclasses import dataclass, replace
@@ -14,15 +15,15 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 
 REMEMBERED_NS: Final = 1_000_000_000
-"""Time in ns for which a request for control stays valid after its frame, in case the bus is lost or a sensor fails."""
+"""Time in ns for which a request for control counts after its frame, in case the bus is lost or a sensor fails."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleRequest:
-    """The vehicle's request for control, as seen in the control steps.
+    """The vehicle's request for control, according to the control steps.
 
     Attributes:
-        asked_ns: time of the latest step with usable pressures and a request for control; None before the first.
+        asked_ns: time in ns of the latest step with usable pressures and a request for control; None before the first.
         drives_jets: whether the jets could run after the latest step.
     """
 
@@ -36,7 +37,8 @@ class VehicleRequest:
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:
-        """Return CONDITIONS_NOT_CORRECT while the jets may run, or within a second of a request for control."""
+        """Return CONDITIONS_NOT_CORRECT while the jets may run, or until `REMEMBERED_NS` after a request for
+        control."""
         asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
 
@@ -46,7 +48,7 @@ _MOST_MS: Final = 0xFFFF_FFFF
 
 
 class FaultWatch:
-    """The search for faults in all control periods since power-on."""
+    """A detector of faults in all control periods since power-on."""
 
     def __init__(self, memory: FaultMemory) -> None:
         self._memory = memory
@@ -66,7 +68,7 @@ class FaultWatch:
 
 
 def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:
-    """Return the snapshot of this moment, in the order of `SNAPSHOT_FORMATS`."""
+    """Return the snapshot of the state in which a fault was found, in the order of `SNAPSHOT_FORMATS`."""
     return (
         _NUMBERS.pack(
             min(max(0, since_power_on_ns) // 1_000_000, _MOST_MS),

@@ -1,1 +1,1 @@
-"""The C library of a release on this machine: compiler, controller, ECU."""
+"""The C library of a release on this machine: its compilation, its controller, its ECU."""

@@ -1,7 +1,7 @@
 """The ECU in C, compiled for this machine, with the interface of the ECU in Python.
 
-The sources come from a folder that `stillwake export --c` writes (`contract.controller.c_folder`). cffi binds them in
-its ABI mode: it reads functions and structs from the library's header, and nothing is compiled for the binding.
+The sources come from a folder that `stillwake export --c` writes (`contract.controller.c_folder`). cffi connects them
+to Python in its ABI mode: it reads functions and structs from the library's header, without compiled glue code.
 """
 
 import re
@@ -32,15 +32,15 @@ _UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
 _Answer = Callable[[Any], int]
 _ESTIMATOR: Final = "sw_estimator_settings.h"
-"""The header that is generated for a release with a sensor estimator."""
+"""Name of the header that is generated for a release with a sensor estimator."""
 
 
 class CEcuState(NeverCopied):
-    """The readable and settable parts of an ECU in C, on any machine that runs it.
+    """The state, trace and calibration of an ECU in C, to read and to set, on any machine that runs the ECU.
 
     Args:
         structs: structs of the ECU's library.
-        ecu: pointer to the ECU's `sw_ecu`, or to a mirror of it.
+        ecu: pointer to the ECU's `sw_ecu`, or to a copy of it in this machine's memory.
         bundle_hash: short hash of the bundle, for the status.
         calibrate: calls `sw_ecu_calibrate` with an `sw_calibration` and returns its result.
         restore: calls `sw_ecu_restore`, or an equivalent, with a pointer to an `sw_ecu_state` and returns its result.
@@ -84,12 +84,12 @@ class CEcuState(NeverCopied):
             raise ConfigError(f"calibration: {name} = {value:g}: out of the limits of this release and vehicle")
 
     def saved(self) -> bytes:
-        """Return the bytes of the state as they are in memory."""
+        """Return the bytes of the state in C's memory."""
         return bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.state)))
 
     def restore(self, state: EcuState | bytes) -> None:
         """Continue from a state: from `saved`, or from any ECU with the same release, settings and calibration. Raises
-        ValueError for a state with another delay, or for a state that no ECU can reach; the C code checks this."""
+        ValueError if the C code rejects the state, because it has another delay or no ECU can reach it."""
         ffi, place = self.structs.ffi, self.structs.ffi.new("sw_ecu_state *")
         if isinstance(state, bytes):
             ffi.buffer(place)[:] = state
@@ -105,14 +105,14 @@ class CEcu(CEcuState):
 
     Args:
         sources: the library's files by name, including `sw_ecu_settings.h`. The caller may replace or add files, such
-            as a stub controller or a planted fault.
+            as a stub controller or a deliberate error.
         compiler: command that compiles C; None finds a compiler on this machine.
         flags: flags of the compiler.
         library: file in which to store the compiled library; None uses a temporary file.
-        secret: the key, with `bus.key`; the ECU is then in its first power cycle.
+        secret: the bytes of the key if `bus.key` is set; the ECU is then in its first power cycle.
 
     Attributes:
-        description: compiler and flags of the control step, for people.
+        description: compiler and flags of the control step, in words.
         lib: the loaded library, for functions and variables that do not belong to the ECU; see `Structs.ffi`.
         ecu: the `sw_ecu` itself, without its workspace.
     """
@@ -145,7 +145,7 @@ class CEcu(CEcuState):
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
         start = -int(ffi.cast("uintptr_t", self._room)) % _ALIGNMENT
         self.ecu = ecu = ffi.cast("sw_ecu *", self._room + start)
-        # The function returns nothing in older versions of the library.
+        # In older versions of the library this function returns nothing, which counts as success.
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
                 f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
@@ -179,8 +179,7 @@ class CEcu(CEcuState):
 
 
 def _why(error: Exception) -> str:
-    """Return the cause in one line, because cffi's own message states the file twice, and every path that it
-    searched."""
+    """Return the cause in one line; cffi's own message has the file twice and every path that was searched."""
     symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 
@@ -196,7 +195,7 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
     """Return the sources of a library's ECU for a release in a vehicle, with the settings of this vehicle.
 
-    The `sw_ecu_settings.h` in the folder is for the vehicle of the export; a run has its own settings. Raises
+    The `sw_ecu_settings.h` in the folder has the settings of the export; the returned one has those of `config`. Raises
     LibraryError if the folder holds no library, a library of another program, or a library without an ECU;
     StillwakeError if the ECU in C does not support a setting.
     """
@@ -206,7 +205,7 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
         raise LibraryError(f"library {folder}: it has only the control step and no ECU; export it again")
     check = config.ecu.sensor_check
     if bundle.manifest.sensor_estimator is None and check.enabled:
-        # The ECU in Python does not do this check either if the release has no estimator.
+        # If the release has no estimator, the ECU in Python does not do this check either.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
     elif check.enabled and _ESTIMATOR not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")

@@ -13,22 +13,20 @@ from contract.config.tree import Config
 
 PLAYED: Final = "examples/pressures.h"
 MOST_PERIODS: Final = 100
-"""Largest number of periods in a table: two seconds at 20 ms, with 1600 bytes of flash memory for the pressures and 800
-for the speed."""
+"""Largest number of periods in a table: two seconds at 20 ms. Pressures need 1600 bytes of flash memory, speeds 800."""
 PLAYED_KEY: Final = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
-"""Key of the frames if `bus.key` is set: the key of RFC 4493's examples, which is public. No other key is written into
-a file."""
+"""Key of the frames if `bus.key` is set: the public key of RFC 4493's examples, so that no file has a secret."""
 ASKED_FROM: Final = 5
-"""Number of periods before the vehicle asks for control: the ECU ignores a request that is present from the start."""
+"""Number of periods before the vehicle requests control: the ECU ignores a request that is present from the start."""
 
 
 def played_pressures(rows: Array, config: Config) -> bytes:
-    """Return `pressures.h`: for each of the first `MOST_PERIODS` rows, a protected frame with the pressures and one
-    with the design speed.
+    """Return `pressures.h`: for each of the first `MOST_PERIODS` rows, a protected frame with the pressures, and a
+    protected frame with the design speed.
 
     Args:
-        rows: (n, S + any) recorded pressures Cp of n periods at the S sensors of the bus, followed by other columns;
-            the pressures are limited to the range of the message.
+        rows: (n, S + any) recorded pressures Cp of n periods at the S sensors of the bus, followed by other columns.
+            The pressures are limited to the range of the message.
     """
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa

@@ -1,4 +1,4 @@
-"""A release as an image that the ECU in C runs in place of the compiled-in release (`sw_image.h`)."""
+"""A release as an image, which the ECU in C runs instead of the release that was compiled in (`sw_image.h`)."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +23,7 @@ from ecu.in_c.c_settings import release_numbers
 
 
 def read_packed(folder: Path) -> dict[str, bytes]:
-    """Read the packed numbers in a library's folder; raise LibraryError if they cannot be read."""
+    """Read the packed weights and the packed estimator in a library's folder; raise LibraryError if this fails."""
     try:
         return {
             name: (folder / name).read_bytes() for name in (WEIGHTS_PART, ESTIMATOR_PART) if (folder / name).is_file()
@@ -35,10 +35,10 @@ def read_packed(folder: Path) -> dict[str, bytes]:
 def controller_image(
     files: Mapping[str, bytes], bundle: Bundle, config: Config, key: Ed25519PrivateKey | None
 ) -> bytes:
-    """Return the image of a verified release, signed if there is a key. `files` is the library with its ECU and its
-    packed numbers. Raises LibraryError if the library has no ECU, belongs to another program, or is too old to have
-    packed numbers; BundleContainerError if an image cannot hold the release's name, or if no ECU accepts one of the
-    release's numbers."""
+    """Return the image of a verified release, signed if there is a key. `files` has the library with its ECU, and its
+    weights and estimator in packed form. Raises LibraryError if the library has no ECU, belongs to another program, or
+    is too old to have packed numbers; BundleContainerError if an image has no space for the release's name, or if no
+    ECU accepts one of the release's numbers."""
     manifest = bundle.manifest
     if ECU_SETTINGS not in files or WEIGHTS_PART not in files:
         raise LibraryError(

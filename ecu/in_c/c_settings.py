@@ -1,7 +1,7 @@
 """The constants of the ECU in C: messages of the DBC, parameters of a release, settings of a vehicle.
 
-They become `sw_ecu_settings.h` in a library's folder, so that no number of the Python ECU is repeated in C. A
-floating-point number is written with all its digits, as a double by default.
+They are written to `sw_ecu_settings.h` in a library's folder, so that no number of the ECU in Python is repeated in the
+C sources. A floating-point number is written with all its digits, and is a double unless stated otherwise.
 """
 
 from dataclasses import replace
@@ -46,13 +46,12 @@ _COUNTED: Final = (
 _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
     _COUNTED, 2**29
 )
-"""Largest settings, in periods, that the state of the ECU in C can hold. The sums of settings in the C code fit an
+"""Largest values, in periods, for which the state of the ECU in C has space; their sums in the C code fit into an
 int."""
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
-"""The largest cost weights of a calibration; the code in C allows a larger weight if it is the release's own weight."""
+"""The largest cost weights of a calibration; the C code also allows the release's own weight if it is larger."""
 _LONGEST_PERIOD_NS: Final = 2**53
-"""Longest control period, in ns. A double is exact up to this number, so the command gate is equal in both
-languages."""
+"""Longest control period in ns. A double is exact up to this number, so the command gate is equal in both languages."""
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
@@ -155,13 +154,13 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
 
 
 def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | str]:
-    """Return attributes of `owner` by their names in C: the prefix, then the attribute's own name in capitals."""
+    """Return attributes of `owner` by their names in C: `prefix`, an underscore, and the name in capitals."""
     return {f"{prefix}_{name.upper()}": getattr(owner, name) for name in names}
 
 
 def release_numbers(bundle: Bundle, config: Config) -> Numbers:
-    """Return the `sw_release` of a verified release: its parameters that do not depend on the vehicle's settings. A
-    parameter that the release lacks is zero."""
+    """Return the `sw_release` of a verified release: those of its parameters that do not depend on the vehicle's
+    settings. A parameter that the release lacks is zero."""
     manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
     check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
     nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point
@@ -179,7 +178,7 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
         "pairs": np.array([[0, 0]] if check is None else check.pairs, np.uint8),
     }
     ends = members["base"].nbytes + members["pairs"].nbytes + members["weights"].nbytes + 4
-    # Compilers differ in the size to which they pad a struct, so the padding is a member.
+    # Compilers pad a struct to different sizes, so the padding is a member of its own.
     return Numbers(struct="sw_release", members={**members, "reserved": np.zeros(8 - ends % 8, np.uint8)})
 
 
@@ -197,7 +196,8 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
 
 
 def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | float | str]:
-    """Return the settings of diagnosis. SW_FUNCTIONAL or SW_XCP is 0 if functional requests or XCP are disabled."""
+    """Return the settings of diagnosis. SW_FUNCTIONAL is 0 if functional requests are disabled, SW_XCP if XCP is
+    disabled."""
     cycle, unit = cycle_of(period_ns)
     return {
         "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),
@@ -215,8 +215,8 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 
 
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
-    """Return the settings of a range of speeds. For a release with a single speed SW_PAST is 0, and the other settings
-    are not used."""
+    """Return the settings for a release with a range of speeds. For a release with a single speed, SW_PAST is 0 and
+    there are no other settings."""
     if manifest.speeds is None:
         return {"SW_PAST": 0}
     return {

@@ -2,7 +2,7 @@
 
 cffi reads the layout from the library's own headers, so that the layout is not repeated here. All members have a fixed
 width and are aligned to their own size, and none is a pointer, except at the end of `sw_ecu`. So the layout is the same
-on this machine and on a microcontroller, and the same functions read the memory of an emulated microcontroller.
+on this machine and on a microcontroller, and the same functions also read the memory of an emulated microcontroller.
 """
 
 import tempfile
@@ -35,8 +35,7 @@ from ecu.timing import StepTiming
 
 _HEADER: Final = "sw_ecu.h"
 _LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
-# Scratch memory is the last member of the ECU, so its size does not move the members before it, and an opaque type of
-# another size can replace it.
+# The scratch memory is the last member of the ECU, so an opaque type can replace it: no other member moves.
 _STANDING_IN: Final = {
     "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
     "sw_estimator.h": b"typedef struct { char not_shown; } sw_estimator_work;\n",
@@ -79,7 +78,7 @@ class Structs:
         return int(self.ffi.offsetof("sw_ecu", "work") if ecu else self.ffi.sizeof(name))
 
     def frames(self, frames: Sequence[Frame]) -> Any:
-        """Return an array of `sw_frame`. A time that C cannot represent becomes the nearest representable time."""
+        """Return an array of `sw_frame`. A time out of C's range is replaced by the nearest time in this range."""
         found = self.ffi.new("sw_frame[]", len(frames))
         for place, frame in zip(found, frames, strict=True):
             place.timestamp_ns = min(frame.timestamp_ns, _LARGEST["int64"])
@@ -110,7 +109,7 @@ class Structs:
         """Return the trace of a `sw_ecu`."""
         forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
         if forces is not None and self._serves_speeds:
-            # The plan was computed in units of the newest row's speed, the trace is in units of the design speed.
+            # The plan's forces are in units of the newest row's speed; the trace is in units of the design speed.
             forces = forces * list(ecu.state.memory.past.speeds)[-1] ** 2
         return Trace(
             mode=_MODES[ecu.state.fail_safe.mode].on_wire,
@@ -120,8 +119,8 @@ class Structs:
         )
 
     def state(self, state: Any) -> EcuState:
-        """Return the state in a `sw_ecu_state`. Of the CAN controller's error states C stores only bus-off. Raises
-        ValueError or IndexError if a value is not in its enumeration."""
+        """Return the state in a `sw_ecu_state`. C stores only whether the CAN controller is bus-off, no other error
+        state. Raises ValueError or IndexError if a value is not in its enumeration."""
         memory, sensors = state.memory, state.sensors
         fail_safe, timing = state.fail_safe, state.timing
         return EcuState(
@@ -181,8 +180,8 @@ class Structs:
         )
 
     def set_state(self, state: Any, value: EcuState) -> None:
-        """Fill in a `sw_ecu_state`; counts saturate at their largest value. A library without a key has no room for the
-        state of authentication, which is then left out."""
+        """Fill in a `sw_ecu_state`; counts saturate at their largest value in C. In a library without a key there are
+        no members for the state of authentication, which is then left out."""
         self.ffi.buffer(state)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
         self._set_memory(state.memory, value.memory)
         self._set_sensors(state.sensors, value.sensors)
@@ -237,7 +236,7 @@ class Structs:
             self._copy(getattr(sensors, name), getattr(value, name))
 
     def _copy(self, member: Any, values: Array) -> None:
-        """Copy an array's bytes into a member of the same shape and type, whose bytes must be zero."""
+        """Copy an array's bytes into a member of the same shape and type, which must have only zero bytes before."""
         content = np.ascontiguousarray(values)
         assert content.nbytes == self.ffi.sizeof(member)
         self.ffi.memmove(member, content, content.nbytes)
@@ -266,7 +265,7 @@ class Structs:
 
     @property
     def _serves_speeds(self) -> bool:
-        """Whether the library's release supports a range of speeds."""
+        """Whether the library's release has a range of speeds."""
         return "past" in dict(self.ffi.typeof("sw_memory").fields)
 
     def _known(self, member: Any, *, known: int) -> Array:
@@ -321,7 +320,8 @@ def _set_speed(speed: Any, value: SpeedState) -> None:
 
 
 def flattened(value: object, name: str = "") -> dict[str, Any]:
-    """Return a state, or any part of it, field by field: numbers, arrays, enumerations and None by dotted names."""
+    """Return a state, or any part of it, as a dictionary from dotted names to the values of single fields: numbers,
+    arrays, enumerations and None."""
     if is_dataclass(value) and not isinstance(value, type | DelayLine):
         parts = ((item.name, getattr(value, item.name)) for item in fields(value))
         return {
@@ -333,8 +333,8 @@ def flattened(value: object, name: str = "") -> dict[str, Any]:
 
 
 def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
-    """Return a state field by field, as far as C stores it: counts saturate at their largest value, and the state of
-    authentication exists only with a key.
+    """Return a state field by field, as far as C stores it: counts saturate at their largest value in C, and the state
+    of authentication is included only with a key.
 
     An ECU in C and an ECU in Python are in equal states if these values agree; `differing` compares them.
     """
@@ -359,8 +359,8 @@ _COUNTED: Final = (
 
 
 def differing(one: EcuState, other: EcuState, *, is_keyed: bool = False) -> list[str]:
-    """Return the names of the fields in which two states differ, bit for bit, as far as C stores them with or without
-    `bus.key`. NaN equals NaN."""
+    """Return the names of the fields in which two states differ, bit for bit, as far as C stores the fields with or
+    without `bus.key`. NaN counts as equal to NaN."""
     first, second = as_c_has_it(one, is_keyed=is_keyed), as_c_has_it(other, is_keyed=is_keyed)
     return [name for name, value in first.items() if not _same(value, second[name])]
 
@@ -369,7 +369,7 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, DelayLine) and isinstance(other, DelayLine):
         one, other = np.array(one.values), np.array(other.values)
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        # Two zeros must have equal signs; any two NaNs count as equal, even with different bits.
+        # Zeros must have equal signs; any two NaNs count as equal, even if their bits differ.
         return one.shape == other.shape and bool(
             ((one == other) & (np.signbit(one) == np.signbit(other)) | np.isnan(one) & np.isnan(other)).all()
         )
@@ -381,6 +381,5 @@ def _count(value: int) -> int:
 
 
 def c_time(value: int) -> int:
-    """Return a time within the range of C. The nearest representable time replaces a time out of that range, which is a
-    fault of the clock."""
+    """Return a time in the range of C: the nearest one, if the time is out of this range because the clock is wrong."""
     return max(-_LARGEST["int64"] - 1, min(value, _LARGEST["int64"]))

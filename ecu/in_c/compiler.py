@@ -14,11 +14,11 @@ from contract.errors import LibraryError
 
 STANDARD: Final = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion")
 OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
-"""Flags for speed. Contraction to fused multiply-adds changes only roundings; the sources reject -ffast-math."""
+"""Flags for speed. Fused multiply-adds are allowed, which change only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
-"""Flags with which the decisions in C equal those in Python bit for bit. GCC needs the flag against contraction,
-because it ignores the pragma."""
+"""Flags with which the decisions in C equal those in Python bit for bit. GCC needs the flag against fused
+multiply-adds, because it ignores the pragma in the sources."""
 
 
 def host_compiler() -> list[str]:
@@ -38,7 +38,7 @@ def host_compiler() -> list[str]:
 
 
 def zig_compiler() -> list[str] | None:
-    """Return the command of the `ziglang` package, which also compiles for other processors; None if it is not
+    """Return the command of `ziglang`'s compiler, which also compiles for other processors; None if it is not
     installed."""
     if importlib.util.find_spec("ziglang") is None:
         return None
@@ -46,7 +46,7 @@ def zig_compiler() -> list[str] | None:
 
 
 def compiler_version(compiler: Sequence[str]) -> str:
-    """Return the first line that the compiler prints about itself; raise LibraryError if the compiler does not run."""
+    """Return the first line that a compiler prints about its version; raise LibraryError if it does not run."""
     return next(iter(_run([*compiler, "--version"], None).stdout.splitlines()), compiler[0]).strip()
 
 

@@ -1,7 +1,7 @@
-"""The controller's C99 library on this machine: compiled by the host's compiler and called through ctypes.
+"""The controller's C99 library on this machine: compiled by this machine's compiler and called through ctypes.
 
-The library is a folder that `stillwake export --c` writes (`contract.controller.c_folder`). The checks that `export`
-makes of the library, and the ECU of `firmware_sim`, run it through the same class.
+The library is a folder that `stillwake export --c` writes (`contract.controller.c_folder`). The same class runs it for
+the checks of `export` and for the ECU of `firmware_sim`.
 """
 
 import ctypes
@@ -35,7 +35,7 @@ class CController(NeverCopied):
         flags: flags of the compiler.
 
     Attributes:
-        description: compiler and flags of the control step, for people.
+        description: compiler and flags of the control step, in words.
     """
 
     INSTEAD: ClassVar = "it is a loaded library; build another library of the same sources"
@@ -59,7 +59,7 @@ class CController(NeverCopied):
                 self._step, reset = self._library.sw_control_step, self._library.sw_input_reset
             except (OSError, AttributeError) as error:
                 raise LibraryError(f"the compiled library does not load: {error}") from error
-        # Libraries of older versions do not have the function that checks the arithmetic.
+        # Older versions of the library do not have this function, which checks the arithmetic.
         if (looks := getattr(self._library, "sw_arithmetic", None)) is not None and (status := looks()) != _OK:
             raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
@@ -93,7 +93,7 @@ class CController(NeverCopied):
         return int(self._workspace.size)
 
     def warm_up(self, steps: int) -> None:
-        """Run control steps on zeros, so that code and weights are in memory at the first real step."""
+        """Run control steps on zeros, so that code and weights are already in memory when the first real step runs."""
         window, plan, free = (np.zeros(array.shape) for array in (self._window, self._plan, self._free))
         for _ in range(steps):
             self.control_step(window, plan, free)
@@ -123,9 +123,9 @@ class CController(NeverCopied):
         return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the first action and the cost of the step in `sw_known_answer.c`, computed by another build of the
-        same sources, in which no operations are fused. Raises ControllerError if an input or a result is not finite;
-        LibraryError if the sources do not compile."""
+        """Return the first action and the cost of the control step in `sw_known_answer.c`. They are computed by a
+        second build of the sources, without fused operations. Raises ControllerError if an input or a result is not
+        finite; LibraryError if the sources do not compile."""
         contents, sizes, command = self._made_of
         exact = CController(contents, sizes, compiler=command, flags=EXACT)
         workspace, given, found = exact._workspace.ctypes.data, exact._input, exact._output
@@ -139,7 +139,7 @@ class CController(NeverCopied):
             raise ControllerError(f"the C library returned status {status}: {REFUSALS[status]}")
 
     def poison_workspace(self) -> None:
-        """Fill the scratch memory with NaN: no result may depend on its earlier contents."""
+        """Fill the scratch memory with NaN, to show that no result depends on its earlier contents."""
         self._workspace[:] = 0xFF
 
 

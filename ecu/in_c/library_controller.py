@@ -1,4 +1,4 @@
-"""The controller of a release as its C99 library, which a vehicle's ECU would run, compiled for this machine."""
+"""The controller of a release as its C99 library, which runs on a vehicle's ECU, here compiled for this machine."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,11 +13,12 @@ from ecu.in_c.host_library import CController
 def open_library(
     folder: Path, bundle: Bundle, *, compiler: Sequence[str] | None = None, flags: Sequence[str] = OPTIMISED
 ) -> CController:
-    """Compile a folder that `stillwake export --c` wrote, to run instead of the bundle's `controller.onnx`.
+    """Compile a folder that `stillwake export --c` wrote; the result runs instead of the bundle's `controller.onnx`.
 
-    The header's hash states the program that the folder was generated from. The hash protects against mix-ups, not
-    against attacks: the sources are unsigned, and are compiled and run unchanged. Raises LibraryError if the folder
-    holds no library or another program's library, if there is no compiler, or if the compiler rejects the sources.
+    A hash in the library's header states the program from which the folder was generated. The hash protects against
+    mix-ups, not against attacks: the sources are unsigned, and are compiled and run as they are. Raises LibraryError if
+    the folder holds no library or another program's library, if there is no compiler, or if the compiler rejects the
+    sources.
 
     Args:
         folder: folder of the library.
@@ -36,12 +37,12 @@ def open_library(
 
 
 def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
-    """Return the library's precision; raise LibraryError if its header belongs to another program than the bundle."""
+    """Return the library's precision; raise LibraryError if its header does not belong to the bundle's program."""
     manifest = bundle.manifest
     try:
         header = ProgramSettings.of(sources)
         program, precision = header.text("SW_PROGRAM_SHA256"), header.text("SW_PRECISION")
-        # The hash covers the sizes of the program, but the caller's structures use the sizes in the header, so an
+        # The hash covers the program's sizes, but not those in the header, which the caller's structures use. So an
         # edited header must be rejected.
         sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
         dbc = header.text("SW_DBC_SHA256")

@@ -1,5 +1,4 @@
-"""The generator of `sw_uds_settings.h`. The UDS server in C gets its constants from the server in Python, so that no
-number is written twice."""
+"""The generator of `sw_uds_settings.h`, which gives the UDS server in C the constants of the server in Python."""
 
 from collections.abc import Mapping
 from enum import IntEnum
@@ -39,8 +38,8 @@ def uds_settings() -> bytes:
         "LEVELS": len(Level),
         "ACCESS_ATTEMPTS": security.MAX_ATTEMPTS,
         "LONGEST_ANSWER": services.LONGEST_ANSWER,
-        # The room is enough for the longest answer, the answers that may wait at the same time, and a refusal in every
-        # other place of the queue.
+        # There is space for the longest answer, the other answers that may be queued at the same time, and a refusal in
+        # each remaining place of the queue.
         "ISOTP_ROOM": services.LONGEST_ANSWER + services.BESIDE + 3 * _ISOTP.queue,
         "ISOTP_BESIDE": services.BESIDE,
         "ISOTP_QUEUE": _ISOTP.queue,
@@ -86,7 +85,7 @@ def _of_xcp() -> dict[str, int]:
     numbers |= {item.name: item.value for item in xcp.Command}
     numbers |= {f"ERROR_{item.name}": item.value for item in xcp.Error}
     numbers |= {
-        # This number means that a command had no error, because no error has this number.
+        # This number states that a command had no error; it is not the number of an error.
         "DONE": 0xFF,
         "SEED_LENGTH": xcp.XCP_SEED_LENGTH,
         "CONNECT_BYTES": xcp.SHORTEST_COMMAND[xcp.Command.CONNECT],
@@ -104,7 +103,7 @@ def _of_xcp() -> dict[str, int]:
 
 
 def _command(one: xcp.Command) -> str:
-    """Return a row of the C table: the command's number, its least number of bytes, and whether it needs a key."""
+    """Return a row of the C table: the command's number, its least length in bytes, and whether it needs a key."""
     return f"{{{one:#x}u, {xcp.SHORTEST_COMMAND.get(one, 1)}u, {int(one in xcp.PROTECTED)}u}}"
 
 

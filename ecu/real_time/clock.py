@@ -1,8 +1,8 @@
 """The clock for all real time, CLOCK_MONOTONIC, which cannot be set, and a sleep until an instant of this clock.
 
-`time.sleep` takes a duration: a process that loses the processor between computing the duration and falling asleep
-wakes too late. `clock_nanosleep` takes the instant itself. Python has no such function, so it is called in the C
-library; where this is not possible, the sleep has a duration.
+`time.sleep` takes a duration: a process that loses the processor after it has computed the duration and before it
+sleeps wakes too late. `clock_nanosleep` takes the instant itself. Python has no such function, so the function of the C
+library is called; where this is not possible, the sleep is given a duration.
 """
 
 import ctypes
@@ -15,7 +15,7 @@ from typing import Any, Final
 TIMER_ABSTIME: Final = 1
 """Flag of time.h: the time is an instant, not a duration."""
 LONGEST_NAP_NS: Final = 100_000_000
-"""Longest single sleep in ns where a sleep has a duration, so the largest delay after the computer was suspended."""
+"""Longest sleep in ns where a sleep needs a duration; it limits the delay after the computer was suspended."""
 
 
 class _Timespec(ctypes.Structure):
@@ -23,15 +23,15 @@ class _Timespec(ctypes.Structure):
 
 
 def now_ns() -> int:
-    """Return the time of CLOCK_MONOTONIC in ns, from an instant before the start of the process; setting the date does
-    not change it."""
+    """Return the time of CLOCK_MONOTONIC in ns, which started before the process; setting the date does not change
+    it."""
     return time.monotonic_ns()
 
 
 def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:
-    """Return when `now_ns` reaches `due_ns`, or immediately if this time has passed. During the last `spin_ns` the
-    process polls the clock. Polling is more precise than a wake-up by the operating system, but uses the processor, and
-    the process's other threads wait."""
+    """Wait until `now_ns` reaches `due_ns`; return immediately if this time has passed. During the last `spin_ns` the
+    process polls the clock. Polling is more precise than a wake-up by the operating system, but it uses the processor,
+    and the other threads of the process have to wait."""
     until_ns = due_ns - spin_ns
     if until_ns > now_ns():
         _sleep(until_ns)
@@ -57,7 +57,7 @@ def _absolute_sleep() -> Callable[[int], None]:
 
     def sleep(until_ns: int) -> None:
         until = ctypes.byref(_Timespec(*divmod(until_ns, 1_000_000_000)))
-        # A signal ends the sleep early; Python's handler has then run, or raised an exception.
+        # A signal ends the sleep early, after Python's handler has run; the handler may have raised an exception.
         while (failed := clock_nanosleep(time.CLOCK_MONOTONIC, TIMER_ABSTIME, until, None)) == errno.EINTR:
             pass
         if failed:

@@ -1,8 +1,8 @@
-"""The start of the next period, on an absolute clock: errors do not add up, and a missed period is not repeated.
+"""The start of the next period, on an absolute clock: lateness does not add up, and a missed period is not repeated.
 
 A deadline that passed during the previous period's work is left out and counted. An ECU also follows the vehicle's
-sampling, which has another clock: the ECU notes when pressures arrive and moves its deadlines a little each period
-until they are a fixed time after the arrivals.
+sampling, which has another clock. For this it notes the arrival times of the pressures, and moves its deadlines a
+little in each period until they come a fixed time after the arrivals.
 """
 
 from dataclasses import dataclass, replace
@@ -10,24 +10,24 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""Divisor of the period that gives the largest move of a deadline: half of the repeated lateness from which
-`ecu.timing` counts periods as left out. From the worst phase, half a period, the correction takes 16 periods."""
+"""Divisor of the period: a deadline moves by at most a period / LARGEST_SLEW. This is half of the repeated lateness
+from which `ecu.timing` counts periods as left out. The largest phase error, half a period, is corrected in 16 periods.
+"""
 REMEMBERED: Final = 15
 """Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
-middle arrival is 7 periods old; in this time clocks that differ by 100 ppm drift by 14 us at 20 ms."""
+middle arrival is 7 periods old; in 7 periods of 20 ms, clocks whose rates differ by 100 ppm drift apart by 14 us."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Deadlines:
-    """The next period; times in ns of one clock that never goes back.
+    """The next period; times are in ns of one clock that never goes back.
 
     Attributes:
         period_ns: time from one deadline to the next.
         due_ns: deadline at which the period begins.
-        number: number of the period; omitted periods are counted.
-        left_out: number of periods so far that were not begun, because the work of an earlier period took too long.
-        grace_ns: largest time by which a period may begin late after the previous period's work; a later period is left
-            out.
+        number: number of the period; omitted periods are counted too.
+        left_out: number of periods so far that were omitted, because the work of an earlier period took too long.
+        grace_ns: largest time from a deadline to the start of its period; a period that would start later is omitted.
     """
 
     period_ns: int
@@ -43,7 +43,7 @@ class Deadlines:
             raise ValueError(f"grace_ns = {self.grace_ns}: must be in 0..{self.period_ns - 1}")
 
     def after(self, now_ns: int) -> Self:
-        """Return the next deadline that can still be met, after the work for the present deadline."""
+        """Return the next deadline that can still be met if the work for the present deadline ends at `now_ns`."""
         late_ns = now_ns - self.grace_ns - (self.due_ns + self.period_ns)
         missed = max(0, -(-late_ns // self.period_ns))
         steps = 1 + missed
@@ -55,8 +55,8 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Return the deadline moved towards the phase of `target_ns`, by the shorter way and by at most a period /
-        LARGEST_SLEW."""
+        """Return the deadline moved by at most a period / LARGEST_SLEW, the shorter way, to the phase of
+        `target_ns`."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))
@@ -79,7 +79,7 @@ class Arrivals:
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
 
     def forgotten(self) -> Self:
-        """Forget all arrivals, because the next frames come from another sender or from a sender that was restarted."""
+        """Return no arrivals, because the next frames come from another sender or from a sender that was restarted."""
         return replace(self, latest_ns=())
 
     @property

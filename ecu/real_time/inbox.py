@@ -9,12 +9,12 @@ from can_bridge.wire.frame import Frame
 
 
 class Inbox:
-    """A queue that stamps frames on arrival and returns them in order. Neither side waits longer than a few
-    instructions.
+    """A queue that stamps frames on arrival and returns them in order. Neither thread waits for the other longer than a
+    few instructions.
 
     Args:
         stamp: called in the reading thread with each frame; returns its arrival in ns of the loop's clock.
-        room: largest number of frames. In a flood the oldest are dropped.
+        room: largest number of frames; if more arrive, the oldest are dropped.
     """
 
     def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:

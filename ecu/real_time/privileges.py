@@ -1,6 +1,7 @@
-"""Privileges of the operating system for a process with deadlines; a privilege that is not granted is reported.
+"""Privileges that the operating system can grant to a process with deadlines; a privilege that is not granted is
+reported.
 
-A process without a privilege works, but is late more often.
+A process without these privileges works, but is late more often.
 """
 
 import ctypes
@@ -14,18 +15,18 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 PRIORITY: Final = 50
-"""Priority under SCHED_FIFO, 1 to 99: above every ordinary process, and equal to most of the kernel's interrupt threads
-(50), so that the threads of the CAN driver still run."""
+"""Priority under SCHED_FIFO, 1 to 99. It is above every ordinary process, and equal to that of most of the kernel's
+interrupt threads (50), so that the threads of the CAN driver still run."""
 LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
-"""Timer slack in ns. By default Linux wakes ordinary processes up to 50 us late, to wake several processes together."""
+"""Timer slack in ns. By default, Linux wakes ordinary processes up to 50 us late, to wake several of them together."""
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """One privilege. `why` is the reason why the process does not have the privilege; empty if it has the privilege."""
+    """One privilege. If the process does not have it, `why` is the reason; otherwise `why` is empty."""
 
     what: str
     granted: bool
@@ -48,7 +49,7 @@ class Wanted:
 
 @contextmanager
 def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
-    """Request privileges, yield the results, and give the privileges back at the end.
+    """Request privileges, yield the results, and give the privileges back at the end of the block.
 
     The priority applies to this thread and to the threads that it starts afterwards.
     """
@@ -65,24 +66,23 @@ def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
 
 
 def in_words(privileges: list[Privilege]) -> str:
-    """Return all privileges in one line."""
+    """Return one line on the privileges: those granted, and those not granted with the reasons."""
     granted = ", ".join(item.what for item in privileges if item.granted) or "none"
     refused = ", ".join(f"{item.what} ({item.why})" for item in privileges if not item.granted)
     return f"{granted}; not granted: {refused}" if refused else granted
 
 
 def stay_ordinary() -> None:
-    """Give this thread an ordinary priority for long work, even if the thread that started it has a real-time
-    priority."""
+    """Give this thread an ordinary priority for long work, even if its starting thread has a real-time priority."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def step_back() -> None:
-    """Give this thread a lower priority than the thread that started it, if that has a real-time priority.
+    """Give this thread a lower priority than its starting thread, if the starting thread has a real-time priority.
 
     This thread gets the lowest real-time priority, not an ordinary one: while an ordinary thread holds the
-    interpreter's lock, any process could take its processor and so delay the control loop.
+    interpreter's lock, for which the control loop waits, any process could take the processor from this thread.
     """
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
@@ -125,15 +125,13 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # Under a limit on locked memory, memory that is allocated later may exceed the limit, and the allocation would
-    # fail.
+    # If locked memory is limited, memory that is allocated later may exceed the limit, and its allocation fails.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 
 
 def _call(name: str, *arguments: int) -> int:
-    """Call a function of the C library; raises OSError if the result is -1, AttributeError if the function does not
-    exist."""
+    """Call a function of the C library; raises OSError if it returns -1, AttributeError if it does not exist."""
     if sys.platform != "linux":
         raise AttributeError(name)
     function: Any = getattr(ctypes.CDLL(None, use_errno=True), name)

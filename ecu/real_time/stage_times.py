@@ -1,7 +1,7 @@
 """The time of each stage of each period, in a table in memory that exists before the first period.
 
-Times are CLOCK_MONOTONIC in ns, one clock for all processes of a computer, so that the tables of two nodes can be
-compared; the table also has counts. A stage that did not happen has the time 0.
+Times are in ns of CLOCK_MONOTONIC, which all processes of a computer share, so that the tables of two nodes can be
+compared. The table also has counts. A stage that did not happen has the time 0.
 """
 
 from collections.abc import Callable
@@ -24,10 +24,10 @@ USUAL_PERIODS: Final = 180_000
 
 
 class EcuStage(IntEnum):
-    """Columns of the ECU's table, named in lower case."""
+    """Columns of the ECU's table; a saved table has their names in lower case."""
 
     PERIOD = 0
-    """Number of the period; periods left out are counted."""
+    """Number of the period; periods left out are counted too."""
     SCHEDULED = 1
     WOKE = 2
     PRESSURE_COUNTER = 3
@@ -39,7 +39,7 @@ class EcuStage(IntEnum):
     PLAN_ENDED = 7
     STEP_ENDED = 8
     SENT = 9
-    """Time when both frames had been passed to the bus."""
+    """Time when both frames had been passed to the bus; 0 if the bus refused a frame."""
     COLLECTIONS = 10
     """Number of garbage collections since the previous period."""
     MINOR_FAULTS = 11
@@ -47,7 +47,7 @@ class EcuStage(IntEnum):
     MAJOR_FAULTS = 12
     """Number of page faults that needed reading from a disk since the previous period (getrusage)."""
     SWITCHES = 13
-    """Number of times that the process lost the processor involuntarily since the previous period."""
+    """Number of times that this thread lost the processor involuntarily since the previous period."""
 
 
 class VehicleStage(IntEnum):
@@ -74,7 +74,7 @@ class StageTimes:
             raise ValueError(f"periods = {periods}: must be at least 1")
         self._stages = stages
         self._blank = np.array([NOTHING if stage.name.endswith("COUNTER") else 0 for stage in stages], dtype=np.int64)
-        # Every page of memory is written once, so that the system provides it now and not in a control period.
+        # Every page of memory is written once here, so that the system provides it before the first control period.
         self._table = np.repeat(self._blank[np.newaxis], periods, axis=0)
         self._begun = 0
         self._row = self._table[0]
@@ -90,21 +90,20 @@ class StageTimes:
         self._row[stage] = value
 
     def rows(self) -> NDArray[np.int64]:
-        """Return the begun periods' rows that the table still has, oldest first: (rows, stages)."""
+        """Return the rows of all periods that are still in the table, oldest first: (rows, stages)."""
         if self._begun <= len(self._table):
             return self._table[: self._begun].copy()
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """Write an .npz file, completely or not at all: `columns`, the names of the stages, and `rows`. Raises
+        """Write an .npz file, completely or not at all, with `columns`, the names of the stages, and `rows`. Raises
         StillwakeError on failure."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())
 
 
 def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
-    """Return the rows of a saved table, (rows, stages). Raises StillwakeError if the file is not a table of this
-    node."""
+    """Return the rows of a saved table, (rows, stages). Raises StillwakeError if the file is not this node's table."""
     try:
         file = read_npz(path)
         columns, rows = file["columns"].tolist(), file["rows"]
@@ -117,14 +116,13 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
 
 
 class PlanTimes:
-    """Start and end of the latest control step, shared by controllers that replace each other. Both times are 0 after
-    `forget`."""
+    """Start and end of the latest control step, shared by controllers that run one after another; 0 after `forget`."""
 
     def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
-        """Reset the times before a period in which there may be no control step."""
+        """Set both times to 0; call this before a period, because a period may have no control step."""
         self.began_ns = self.ended_ns = 0
 
 

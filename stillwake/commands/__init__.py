@@ -1,2 +1,2 @@
-"""The commands, one file for each group. Their folder is below the folder of `__main__`, so that no file hides a
-package that has the file's name."""
+"""The commands, one file for each group. Python searches the folder of `__main__`; the commands are in a subfolder, so
+that none of these files hides a package of the same name."""

@@ -87,7 +87,7 @@ def keygen(
 
 @bundle.command()
 def sign(path: Annotated[Path, typer.Argument(help="Bundle directory.")], key: shared.PrivateKey) -> None:
-    """Verify a bundle and sign it in place; an older signature is replaced."""
+    """Verify a bundle and write its signature into the bundle; an older signature is replaced."""
     from export.release.judged import judge
 
     signed = bundles.sign(path, signing.read_private_key(key), judge)
@@ -111,10 +111,10 @@ def renew(
     """Make a new bundle from an existing bundle's controller and this version's stillwake.dbc, and sign the new bundle.
 
     The old bundle must be valid except for its DBC. The new bundle states the old bundle's hash. With --set
-    operating_point.speed=12.5, or another setting of that section, the new bundle is for another vehicle or speed; with
-    --set mpc.weights.lift=0.1 it has other weights of the cost. --security-version and --hardware decide which ECUs
-    accept the new bundle when it is flashed. The sensor estimator of the old bundle is copied; with --dataset the new
-    bundle gets a new estimator.
+    operating_point.speed=12.5, or another setting of the section operating_point, the new bundle is for another vehicle
+    or speed; with --set mpc.weights.lift=0.1 the new bundle has other weights of the cost. --security-version and
+    --hardware decide which ECUs accept the new bundle when it is flashed. The sensor estimator of the old bundle is
+    copied; with --dataset the new bundle gets a new estimator, fitted to this data set.
     """
     from export.release.judged import judge
 
@@ -216,8 +216,8 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 
 
 def _first_step(release: Bundle) -> Check:
-    """Run one step of each ONNX graph, in bounded time and memory, with the manifest's inputs and outputs."""
-    # The import is here, because ONNX Runtime takes a while to load and leaves a file in the temporary folder.
+    """Run one step of each ONNX graph in bounded time and memory; check its inputs and outputs against the manifest."""
+    # ONNX Runtime is imported here, because its import takes a while and leaves a file in the temporary folder.
     from contract.runtime.onnx_estimator import OnnxEstimator
     from contract.runtime.onnx_session import OnnxController
 
@@ -276,7 +276,7 @@ def keylist(
 
 
 def _opened_list(path: Path, root: PublicKey | None) -> tuple[KeyList, PublicKey]:
-    """Return the key list in a file, and the list's signer. If `root` is given, only that key may be the signer."""
+    """Return the key list in a file, and the key that signed it: `root`, or any key if `root` is None."""
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -299,7 +299,7 @@ def _folded(head: str) -> Column:
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:
-    """Return the name and the text of each fact in a bundle's manifest."""
+    """Return the name and the text of each value that `inspect` shows of a bundle's manifest."""
     manifest = release.manifest
     mpc, point, scaling = manifest.mpc, manifest.operating_point, manifest.scaling
     weights = ", ".join(f"{name} {value:g}" for name, value in vars(mpc.weights).items())

@@ -1,5 +1,4 @@
-"""The command `stillwake campaign`, which runs the closed loop under every disturbance of a test plan, in parallel, and
-writes one report."""
+"""The command `stillwake campaign`, which runs the closed loop under every disturbance of a test plan."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from firmware_sim.campaign.folder import CampaignFolder
 
 NOT_SAFE: Final = 3
-"""Exit status of a complete campaign in which an invariant did not hold."""
+"""Exit status of a complete campaign in which an invariant, a condition for safe frames and jet flows, was violated."""
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _LONGEST: Final = 1e6
 """Longest time in t_c that an option accepts, about a day on the road."""
@@ -62,14 +61,14 @@ def campaign(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run a test plan: the closed loop with noise, delay, faults of sensors and of the bus, and another flow, each
-    disturbance from several starting phases of the wake.
+    """Run a test plan: the closed loop with noise, delay, faults of sensors and of the bus, and a changed flow. Each
+    disturbance is run from several starting phases of the wake.
 
     The command writes a table, figures and one page into the folder. It can be stopped at any time: finished runs are
-    stored, and the same command continues the campaign. A different seed, bundle, time or setting makes a different
-    campaign. With --phases 1 --controlled 40 the command is a quick trial, whose figures are not significant.
+    stored, and the same command continues the campaign. A call with another seed, bundle, duration or setting is
+    another campaign. With --phases 1 --controlled 40 the command is a quick trial, whose figures are not significant.
 
-    Exit status 3: an invariant did not hold in a scenario. A scenario without drag reduction is no failure.
+    Exit status 3: an invariant was violated in a scenario. A scenario without drag reduction is no failure.
     """
     from firmware_sim.campaign.folder import CampaignFolder
     from firmware_sim.campaign.matrix_words import listing
@@ -110,7 +109,7 @@ def campaign(
 def _planned(
     release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
 ) -> "Campaign":
-    """Check the requested campaign and return it. Every error in the campaign is raised before the first run."""
+    """Return the requested campaign after its checks; every error in the request is raised before the first run."""
     from contract.config.body_sensors import layout_of
     from ecu.fit import check_flow, check_sensors
     from firmware_sim.bench.spans import Spans
@@ -124,7 +123,7 @@ def _planned(
     check_sensors(release, layout)
     sensors = release.manifest.sensors
     on_base = {layout.names[column] for column in layout.base}
-    # The controller's window fills without control, with the readings of the disturbed sensors.
+    # Before control is requested, the controller's window fills with the readings of the disturbed sensors.
     lead_in = (release.manifest.window + MARGIN_PERIODS) * config.flow.control_period
     place = Place(
         sensors=sensors,
@@ -148,7 +147,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
     """Run the missing runs of a campaign and show their progress. If the command is stopped, print how to continue."""
     from firmware_sim.campaign.conduct import conduct
 
-    # A run takes half a minute, so the speed is averaged over the last hour.
+    # A run takes half a minute, so the rate of finished runs is averaged over the last hour.
     with progress("runs", estimate_over=3600.0) as report:
         report("the starts", 0)
 
@@ -165,7 +164,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 
 def _print(result: "Result") -> None:
-    """Print the table of the scenarios and then the headline, because a terminal shows the end of the output."""
+    """Print the table of the scenarios, and last the headline: on a terminal the end of the output stays visible."""
     from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
 
     table = Table(*MATRIX_HEADS)

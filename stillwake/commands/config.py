@@ -30,8 +30,8 @@ def config(
     """Show the settings: values, units, and where each value comes from.
 
     The last column gives the source: the "default", the shipped "release", a "file" of --set, or a single "--set". With
-    a prefix, the source of each default is given too. --set has the effect that is shown here in every other command
-    too, except in `export`, which begins with its model's settings.
+    a prefix, the source of each default is given too. --set has the effect that is shown here in other commands too,
+    except that it changes the settings of the model in `export` and `refine`, and those of the training in `train`.
     """
     loaded = read_settings(given)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)
@@ -45,8 +45,8 @@ def config(
 
 
 def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:
-    """Return the sections, each with its settings whose names begin with the prefix; with `only_changed`, only the
-    settings whose values differ from the paper's. Raises ConfigError if no setting begins with the prefix."""
+    """Return the sections, each with its settings whose names begin with the prefix. With `only_changed`, only settings
+    whose values differ from the paper's are returned. Raises ConfigError if no setting begins with the prefix."""
     if not any(one.name.startswith(prefix) for section in listed for one in section.settings):
         raise ConfigError(
             f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in listed)}"

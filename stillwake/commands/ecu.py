@@ -1,4 +1,4 @@
-"""`stillwake ecu`: the ECU on a real bus, and the folder of an ECU that can be flashed."""
+"""The command `stillwake ecu`: the ECU on a real bus, and the folder of an ECU that can be flashed."""
 
 import sys
 from dataclasses import fields
@@ -29,7 +29,7 @@ _USES: Final = (
     "flow.action_limit",
     *REAL_BUS,
     "bus.key",
-    # The compute time is left out, because in real time a step takes its actual time.
+    # The setting of the compute time is left out, because in real time a step's duration is not simulated.
     *(f"ecu.{item.name}" for item in fields(EcuConfig) if item.name != "compute_time_ms"),
     COST_WEIGHTS,
 )
@@ -40,7 +40,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""The commands that make the files for these options."""
+"""The commands that make the files for these options, by option."""
 
 
 class _RunsByDefault(TyperGroup):
@@ -88,19 +88,20 @@ def run(
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Run the ECU on a real CAN bus: read pressures and send a jet command in each control period, until stopped.
+    """Run the ECU on a real CAN bus: read pressures and send a jet command in each control period, until the command is
+    stopped.
 
     The jets stay shut until the vehicle raises its enable request while the ECU is present. In three cases the ECU
     sends commands that shut the jets: the program ends, also by Ctrl-C or SIGTERM; the bus was lost, and the ECU has
-    opened it again; or another ECU sends commands on the bus. Real-time privileges are used if they are granted;
-    otherwise a message says that they are not. --freshness is needed with bus.key; the default is a file in systemd's
+    opened it again; or another ECU sends commands on the bus. Real-time privileges are used if the system grants them;
+    otherwise a message reports the missing ones. --freshness is needed with bus.key; the default is a file in systemd's
     state directory.
 
     With --slots the command runs the release in a folder. `stillwake ecu provision` makes the folder, `stillwake flash`
     replaces the release over the same bus, and `stillwake calibrate` changes its goal and limits. With --mcu the
-    command runs the whole firmware of --library in the emulator, from its reset vector. New firmware has no release;
-    send it a key list and an image (`export --image`) with `stillwake flash`. A control step of the emulated firmware
-    takes longer than a control period, so use `stillwake run --ecu mcu` for control.
+    command runs the whole firmware of --library in the emulator, from its reset vector. Firmware that runs for the
+    first time has no release; send it a key list and an image (`export --image`) with `stillwake flash`. A control step
+    of the emulated firmware takes longer than a control period, so use `stillwake run --ecu mcu` for control.
 
     stillwake ecu --bus socketcan:can0
 
@@ -242,7 +243,7 @@ def _refuse(why: str, **given: Any) -> None:
 
 
 def _needed(what: str, **given: Path | None) -> dict[str, Path]:
-    """Return the paths that the option `what` needs; raises ConfigError for the first path that was not given."""
+    """Return the paths without which the option `what` does not work; raises ConfigError for the first missing one."""
     found = {}
     for name, value in given.items():
         if value is None:

@@ -46,7 +46,7 @@ _NO_BUNDLE: Final = (
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
-"""Settings of a release that its model does not determine."""
+"""Settings of a release that may differ from the settings that its model stores."""
 USES_IN_C: Final = ("bus", "ecu")
 """Further settings, which are compiled into the ECU of a C library."""
 USES_FOR_TESTERS: Final = (
@@ -99,16 +99,16 @@ def export(
 ) -> None:
     """Turn a trained model into a controller: one ONNX graph of a control step, in a release bundle.
 
-    The settings are the model's training settings; --set changes them, for example --set mpc.weights.lift=0.1. Nothing
-    is written unless the graph, and the C library if requested, agree with the reference computation in NumPy; for the
-    comparison, each of them replays the data set with which the model was trained. The folder of --c also has the whole
-    ECU in C, with the settings of the sections bus and ecu compiled in, its DBC, A2L, PDX and rule of seed and key, and
-    a bill of materials.
+    The command starts from the settings with which the model was trained; --set changes them, for example --set
+    mpc.weights.lift=0.1. Nothing is written unless the graph, and the C library if requested, agree with the reference
+    computation in NumPy. For this comparison all of them compute control steps on the data set with which the model was
+    trained. The folder of --c also has the whole ECU in C, with the settings of the sections bus and ecu compiled in,
+    its DBC, A2L and PDX files, the computation of a tester's key from the ECU's seed, and a bill of materials.
 
     Without a model, `export --c FOLDER` writes this folder for the shipped bundle, `export --fmu FILE` writes the
     shipped bundle's ECU as an FMU, and `export --image FILE` writes the shipped bundle's image. `export --for-testers
-    FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` the files for
-    testers of another bundle; no ECU is needed.
+    FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` those of
+    another bundle; neither needs an ECU.
     """
     files = _Files(
         c=c,
@@ -150,7 +150,7 @@ class _Files:
 
     @property
     def in_c(self) -> bool:
-        """Whether one of the files is made from the C library."""
+        """Whether the C library is needed: for its own folder, or to make the FMU or the image."""
         return self.c is not None or self.fmu is not None or self.image is not None
 
     @property
@@ -171,8 +171,7 @@ class _Files:
 
     @contextmanager
     def library(self) -> Iterator[Path]:
-        """Yield the folder for the C library: the given folder, or a temporary folder that lasts as long as the
-        block."""
+        """Yield the folder for the C library: the given one, or a temporary folder that is deleted after the block."""
         with tempfile.TemporaryDirectory() as scratch:
             yield Path(scratch, "library") if self.c is None else self.c
 
@@ -197,7 +196,7 @@ class _Files:
         console.print(f"wrote {self.for_testers}: {', '.join(found)} of {release.manifest.name}")
 
     def print(self) -> None:
-        """Print the facts of FMU and image."""
+        """Print the size and the signer of the image, and the kind of the FMU."""
         if self.image is not None:
             console.print(f"wrote {self.image}: {self.image.stat().st_size / 1024:.1f} KiB, {self.signed}")
         if self.fmu is not None:
@@ -262,7 +261,7 @@ def _export_model(
 
 
 def _library(folder: Path, config: Config) -> "CLibrary":
-    """Return the C library to write into a folder, with the ECU of its release."""
+    """Return the C library, with the ECU of its release, that is to be written into a folder."""
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary
     from export.release.sbom import folder_bom
@@ -287,7 +286,7 @@ def _print_remarks(done: "Gated", config: Config) -> None:
 
 
 def _check_c_settings(config: Config, *, has_fmu: bool) -> None:
-    """Refuse settings that the ECU in C does not support with any release."""
+    """Raise an error for settings that the ECU in C does not support with any release."""
     from ecu.in_c.c_settings import check_settings
 
     if has_fmu and config.bus.key:
@@ -322,7 +321,7 @@ def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> C
     try:
         own = model_folder.read_description(model)["config"]
     except ModelError:
-        # A setting that does not exist is reported first, as in every other command.
+        # A setting that does not exist is reported before all other errors, as in every other command.
         read_settings(given)
         raise
     try:

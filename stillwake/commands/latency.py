@@ -1,5 +1,5 @@
 """The command `stillwake latency`, which runs ECU and vehicle as two processes on a bus of this machine, and measures
-the time of each stage of the control loop."""
+how long each stage of the control loop takes."""
 
 import os
 import shlex
@@ -31,12 +31,11 @@ if TYPE_CHECKING:
     from firmware_sim.latency.measured import MeasuredRun
 
 _NOT_PASSED: Final = 3
-"""Exit status of a complete run that exceeded its latency budget, or in which the ECU left control."""
+"""Exit status of a complete run in which the latency budget was exceeded, or the ECU left control."""
 LEAD_IN_S: Final = 2.0
-"""Time in s until control is requested; by then the ECU's deadlines follow the vehicle's sampling."""
+"""Time in s from the start to the request for control; by then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
-"""Number of control periods that are run in addition to the counted periods: before the first plan and after the last
-counted period."""
+"""Number of control periods that are run but not counted, before the first plan and after the last counted period."""
 INTERFACE: Final = "udp_multicast"
 USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *REAL_BUS, "ecu", "vehicle")
 
@@ -77,7 +76,7 @@ def latency(
 
     `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures, run as two processes on a bus of this
     machine. A third process with the same deadlines and privileges is idle, and shows the delays of the machine itself.
-    Every delay is measured from the instant that the schedule gives.
+    Every delay is measured from the instant that the schedule prescribes.
 
     Without --set bus.interface the bus is udp_multicast, with a multicast group of its own. With --both and no
     --library the C library is made from the shipped model; for another bundle, --library is required.
@@ -120,8 +119,8 @@ def latency(
 
 
 def in_real_time(loaded: Loaded) -> Loaded:
-    """Return the settings with a bus in real time, which is `udp_multicast` unless the user named another bus. Raises
-    ConfigError for a bus in virtual time or within one process."""
+    """Return the settings with a bus in real time: the bus that the user named, otherwise `udp_multicast`. Raises
+    ConfigError if the named bus works only in virtual time or only within one process."""
     bus = loaded.config.bus
     named = {"bus.interface", "bus.channel"} & loaded.given
     if "bus.interface" not in loaded.given:
@@ -131,7 +130,8 @@ def in_real_time(loaded: Loaded) -> Loaded:
             f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
         )
     if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
-        # Routers do not forward these addresses (RFC 2365), and two simultaneous measurements have different addresses.
+        # Routers do not forward these addresses (RFC 2365). Each process has its own, so that simultaneous measurements
+        # do not disturb each other.
         high, low = divmod(os.getpid() % 65536, 256)
         bus = replace(bus, channel=f"239.255.{high}.{low}")
     changed = loaded.in_overrides | {"bus.interface", "bus.channel"} - named
@@ -172,7 +172,7 @@ def measured(
 
 
 def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
-    """Return the call of `stillwake ecu` for a subject, for at most `periods` control steps."""
+    """Return the command line of `stillwake ecu` that runs this controller for at most `periods` control steps."""
     library = [] if subject.library is None else ["--library", str(subject.library)]
     # The benefit check is off, because the vehicle's pressures are recorded and do not respond to the jets.
     unjudged = ["--set", "ecu.benefit_check.enabled=false"]
@@ -181,14 +181,13 @@ def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
 
 
 def vehicle_command(subject: Subject, chosen: Path, *, periods: int, lead_in: float) -> list[str]:
-    """Return the call of `stillwake vehicle` for a subject, which replays recorded pressures."""
+    """Return the command line of `stillwake vehicle` that replays recorded pressures for this controller."""
     run = ["--periods", str(periods), "--lead-in", str(lead_in)]
     return [*_STILLWAKE, "vehicle", "--bundle", str(subject.bundle), *run, "--set", str(chosen)]
 
 
 def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
-    """Return the figures of a results file: counts over all runs, and each run's figures under its controller's
-    name."""
+    """Return the figures of a results file: counts over all runs, and each run's figures by its controller's name."""
     from firmware_sim.latency.budget import COUNTS
 
     own = {run.name: run.figures() for run in runs}
@@ -200,8 +199,8 @@ _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
 
 
 def _given(loaded: Loaded) -> list[Any]:
-    """Return the sections, each with the settings that the user gave; both processes have the same defaults for all
-    other settings."""
+    """Return the sections with only the settings that the user gave; the rest has the same defaults in both
+    processes."""
     listed = (
         replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))
         for section in sections(loaded.config)
@@ -217,8 +216,8 @@ def _subjects(
     both: bool,
     stack: ExitStack,
 ) -> list[Subject]:
-    """Return the controllers to time. A C library that is made here is deleted when the stack is closed. Raises
-    LibraryError if both controllers are requested for a user's bundle without its C library."""
+    """Return the controllers to time. A C library that is made here is deleted when `stack` is closed. Raises
+    LibraryError if both controllers are requested for a user's bundle and its C library is not given."""
     path, _ = locate(bundle, None)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())

@@ -27,7 +27,7 @@ USES: Final = (
     "vehicle",
     COST_WEIGHTS,
 )
-"""The settings of `run`, but of the section `mpc` only the weights, because a release accepts no other changes."""
+"""The settings of `run`, but only the weights of section `mpc`, because a release accepts no other changes there."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; only localhost needs no token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]
@@ -52,11 +52,11 @@ def live(
 ) -> None:
     """Run the closed loop and show it on a page in a browser, on which a user can disturb the loop.
 
-    The page shows the wake, the forces, the bus and the ECU while they run. A user can let sensors and frames fail,
+    The page shows the wake, the forces, the bus and the ECU while they run. A user can make sensors and frames fail,
     delay the jets, add a babbling node, switch the power off and on, change the cost weights, and choose another ECU.
     Several browsers may show the page at the same time. `run --disturb` makes a stored run with the same disturbances.
 
-    The loop runs in real time at most, and slower on a slow machine. Only this machine can open the page, unless --host
+    The loop runs in real time, or slower if the machine is too slow. Only this machine can open the page, unless --host
     names another address; the printed link then has a token, which every request needs.
 
     Ctrl-C or SIGTERM ends the command. A loop that fails is restarted; if a loop fails within 20 s, the exit status is

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _USUAL_DURATION: Final = 25.0
 """Default duration in t_c, about five shedding cycles."""
 _MOVING: Final = (".gif", ".webp")
-"""Endings of the names of animations."""
+"""File name endings that select an animation."""
 FORCINGS: Final = {
     "none": (),
     "sine": ("amplitude", "frequency"),
@@ -33,7 +33,7 @@ FORCINGS: Final = {
     "chirp": (),
     "extended_chirp": (),
 }
-"""The forcings of the jets, with their parameters."""
+"""The forcings of the jets, with the names of their parameters."""
 _FREQUENCY: Final = 0.2
 """Default frequency in 1/t_c, about the frequency of the shedding."""
 
@@ -62,7 +62,7 @@ def picture(
 
     A still picture shows the state. For --field mean and for an animation, the wake is simulated from the state:
     without control, with the jets forced, or with the actions of a run folder. The forcings are none, sine, training
-    (training:seed=2), chirp and extended_chirp; without parameters a sine has the action's limit as amplitude and the
+    (training:seed=2), chirp and extended_chirp. A sine without parameters has the action limit as amplitude and the
     frequency 0.2 / t_c. With --field mean the command also reports the length of the recirculation bubble and the mean
     forces. The sensors of --sensors are coloured by Cp; by default they are the run's sensors, or all sensors.
     """
@@ -171,7 +171,8 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
     if forcing.partition(":")[0] in FORCINGS:
         usual = round(_USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)
-    # Row k holds the action reached at t_k, to which the plant ramps from the action of row k - 1.
+    # Row k holds the action reached at t_k, to which the plant ramps from the action in row k - 1. So the commands are
+    # the actions from row 1 on.
     recorded: npt.NDArray[np.float64] = _run_log(Path(forcing)).series["action"][1:]
     steps = len(recorded) if asked is None else asked
     if steps > len(recorded):

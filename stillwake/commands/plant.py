@@ -36,14 +36,15 @@ def develop(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Start the flow from rest and run it until the wake sheds; write its state, for --state of other commands.
+    """Start the flow from rest, run it until the wake sheds vortices, and write its state, for the option --state of
+    other commands.
 
     The shipped state was made in this way. Another Reynolds number or body needs its own state; give this command and
     the command that uses the state the same settings, for example --set flow.reynolds=1000.
 
-    With --steady, the flow is computed with its two halves kept symmetric, so that no vortices are shed, until the flow
-    is steady. The drag of the steady flow is the lowest that a controller can reach by suppressing the shedding only;
-    --json writes the drag to a file.
+    With --steady, the flow is kept symmetric about its midline, so that no vortices are shed, until it is steady. The
+    drag of the steady flow is the lowest that a controller can reach by suppressing the shedding only; --json writes
+    the drag to a file.
     """
     config = settings("develop", given, uses=USES).config
     if steady and duration is not None:
@@ -91,8 +92,8 @@ def plant_fmu(
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Write the wake of `run` as an FMU for co-simulation. Its inputs are jet flow and vehicle speed, its outputs the
-    pressures.
+    """Write the wake of `run` as an FMU for co-simulation. Its inputs are the jet flow and the vehicle's speed, its
+    outputs the pressures.
 
     The FMU runs in the importing tool's Python, where stillwake[sim] has to be installed. `export --fmu` writes an FMU
     of the ECU that can control this wake. Writing the FMU needs a C compiler.

@@ -1,5 +1,5 @@
-"""The command `stillwake record`, which records forced episodes, the paper's data set, or a further round of episodes
-under a controller or from the steady wake."""
+"""The command `stillwake record`, which records forced episodes (with --paper those of the paper's data set), or adds a
+round of episodes under a controller or from the steady wake."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -67,19 +67,21 @@ def record(
     """Record the forced wake at every control step: pressures at all sensors, drag and side force.
 
     The default is three episodes with these numbers of control steps: training=6000, a sine whose frequency and
-    amplitude vary; chirp=1500, a slow sweep of the frequency, for tests; and uncontrolled=500. Give another number, or
-    0 to leave an episode out. --paper has 50,000 training steps in ten episodes, 2,500 uncontrolled steps, 10,000 steps
-    of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The workers of a scheduler must find
-    the output's folder at the path that this computer uses.
+    amplitude vary; chirp=1500, a slow sweep of the frequency, for tests; and uncontrolled=500. Give other numbers to
+    change the lengths; 0 leaves an episode out. --paper has 50,000 training steps in ten episodes, 2,500 uncontrolled
+    steps, 10,000 steps of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The workers of a
+    scheduler must find the output's folder at the path that this computer uses.
 
     With --under, record the wake under a controller with exploration, and add the episodes, of controlled=1100 steps
     each. With --from-steady, record the growth of small disturbances on the steady wake, with or without a controller,
-    in episodes of calm=350 steps each. The steady wake (`develop --steady`) is computed and written to the file if the
-    file does not exist. The rms of the random actions is between --amplitudes, evenly spaced in the logarithm over the
-    episodes. --role controlled or calm excludes the new episodes from training. --seed determines the waveform of the
-    training episode; with --paper it is the seed of the first of the ten episodes, and each further episode has the
-    next number. With --under and --from-steady, --seed determines the exploration, the random actions and the starts of
-    the episodes.
+    in episodes of calm=350 steps each. If the file of --from-steady does not exist, the steady wake is computed and
+    written to it (see `develop --steady`). The rms of the random actions rises from episode to episode by a constant
+    factor, from the first to the second number of --amplitudes. --role controlled or calm excludes the new episodes
+    from training.
+
+    --seed determines the waveform of the training episode. With --paper it is the seed of the first of the ten
+    episodes, and each further episode has the next number. With --under and --from-steady, --seed determines the
+    exploration, the random actions and the starts of the episodes.
 
     The command can be stopped at any time. The same command continues the recording, and leaves a finished recording
     unchanged.
@@ -110,7 +112,8 @@ def record(
 
 
 def lengths_of(texts: list[str]) -> dict[str, int]:
-    """Read the control steps by kind; raises ConfigError for a text that is not a number of steps."""
+    """Read the numbers of control steps by kind of episode; raises ConfigError for a text that is not a number of
+    steps."""
     found = {}
     for kind, text in shared.pairs(texts, "training=6000", _KINDS):
         if not (text.isascii() and text.isdigit() and len(text) < 10):
@@ -138,7 +141,7 @@ def _check_round(
     paper: bool,
     overwrite: bool,
 ) -> None:
-    """Refuse options that belong to forced episodes, or to the one of --under and --from-steady that was not given."""
+    """Raise an error for options that do not belong to the requested round (--under or --from-steady)."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
     if paper:
         raise StillwakeError(f"{option} and --paper are two recordings: give one of them")
@@ -233,7 +236,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
 
     release = open_release(bundle)
     check_flow(release, config.flow)
-    # The policy is built once here, so that a model that does not load is refused before anything is recorded.
+    # The policy is built once before the recording, so that a model that does not load is refused immediately.
     policy = partial(BundlePolicy, release, layout=layout_of(config.body))
     policy()
     console.print(*describe(release), sep="\n")
@@ -257,7 +260,7 @@ def _continued(output: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
-    # The steps of a block count when the block is complete, after seconds, so the speed is an average over many blocks.
+    # Steps are counted when their block is complete, after seconds, so the rate is averaged over many blocks.
     with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
 

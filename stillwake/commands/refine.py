@@ -1,4 +1,4 @@
-"""The command that trains a model's prior through the flow."""
+"""The command that trains a model's prior with gradients through the flow simulation."""
 
 from contextlib import nullcontext
 from dataclasses import replace
@@ -42,10 +42,10 @@ def refine(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Train a model's prior through the flow solver. The controller starts from the prior's plan.
+    """Train a model's prior with gradients through the flow solver.
 
-    In closed loop with the flow solver, a small feedback learns by the exact gradient of drag. In the controller this
-    feedback, the prior, gives the plan from which the optimiser starts. The command can be stopped at any time; the
+    The prior is a small feedback that gives the plan from which the controller's optimiser starts. It runs in closed
+    loop with the flow solver, and learns by the exact gradient of the drag. The command can be stopped at any time; the
     same command continues. docs/explanation/through-the-flow.md describes the method. The sensors of --sensors must be
     pairs of mirror images, --dataset is the model's training data, and --state is on the default grid.
     """
@@ -58,8 +58,8 @@ def refine(
     trained = model_store.load(folder_read)
     own = trained.config
     if trained.prior is None:
-        # The optimiser of a model without a prior improves its own plan of the previous period. An optimiser that
-        # starts from a prior's plan has less to improve, so it gets the default settings.
+        # A model without a prior has settings for an optimiser that improves its own plan of the previous period. An
+        # optimiser that starts from a prior's plan has less to improve, so the default settings replace most of them.
         kept = own.mpc
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)

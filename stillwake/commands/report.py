@@ -27,9 +27,10 @@ Outputs = Annotated[
 def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
     """Write the HTML page of a finished run again, or one page on several runs, or a run in other formats.
 
-    The page needs no other file and no network. Its slider moves through the recorded wake. Without --output the page
-    is written into the run's folder. The ending of --output gives the format: .png, .pdf or .svg for one picture, .csv
-    for the series with units in the header, .mf4 (ASAM MDF) or .mcap for frames and named signals with units.
+    The page needs no other file and no network. A slider on the page moves through the recorded wake. Without --output
+    the page is written into the run's folder. The ending of --output gives the format: .png, .pdf or .svg for one
+    picture, .csv for the series with units in the header, .mf4 (ASAM MDF) or .mcap for frames and named signals with
+    units.
 
     A log of the bus in any supported format becomes an .mf4 or .mcap file with the same signals. A data set (.h5)
     becomes netCDF (.nc), one file for each episode; if there are several episodes, each episode's name is added to the
@@ -94,7 +95,7 @@ def _of_log(sources: list[Path], outputs: list[Path]) -> None:
 
 
 def _writer(run: "RunFolder", output: Path) -> "Callable[[], object]":
-    """Return the function that writes an output. Raises ConfigError for an ending that no format has."""
+    """Return the function that writes an output. Raises ConfigError if no format has the ending of its name."""
     from can_bridge.tools.measurement import MEASUREMENTS
     from firmware_sim.runs.run_log import load
     from firmware_sim.runs.run_page.measurement import write_run

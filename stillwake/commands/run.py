@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 NOT_IN_CONTROL: Final = 3
 """Exit status of a complete run in which the ECU latched a fault, or was not in control while control was requested."""
 BELOW_REQUIREMENT: Final = 4
-"""Exit status of a complete run that did not reach the required reduction."""
+"""Exit status of a complete run whose drag reduction was smaller than required."""
 
 _BUS: Final = (*(name for name in REAL_BUS if name != "bus.channel"), "bus.key", "bus.background")
 """All settings of the bus except the channel, because a bus in virtual time has no channel."""
@@ -42,7 +42,7 @@ _USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle", "mpc
 PYTHON: Final = "python"
 ECUS: Final = (PYTHON, "c", "mcu")
 CLOCK_MHZ: Final = 480.0
-"""Default clock of the emulated microcontroller, in MHz."""
+"""Default clock frequency of the emulated microcontroller, in MHz."""
 
 EcuName = Annotated[
     str, typer.Option("--ecu", help="python, c (on this machine), mcu (emulated), or mcu@MHZ.", metavar="ECU")
@@ -83,16 +83,17 @@ def run(
     of --require-reduction was not reached. The run folder is complete in both cases.
 
     --ecu c runs the whole ECU from its C sources. With --ecu mcu the sources run as the firmware of an emulated
-    microcontroller, from its reset vector: frames pass through its CAN controller's registers, and modelled cycles give
-    the compute time, at 480 MHz, or at 300 MHz with mcu@300 (docs/how-to/board-and-rtos.md). The sources are in the
-    folder of --library, or are made from the shipped model.
+    microcontroller, from its reset vector. Frames pass through the registers of its CAN controller, and modelled cycles
+    give the compute time, at 480 MHz, or at 300 MHz with mcu@300 (docs/how-to/board-and-rtos.md). The sources are in
+    the folder of --library, or are made from the shipped model.
 
     --disturb may be given several times, for example noise:level=0.5 at the transducers, ecu:drop:probability=0.1@5..10
     for frames that the ECU sends, reset@5 for the ECU, reynolds=700 for the flow; times are in s from the start of the
     run. The kinds are noise, bias, drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds,
     body, gust, operating_point, action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
-    (docs/reference/disturbances.md). Faults of one node begin with vehicle: or ecu: and are drop, burst_loss,
-    duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer and clock_drift (the same page).
+    (docs/reference/disturbances.md). Faults of one node are written with vehicle: or ecu: before their kind: drop,
+    burst_loss, duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer or clock_drift (the
+    same page).
 
     --drive gives the vehicle a varying speed, and first runs the drive without control, to compare the energy:
     steady-60 to steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV
@@ -147,7 +148,7 @@ def _write_frames(path: Path | None, folder: "RunFolder") -> None:
 
 
 def ecu_of(text: str) -> tuple[str, float]:
-    """Return kind and clock in MHz of an ECU such as mcu@300. Raises ConfigError for another text."""
+    """Return kind and clock frequency in MHz of an ECU named as in mcu@300. Raises ConfigError for another text."""
     kind, at, clock = text.partition("@")
     if kind not in ECUS or (at and kind != "mcu"):
         raise ConfigError(f"--ecu {text}: must be one of {', '.join(ECUS)}, or a clock in MHz as in mcu@300")
@@ -178,7 +179,7 @@ def _spans(
     *,
     averages: bool,
 ) -> "Spans":
-    """Return the times of a run's phases. Invalid times raise an error before a C library is made."""
+    """Return the times of a run's phases; an error in them is raised here, before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
@@ -204,8 +205,8 @@ class _Loop:
     state: Path | None
 
     def closed(self, ecu: "LoopEcu | None", library: Path | None) -> "RunLog":
-        """Run the loop with the given ECU in C. If it is None, run the loop with the ECU in Python, in which a C
-        library, if there is one, replaces ONNX Runtime."""
+        """Run the loop with the given ECU in C, or, if it is None, with the ECU in Python. With the ECU in Python, the
+        controller is the C library, if there is one, instead of ONNX Runtime."""
         from can_bridge.wire.messages import Mode
         from ecu.in_c.library_controller import open_library
         from firmware_sim.bench.closed_loop import run_closed_loop
@@ -277,7 +278,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
 
 
 def _print(log: "RunLog") -> None:
-    """Print failures and the tables, and then the headline, because a terminal shows the end of the output."""
+    """Print a failure and the tables, and last the headline: on a terminal the end of the output stays visible."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 
@@ -290,7 +291,7 @@ def _print(log: "RunLog") -> None:
 
 
 def exit_with(log: "RunLog", required: float | None) -> None:
-    """End the command with the exit status that states whether the run met the requirements."""
+    """End the command with an exit status other than 0 if the run failed or did not reach the required reduction."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.summary import summary
 

@@ -21,14 +21,14 @@ from stillwake.parts.training_progress import TrainingProgress, check_model_outp
 from train.fitting import unfinished
 
 if TYPE_CHECKING:
-    # The imports are for types only, because torch takes seconds to load and a vehicle's computer has no HDF5.
+    # These imports are for types only: torch takes seconds to load, and a vehicle's computer has no HDF5.
     from contract.recording.dataset import Dataset
     from train.distillation.evaluate import ModelMetrics
     from train.model_store import TrainedModel
 
 
 USES: Final = ("model", "train", "mpc", "flow", "operating_point", "ecu.compute_time_ms")
-"""Settings of the training, and settings that the model stores for its export."""
+"""Settings that the training uses, or that the model stores for its export."""
 
 
 Device = Annotated[str, typer.Option(help="cpu or cuda.")]
@@ -50,11 +50,11 @@ def train(
     """Train the model of the wake offline, from a recording: joint fit, choice of sensors, distillation.
 
     The command can be stopped at any time. The same command continues from the last checkpoint, and the model is the
-    same as without a stop. To change a setting use, for example, --set train.epochs=300. The model stores all settings;
-    `export` begins with these settings. The sensors of --sensors replace the choice of the method. docs/how-to/train.md
+    same as without a stop. To change a setting use, for example, --set train.epochs=300. The model stores all settings,
+    and `export` starts from them. If --sensors names sensors, the method does not choose them. docs/how-to/train.md
     describes the steps.
     """
-    # A missing extra is reported before a missing file; a vehicle's computer has no HDF5.
+    # If an extra is missing, this is reported before a missing file; a vehicle's computer has no HDF5.
     from contract.recording.dataset import read
 
     config = settings("train", given, uses=USES, base=training_settings(quick=quick)).config
@@ -73,7 +73,7 @@ def train(
 
     from train.pipeline import train_all
 
-    # Ten iterations of the longer unroll may take half a minute while other work runs, so the average is long.
+    # Ten iterations of the longer unroll may take half a minute on a busy machine, so the averaging time is long.
     with continued(checkpoints), progress("iterations", estimate_over=300.0) as report:
         show = TrainingProgress(report)
         trained = train_all(
@@ -116,7 +116,7 @@ def _save(path: Path | None, trained: "TrainedModel", show: TrainingProgress, co
 
 
 def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:
-    """Check the recording as far as possible without torch, before torch is loaded."""
+    """Check the recording before torch is loaded, as far as this is possible without torch."""
     from contract.recording.findings import findings, refuse_unfit
 
     if chosen is not None:

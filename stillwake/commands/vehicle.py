@@ -59,14 +59,14 @@ def vehicle(
     """Simulate an ECU's vehicle on a bus in real time: send pressures in every control period, and follow the ECU's
     commands.
 
-    By default the pressures are recorded, from an episode with the jets shut if there is such an episode. Recorded
+    By default the pressures are those of a recorded episode, with the jets shut if there is such an episode. Recorded
     pressures do not respond to the jets: the run shows whether bus and ECU meet their deadlines, but no drag reduction.
     With --plant wake the pressures come from a wake that is computed during the run, on a grid that is coarse enough
     for this computer, for example --set flow.refinement=0.75 --set flow.substeps=15. --state and --drive need --plant
     wake, and the drive begins when control is requested.
 
-    At a quarter of the speed, --set operating_point.speed=6.25, the wake is four times as slow and the control period
-    is four times as long. The ECU then needs a bundle for this operating point (`bundle renew --set
+    At a quarter of the design speed, --set operating_point.speed=6.25, the wake is four times as slow and the control
+    period is four times as long. The ECU then needs a bundle for this operating point (`bundle renew --set
     operating_point.speed=...`).
 
     --freshness is needed with bus.key: the file counts this node's power cycles.
@@ -121,7 +121,7 @@ def vehicle(
 
 
 def _check_plant(*, live: bool, **given: object) -> None:
-    """Raise an error for options that have no effect with the chosen plant."""
+    """Raise ConfigError if an option was given that has no effect with the chosen plant."""
     for name in ("dataset", "episode") if live else ("state", "drive"):
         if given[name] is not None:
             why = "does not go with --plant wake" if live else "needs --plant wake: a recording has its own"

@@ -1,9 +1,9 @@
-"""Locks that let only one command at a time write to a place. Another command is refused before it begins its work, so
-no work is lost.
+"""Locks that let only one command at a time write to an output file or folder. A second command is refused before it
+begins its work, so no work is lost.
 
-A lock is the system's lock on a hidden file beside the place, `.NAME.lock`. It ends with the process in every case; a
-file that a killed process left has no effect. Linux passes the lock on to an NFS server, so that it also works between
-machines. On Windows and on some file systems, there are no such locks, and nothing is refused.
+A lock is the system's lock on a hidden file beside the output, `.NAME.lock`. It ends with the process in every case; a
+hidden file that a killed process left has no effect. Linux passes the lock on to an NFS server, so that it also works
+between machines. Windows and some file systems have no such locks; there no command is refused.
 """
 
 import atexit
@@ -22,7 +22,7 @@ _PLACES: Final = set[Path]()
 
 
 def claim(path: Path, *, folder: bool = False) -> None:
-    """Reserve a place to write to until the command ends. Raises StillwakeError if nothing can be written there, as
+    """Lock an output path until the command ends. Raises StillwakeError if nothing can be written at the path, as
     `contract.atomic.check_writable` does; OutputError if another command is writing there."""
     check_writable(path, folder=folder)
     place = leads_to(path)
@@ -32,7 +32,7 @@ def claim(path: Path, *, folder: bool = False) -> None:
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         for parent in reversed(missing):
-            # `rmdir` leaves a folder that is not empty.
+            # `rmdir` does not remove a folder that is not empty.
             _HELD.callback(_quietly, parent.rmdir)
         _lock(path, place.with_name(f".{place.name}.lock"))
     except OSError as error:
@@ -43,7 +43,7 @@ def claim(path: Path, *, folder: bool = False) -> None:
 
 @atexit.register
 def release() -> None:
-    """Release all places that this command has claimed."""
+    """Release the locks on all output paths of this command."""
     _HELD.close()
 
 
@@ -64,14 +64,14 @@ def _lock(path: Path, file: Path) -> None:
                 "or name another place"
             ) from None
         except OSError:
-            # This file system has no locks.
+            # This file system has no locks, so the command continues without a lock.
             os.close(held)
             _quietly(file.unlink)
             return
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(held), file.stat()):
                 break
-        # The previous owner has removed the file meanwhile, so a lock on it has no effect on other commands.
+        # The lock's previous holder has removed the file in the meantime, so a lock on it does not stop other commands.
         os.close(held)
     with suppress(OSError):
         os.ftruncate(held, 0)

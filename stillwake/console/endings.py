@@ -31,16 +31,16 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "mdf": ("asammdf",),
     "mcap": ("mcap_protobuf", "foxglove_schemas_protobuf"),
 }
-"""Packages of each extra of `pyproject.toml`, by their import names."""
+"""The packages that each extra of `pyproject.toml` installs, by the names with which they are imported."""
 _FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
-"""The extra that an error message suggests to a command, if several extras install the missing package."""
+"""The extra that an error message recommends, by command, if several extras install the missing package."""
 REPORT: Final = "this is an error in stillwake: please report it with the lines above"
 
 errors = make_console(stderr=True)
 
 
 def status_of(command: Callable[[], object]) -> int:
-    """Run a command to its end; return its exit status, after one line to stderr if the command failed.
+    """Run a command to its end; return its exit status. If the command failed, one line is printed to stderr.
 
     An exception that no user should be able to cause is printed with its traceback, followed by a line that asks the
     user to report it.
@@ -88,7 +88,7 @@ def _status_of(command: Callable[[], object]) -> int:
 
 
 def missing(module: str, command: str = "") -> str:
-    """Return a line on how to install a module that this command could not import."""
+    """Return a line that tells the user how to install a module that this command could not import."""
     top = module.partition(".")[0]
     loaded = sys.modules.get(top)
     place = None if loaded is None else getattr(loaded, "__file__", None)
@@ -130,6 +130,6 @@ def _code(stop: SystemExit) -> int:
 
 
 def _forget_stdout() -> None:
-    # When Python ends, it would try again to write the rest of the buffer, and fail again.
+    # Python would write the rest of the buffer again when it ends, and fail again, so the output is redirected.
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,9 +1,9 @@
-"""A check of the available memory, made before libraries are loaded that fail without an error. `__main__` imports this
-module first.
+"""A check of the available memory before libraries are loaded that hang, or end without an error message, if memory is
+short. `__main__` imports this module first.
 
-If the address space is too small for its buffers, OpenBLAS requests them without end, and LLVM ends the process without
-a message. Both happen only with a limit set by `ulimit -v` or `-d`; if the machine itself has too little memory, the
-kernel ends a process.
+If the address space is too small for its buffers, OpenBLAS requests them again and again without end, and LLVM ends the
+process without a message. Both happen only with a limit set by `ulimit -v` or `-d`; if the machine itself has too
+little memory, the kernel ends a process.
 """
 
 import os
@@ -13,24 +13,24 @@ from contextlib import suppress
 from typing import Final
 
 LEAST_MB: Final = 150
-"""Smallest address space in MB, measured once, with which Python, numpy and the command line load."""
+"""Smallest address space in MB with which Python, numpy and the command line load, as measured once."""
 NEEDS_MB: Final = {
     **dict.fromkeys(("run", "campaign", "vehicle", "live", "latency", "export"), 850),
     **dict.fromkeys(("train", "refine", "mcu"), 750),
     **dict.fromkeys(("record", "picture"), 550),
     **dict.fromkeys(("develop", "plant-fmu"), 450),
 }
-"""Smallest address space in MB, by command, for commands that simulate, learn or draw, with one thread of BLAS."""
+"""Smallest address space in MB for each command that simulates, learns or draws, with one thread of BLAS."""
 _A_THREAD_MB: Final = 80
 """Address space in MB for each further thread of BLAS; numpy and scipy each load their own BLAS."""
 _DATA: Final = 0.5
-"""Share of a process's address space that is private data, which `ulimit -d` limits."""
+"""Private data, which `ulimit -d` limits, as a share of a process's address space."""
 _SIGNS: Final = ("failed to map segment", "annot allocate memory", "can't start new thread", "bad_alloc", "to allocate")
-"""Parts of the error messages that report too little memory, from the loader, the system, Python, C++ and numpy."""
+"""Parts of the error messages with which the loader, the system, Python, C++ and numpy report that memory is short."""
 
 
 def shortage(command: str) -> str | None:
-    """Describe the memory that a command lacks, in one line; None if there is no limit, or a limit high enough."""
+    """Return one line that states the memory limit and the memory that a command needs; None if no limit is too low."""
     threads = os.environ.get("OPENBLAS_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", ""))
     more = min(int(threads), os.cpu_count() or 1) - 1 if threads.isdigit() else 0
     needs = NEEDS_MB.get(command, LEAST_MB) + _A_THREAD_MB * max(0, more)
@@ -48,13 +48,14 @@ def shortage(command: str) -> str | None:
 
 
 def check_memory(words: Sequence[str]) -> None:
-    """Raise MemoryError if the command in `words` needs more memory than the limits allow. Calls for help pass."""
+    """Raise MemoryError if the command in `words` needs more memory than the limits allow. Calls for help are
+    accepted."""
     if words and not {"--help", "-h"} & set(words) and (missing := shortage(words[0])) is not None:
         raise MemoryError(missing)
 
 
 def lacks_memory(error: BaseException | None) -> bool:
-    """Return whether an error was caused by too little memory, which its type or its message shows."""
+    """Return whether an error, by its type or its message, reports that memory is short."""
     while error is not None:
         if isinstance(error, MemoryError) or (
             isinstance(error, ImportError | OSError | RuntimeError) and any(sign in str(error) for sign in _SIGNS)
@@ -64,7 +65,7 @@ def lacks_memory(error: BaseException | None) -> bool:
     return False
 
 
-# No part of the project is faster with a second thread of BLAS.
+# A second thread of BLAS makes no part of the project faster.
 if "OMP_NUM_THREADS" not in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if (here := shortage("")) is not None:

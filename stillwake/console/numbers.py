@@ -1,4 +1,4 @@
-"""Checks of numbers in options, whose errors state the option's name, and counts in words."""
+"""Checks of the numbers in options, and texts with counts. An error states the option's name."""
 
 import os
 from collections.abc import Mapping
@@ -8,8 +8,7 @@ from typing import Any, Final
 from contract.errors import ConfigError
 
 _LONGEST: Final = 1e5
-"""Longest accepted time in t_c. The simulation of this time takes days on any machine, but its arrays still fit into
-memory."""
+"""Longest time in t_c that an option accepts. Its simulation takes days, but its arrays still fit into memory."""
 
 
 def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
@@ -30,7 +29,7 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
 
 
 def listed(counts: Mapping[str, int]) -> str:
-    """List counts in one line, the largest first; counts of 0 are left out."""
+    """Return names with their counts in one line, the largest count first; counts of 0 are left out."""
     return ", ".join(f"{name} {count}" for name, count in sorted(counts.items(), key=lambda one: -one[1]) if count)
 
 

@@ -62,7 +62,7 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
         **{"--seed": "--forcing training:seed=NUMBER", "--run": "--forcing FOLDER", "--skip": "--settle"},
     },
 }
-"""The new word for each old word, by command; the old word is empty if the command itself has a new name."""
+"""The new word for each old word, by command. The old word is empty if the command itself has a new name."""
 
 
 class OldWordError(StillwakeError):
@@ -78,7 +78,7 @@ def rows() -> Iterator[tuple[str, str]]:
 
 
 def refuse_old(words: Sequence[str]) -> None:
-    """Raise OldWordError if a call contains a word of `OLD`. `words` are the words of the call after `stillwake`."""
+    """Raise OldWordError if `words`, the words of a call after `stillwake`, contain a word of `OLD`."""
     given = [part for word in words for part in (word.split("=", 1) if word.startswith("--") else [word])]
     given = given[: given.index("--")] if "--" in given else given
     for old, new in rows():

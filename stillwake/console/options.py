@@ -74,7 +74,8 @@ def names_in(text: str) -> tuple[str, ...] | None:
 
 
 def pairs(texts: list[str], example: str, names: tuple[str, ...] = ()) -> list[tuple[str, str]]:
-    """Split every NAME=VALUE. Raises ConfigError for another text, or a name that is not in `names`."""
+    """Split each text NAME=VALUE. Raises ConfigError for a text of another form, or for a name outside `names`, if
+    given."""
     found = []
     for text in texts:
         name, separator, value = (part.strip() for part in text.partition("="))

@@ -1,5 +1,4 @@
-"""Checks of a command's outputs before its work. A place that is to be written is claimed, and is replaced only on
-request."""
+"""Checks of outputs before a command's work: their paths are locked, and a file is replaced only on request."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -27,14 +26,14 @@ def check_dataset_name(path: Path) -> None:
 def check_output(
     path: Path, *, overwrite: bool | None, folder: bool = False, occupant: str = "", mark: str = ""
 ) -> None:
-    """Refuse a place that cannot be written, or that is occupied and must not be replaced. Raises OutputError if the
-    place is occupied, or another command writes there; StillwakeError if nothing can be written there.
+    """Check that an output can be written, and lock its path until the command ends. Raises OutputError if the output
+    exists and must not be replaced, or another command writes there; StillwakeError if nothing can be written there.
 
     Args:
         overwrite: whether the user asked to replace an existing output; None for outputs that are never replaced.
-        folder: whether the result is a folder; an empty folder counts as free.
-        occupant: description of the existing output, for the message.
-        mark: a file that every folder of this kind has; a folder without it is never replaced.
+        folder: whether the output is a folder; an empty folder may exist.
+        occupant: description of the existing output, for the error message.
+        mark: name of a file that every folder of this kind has; a folder without this file is never replaced.
     """
     claim(path, folder=folder)
     if mark and folder and path.is_dir() and any(path.iterdir()) and not (path / mark).exists():
@@ -47,13 +46,13 @@ def check_output(
 
 
 def check_json(path: Path | None) -> None:
-    """Refuse a place for figures that cannot be written. An existing file of figures is replaced."""
+    """Check that a file of figures can be written, and lock its path; an existing file of figures is replaced."""
     if path is not None:
         claim(path)
 
 
 def check_frames(path: Path | None) -> None:
-    """Refuse a place for a measurement that cannot be written, or a format whose package is missing."""
+    """Check that a measurement can be written and that its format's package is installed; lock its path."""
     if path is not None:
         from can_bridge.tools.measurement import check_measurement
 
@@ -62,7 +61,7 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written; for a measurement also the numbers of frames without signals in it, by name."""
+    """Print that a file was written; for a measurement also how many frames of each name have no signals in it."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 

@@ -16,8 +16,8 @@ HOME: Final = Path(__file__).resolve().parents[2]
 
 
 def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] | None:
-    """Return the first of the project's packages that Python finds outside the folder `home`, and the path that Python
-    finds; None if there is no such package."""
+    """Return the first of the project's packages that Python finds outside the folder `home`, and where Python finds
+    it; None if there is no such package."""
     for room in rooms:
         spec = find_spec(room)
         if spec is None:

@@ -20,10 +20,10 @@ from stillwake.console.stopping import still_wanted
 from stillwake.console.terminal import console as usual_console
 
 SELDOM: Final = 0.1
-"""Shortest time in s between two shown reports of a task, and before its first shown report, because drawing may take
-longer than the work."""
+"""Shortest time in s from one shown report of a task to the next, and from the task's start to its first. Drawing every
+report might take longer than the work."""
 INTERVAL: Final = 30.0
-"""Longest time in s between two lines, so that a user does not take silence for a failure."""
+"""Longest time in s from one printed line to the next, so that a user does not think that the command hangs."""
 
 
 class ProgressBar(Progress):
@@ -46,8 +46,8 @@ class ProgressBar(Progress):
         """Do nothing: the display starts at the first update, so that an earlier error is shown without a bar."""
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
-        """Update the task as rich does; the first update shows the bars. Raises KeyboardInterrupt if SIGTERM was
-        received and its exception was lost."""
+        """Update the task as rich does; the first update shows the bars. Raises KeyboardInterrupt if the exception of
+        an earlier SIGTERM was lost."""
         still_wanted()
         super().update(task_id, **changes)
         if not self.live.is_started:
@@ -57,9 +57,9 @@ class ProgressBar(Progress):
 class ProgressLines(Progress):
     """A display of lines of text: at the first update, at least every `interval` seconds, and at the end of each task.
 
-    A task gets a new line only if it has advanced since its last line. If no task has advanced for an interval, the
-    task with the latest line gets another line, which shows that the work continues. A task whose work begins with a
-    long step also gets such lines before its first update.
+    A task gets a new line only if it has advanced since its last line. If no task has advanced during an interval, the
+    task with the latest line gets another line, which shows that the work continues. Such lines are also printed before
+    a task's first update, if its first step is long.
     """
 
     def __init__(
@@ -79,7 +79,8 @@ class ProgressLines(Progress):
         self._heart = Thread(target=self._beat, name="progress", daemon=True)
 
     def start(self) -> None:
-        """Start a thread that also prints lines, because one step of the work may take longer than the interval."""
+        """Start a thread that prints lines between updates, because a step of the work may take longer than the
+        interval."""
         self._heart.start()
 
     def stop(self) -> None:
@@ -93,7 +94,7 @@ class ProgressLines(Progress):
 
     def update(self, task_id: TaskID, **changes: Any) -> None:
         """Update the task as rich does, and print a line if one is due or the task is done. Raises KeyboardInterrupt if
-        SIGTERM was received and its exception was lost."""
+        the exception of an earlier SIGTERM was lost."""
         still_wanted()
         super().update(task_id, **changes)
         with self._lock:
@@ -125,9 +126,11 @@ class ProgressLines(Progress):
 
 
 class Report:
-    """A receiver of reports on tasks. A task begins with its first report, whose count is not used for the speed.
+    """A receiver of reports on tasks. A task begins with its first report; the steps in this report do not count for
+    the speed.
 
-    The first and the last report of a task are shown immediately. A task that ends before it was shown is never shown.
+    The first and the last report of a task are shown immediately. A task of which no report was shown before its end is
+    never shown.
     """
 
     def __init__(self, bar: Progress, clock: Callable[[], float]) -> None:
@@ -138,19 +141,19 @@ class Report:
         self._visible = set[str]()
 
     def __call__(self, task: str, done: float, total: float | None = None, note: str = "", *, unit: str = "") -> None:
-        """Show the progress of a task. Raises KeyboardInterrupt if SIGTERM was received and its exception was lost.
+        """Show the progress of a task. Raises KeyboardInterrupt if the exception of an earlier SIGTERM was lost.
 
         Args:
             task: name of the task.
             done: number of steps done so far.
             total: number of steps of the whole task; None if it is not known yet.
             note: text at the end of the line.
-            unit: unit of this task's steps, if it is not the usual unit.
+            unit: unit of this task's steps, if it is not the display's unit.
         """
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # Steps of an earlier call of the command are not used for the speed; rich accepts fractions of a step.
+            # Steps that an earlier call of the command did must not count for the speed. (rich accepts fractions.)
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now
@@ -161,7 +164,7 @@ class Report:
             self._waiting[task] = changes
 
     def show_what_is_left(self) -> None:
-        """Show the latest report of every visible task."""
+        """Show the latest report of every visible task, if it is not shown yet."""
         for task in self._visible & self._waiting.keys():
             self._show(task, self._waiting[task], self._clock())
 
@@ -172,7 +175,8 @@ class Report:
         self._bar.update(self._tasks[task], **changes)
 
     def _begin(self, task: str) -> None:
-        # rich measures the speed from the end of the first step, so steps that end together would give a wrong speed.
+        # rich measures the speed from the end of the first step. A tiny step ends here and is taken back, so that real
+        # steps that end together do not give a wrong speed.
         for part in (_HARDLY, -_HARDLY):
             Progress.update(self._bar, self._tasks[task], advance=part)
 
@@ -185,7 +189,8 @@ def progress(
     console: Console = usual_console,
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[Report]:
-    """Yield a report that shows a bar, a count in `unit`, the time left and a note; without a terminal, lines of text.
+    """Yield a report that shows a bar, a count in `unit`, the time left and a note. Without a terminal, the report
+    prints lines of text instead.
 
     Nothing is shown before the first report, so that an error at the start is shown without a bar.
 
@@ -206,7 +211,7 @@ def progress(
 
 @contextmanager
 def phases(name: str, names: Sequence[str]) -> Iterator[tuple[Report, Callable[[str], None]]]:
-    """Yield a report on a task with named phases, and a function to call at the beginning of each phase."""
+    """Yield a report on a task with named phases, and a function to call with a phase's name at its beginning."""
     with progress("phases") as report:
         yield report, lambda begun: report(name, names.index(begun), len(names), begun)
         report(name, len(names), len(names))
@@ -217,7 +222,7 @@ def _unit_of(task: Task, otherwise: str) -> str:
 
 
 def line_of(task: Task, unit: str) -> str:
-    """Return one line on a task: the completed share, the speed, the time left, and the note."""
+    """Return one line on a task: the completed share, the speed, the remaining time, and the note."""
     total = "" if task.total is None else f"/{_count(task.total)}"
     done = f"{task.description}: {_count(task.completed)}{total} {unit}"
     parts = [done if task.total is None else f"{done} ({task.percentage:.0f} %)"]
@@ -246,7 +251,7 @@ def span(seconds: float) -> str:
 
 
 _HARDLY: Final = 1e-9
-"""A fraction of a step too small to be shown."""
+"""A part of a step that is too small to be seen in the count."""
 
 _DAYS: Final = 100.0 * 3600.0
 """Time in s from which a span is shown in days instead of hours."""
@@ -258,7 +263,7 @@ def _count(number: float) -> str:
 
 @dataclass(frozen=True)
 class _Line:
-    """The time at which a task's last line was printed, and the count at that time."""
+    """The time at which a task's last line was printed, and the count in this line."""
 
     at: float
     completed: float

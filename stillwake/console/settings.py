@@ -1,5 +1,5 @@
-"""The settings of a command: the release's settings with the changes of `--set`. A setting that has no effect on the
-command is refused."""
+"""The settings of a command: the release's settings with the changes of `--set`; a single change without effect is
+refused."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ _BUS: Final = ("bus.interface", "bus.channel")
 
 
 def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded:
-    """Read the settings with the changes of `--set`, of which one may be a file. Raises ConfigError as `load` does."""
+    """Read the settings with the changes of `--set`, one of which may be a file. Raises ConfigError as `load` does."""
     files = [text for text in given if "=" not in text and text.endswith(".toml")]
     if len(files) > 1:
         raise ConfigError(f"--set {files[1]}: is the second file; give one file, and changes as section.key=value")
@@ -32,11 +32,11 @@ def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded
 
 
 def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Config | None = None) -> Loaded:
-    """Return the settings of one call of a command.
+    """Return the settings for one call of a command.
 
-    A single setting that the command does not use is refused. A file may be written for several commands, so its
-    settings that have no effect on this command are only listed in one line. Raises ConfigError as `load` does, or for
-    a single setting that would have no effect.
+    A single setting that the command does not use is refused. A file of settings may be meant for several commands, so
+    its settings that this command does not use are only listed in one line. Raises ConfigError as `load` does, or for a
+    single setting that would have no effect.
 
     Args:
         given: the texts of `--set`.
@@ -55,8 +55,8 @@ def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Conf
 
 
 def with_bus(bus: str | None, given: Sequence[str]) -> list[str]:
-    """Return the texts of `--set`, with the bus of `--bus` added. Raises ConfigError if `--bus` has another form, or if
-    `--set` also names a bus."""
+    """Return the texts of `--set`, with the bus of `--bus` added. Raises ConfigError if the value of `--bus` is not
+    INTERFACE:CHANNEL, or if `--set` also sets a bus."""
     if bus is None:
         return list(given)
     interface, colon, channel = bus.partition(":")

@@ -1,4 +1,4 @@
-"""The end of a command by Ctrl-C or SIGTERM, both of which have the same effect, with one line on how to continue."""
+"""The end of a command by Ctrl-C or by SIGTERM: with both, the command stops and a line states how to continue."""
 
 import signal
 import sys
@@ -16,9 +16,9 @@ _asked: list[str] = []
 """Names of the signals that were received."""
 _advice: list[str] = []
 _is_left_to_work = False
-"""Whether work inside `until_stopped` is running, which the first signal does not interrupt."""
+"""Whether work in an `until_stopped` block is running. The first signal does not interrupt this work."""
 _hook_before: Callable[["sys.UnraisableHookArgs"], object] = sys.unraisablehook
-"""The hook for exceptions in callbacks that was set before this module set its own hook."""
+"""The hook for exceptions in callbacks that was in use before this module replaced it."""
 
 
 def ends_like_ctrl_c() -> None:
@@ -26,9 +26,10 @@ def ends_like_ctrl_c() -> None:
     the process.
 
     Python handles a signal only between two of its own steps, so compiled code or an import ends before the signal is
-    handled. Some compiled code takes the exception for an error of its own and continues; `until_stopped` and
-    `still_wanted` then raise KeyboardInterrupt again. An exception in a callback is lost too, and Python would print
-    it; a hook prevents this. Outside the main thread, which alone may handle signals, nothing is changed.
+    handled. Some compiled code treats the KeyboardInterrupt as an error of its own and continues; `until_stopped` and
+    `still_wanted` then raise KeyboardInterrupt again. A KeyboardInterrupt in a callback is lost too, and Python would
+    print it; a hook prevents the printing. Only the main thread may handle signals; in another thread this function
+    does nothing.
     """
     if current_thread() is not main_thread():
         return
@@ -53,12 +54,12 @@ def _report_lost(lost: "sys.UnraisableHookArgs") -> None:
 
 @contextmanager
 def until_stopped() -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether Ctrl-C or SIGTERM was received, for work that ends by itself when it is
-    stopped. A second signal interrupts the work.
+    """Yield a function that returns whether Ctrl-C or SIGTERM was received, for work that asks this function and ends
+    by itself.
 
-    The first signal does not interrupt the work, so that files are written to their end. Outside the main thread, which
-    alone may handle signals, no signal stops the work. Raises KeyboardInterrupt if SIGTERM was received before and its
-    exception was lost.
+    The first signal does not interrupt the work, so that files are written to their end; a second signal does. Only the
+    main thread may handle signals; in another thread no signal stops the work. Raises KeyboardInterrupt if the
+    exception of an earlier SIGTERM was lost.
     """
     if current_thread() is not main_thread():
         yield lambda: False
@@ -69,7 +70,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
-        # The signal's name gives the exit status if the work is not complete and its command raises KeyboardInterrupt.
+        # If the work is incomplete, its command raises KeyboardInterrupt; the signal's name gives the exit status.
         _asked.append(signal.Signals(number).name)
         signal.signal(number, before[signal.Signals(number)])
 
@@ -86,14 +87,14 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
 
 def still_wanted() -> None:
-    """Raise KeyboardInterrupt in the main thread if SIGTERM was received and its exception was lost."""
+    """Raise KeyboardInterrupt in the main thread if the exception of an earlier SIGTERM was lost."""
     if _asked and not _is_left_to_work and current_thread() is main_thread():
         raise KeyboardInterrupt
 
 
 @contextmanager
 def go_on_with(line: str) -> Iterator[None]:
-    """Run work that can be continued. If it is stopped, the command prints `line`, which says how to continue."""
+    """Run work that can be continued. If the work is stopped, the command prints `line`, which says how to continue."""
     try:
         yield
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""The console: unchanged text, and tables."""
+"""The console, which prints texts unchanged, and tables."""
 
 import os
 import sys
@@ -10,8 +10,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 _WIDE: Final = 10_000
-"""Width in characters if there is no terminal. A file, a pipe or a log has no right edge, so paths and hashes are not
-broken."""
+"""Width in characters if there is no terminal: a file, a pipe or a log has no right edge at which to break lines."""
 
 
 def make_console(*, stderr: bool = False) -> Console:
@@ -30,7 +29,7 @@ class PlainConsole(Console):
         super().print(*objects, **{"soft_wrap": all(isinstance(one, str | Text) for one in objects), **options})
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Render the visible form of a text, as rich does."""
+        """Render a text as rich does, with its control characters made visible."""
         return super().render_str(visible(text), **options)
 
 

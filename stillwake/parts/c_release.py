@@ -1,5 +1,5 @@
-"""The ECU in C: its files for the folder of a C library, the library of the shipped bundle, and the FMU and image of a
-library."""
+"""The ECU in C: its files in the folder of a C library, the library of the shipped bundle, and the FMU and the image
+that are made from a library."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -34,8 +34,8 @@ def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[
     cannot run the release.
 
     Args:
-        rows: recorded rows, (n, S+1), with the pressures of the S sensors and the action in n control periods; an
-            example replays the pressures.
+        rows: (n, S + 1) recorded pressures of S sensors and the action in n control periods; an example program replays
+            the pressures.
         notice: called with a line for each part that the ECU lacks, or with the reason why there is no ECU.
     """
     from ecu.c.sources import example_sources, firmware_sources
@@ -64,11 +64,11 @@ def write_shipped_library(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> "Gated":
-    """Write the C library and the ECU of the shipped bundle, made from the shipped model, and check that the library's
-    program is the bundle's. Raises ExportError if model and bundle do not belong together; StillwakeError if the data
-    are not installed, or the folder cannot be written. Raises BundleError or ConfigError, before the work, if the
-    bundle's ECU is not possible in C with these settings. `notice` and `phase` are as in `ecu_files` and
-    `export.release.pipeline`; with `billed` the folder gets a bill of materials."""
+    """Write the C library and the ECU of the shipped bundle, made from the shipped model; the library's program must be
+    the bundle's. With `billed` the folder gets a bill of materials; `notice` and `phase` are as in `ecu_files` and
+    `export.release.pipeline`. Raises BundleError or ConfigError, before the work, if the ECU in C does not support the
+    bundle or these settings; ExportError if model and bundle do not belong together; StillwakeError if the data are not
+    installed, or the folder cannot be written."""
     from ecu.in_c.c_settings import ecu_settings
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary, export_library
@@ -113,8 +113,8 @@ def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, confi
 def write_image(
     path: Path, library: Path, release: Bundle, config: Config, key: Ed25519PrivateKey | None = None
 ) -> None:
-    """Write the release of a C library as an image, which is signed if there is a key. The ending of the file's name
-    states the format (`FORMATS`). Arguments and errors are as for `write_fmu`."""
+    """Write the release of a C library as an image, signed if a key is given. The ending of the file's name states the
+    format (`FORMATS`). The other arguments and the errors are as for `write_fmu`."""
     from ecu.in_c.c_image import controller_image, read_packed
 
     made = controller_image(read_sources(library) | read_packed(library), release, config, key)
@@ -124,8 +124,7 @@ def write_image(
 
 @contextmanager
 def library_folder(given: Path | None) -> Iterator[Path]:
-    """Yield the given folder, or else a temporary folder with the shipped bundle's library, which is deleted at the end
-    of the block."""
+    """Yield the given folder, or else a temporary folder with the shipped bundle's library, deleted after the block."""
     if given is not None:
         yield given
         return
@@ -136,8 +135,8 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """Return the settings; the check of the sensors is switched off if the ECU in C cannot do this check. Without an
-    estimator the ECU in Python cannot do it either."""
+    """Return the settings, with the check of the sensors switched off if the ECU in C cannot do this check. If the
+    release has no estimator, the ECU in Python cannot do the check either."""
     check, manifest = config.ecu.sensor_check, release.manifest
     if not check.enabled:
         return config

@@ -19,7 +19,7 @@ def asking(bus: BusConfig, access: Path | None = None) -> Iterator["Asking"]:
 
     Raises:
         BusError: the bus cannot be opened.
-        KeyFileError: there is no key in the file.
+        KeyFileError: the file has no valid key.
     """
     from can_bridge.tester.asking import Asking
     from can_bridge.tester.transport import open_client

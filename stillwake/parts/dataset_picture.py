@@ -1,4 +1,4 @@
-"""A picture of a data set: the positions of its sensors, and the beginning of its first series."""
+"""A picture of a data set: the positions of its sensors, and the start of its first time series."""
 
 from pathlib import Path
 from typing import Final
@@ -15,8 +15,8 @@ _STEPS: Final = 200
 
 
 def draw(dataset: Dataset, path: Path) -> None:
-    """Write a picture as PNG, completely or not at all. Raises StillwakeError if the name does not end in .png, or the
-    file cannot be written."""
+    """Write a picture as PNG, completely or not at all. Raises StillwakeError if the file's name does not end in .png,
+    or the file cannot be written."""
     if path.suffix.lower() != ".png":
         raise ConfigError(f"{path}: a picture must end in .png")
     layout, first = dataset.layout, dataset.episodes[0]

@@ -9,8 +9,7 @@ A2L: Final = "stillwake.a2l"
 
 
 def a2l_of(release: Bundle, config: Config) -> bytes:
-    """Return the A2L file of the release's calibration. Raises BundleError if the release was made for another
-    vehicle."""
+    """Return the A2L file of the release's calibration. Raises BundleError if the release is for another vehicle."""
     from can_bridge.calibration.a2l import a2l_text
     from can_bridge.calibration.segment import Segment
     from ecu.calibrating import limits_of, release_calibration

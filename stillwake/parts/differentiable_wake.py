@@ -1,4 +1,4 @@
-"""The differentiable wake of a refinement, from its settings."""
+"""The wake that a refinement differentiates, built from its settings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,13 +22,14 @@ def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
     """Return the plant of a refinement on its mesh, and a developed wake for each of the flows that the refinement
-    simulates side by side (`refine.streams`), each in a different phase. Raises PlantError if the start has another
-    body, Reynolds number or mesh, or the flow diverges.
+    simulates side by side (`refine.streams`), each in a different phase. Raises PlantError if the wake in `start` is of
+    another body, Reynolds number or mesh, or if the flow diverges.
 
     Args:
         start: file with a developed wake on the default mesh. If None, the truck's shipped wake is used, or for another
             body a wake that is started from rest.
-        progress: called with time and duration in t_c while the wake settles on the mesh.
+        progress: called with the simulated time and the duration, both in t_c, while the wake settles on the
+            refinement's mesh.
     """
     wake = wake_of(config, sensors)
     plant = wake.plant

@@ -1,4 +1,4 @@
-"""The whole firmware of an emulated microcontroller on a real CAN bus."""
+"""The whole firmware of an emulated microcontroller, connected to a real CAN bus."""
 
 import time
 from pathlib import Path
@@ -47,7 +47,8 @@ def run_firmware(
     header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, _SERIAL)
     console.print("building the firmware")
     ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
-    # The bus delivers only these frames; the filters of the emulated CAN controller then accept fewer of them.
+    # The bus delivers only the frames of the message set and of diagnosis; the filters of the emulated CAN controller
+    # select the ECU's frames from these.
     accept = [spec.frame_id for spec in message_set(config.bus).specs] + list(config.bus.diagnosis.heard)
     with PythonCanBus.open(config.bus, accept=accept) as port, until_stopped() as is_stopped:
         console.print(f"{hardware}: running, flash in {flash}; stop with Ctrl-C")

@@ -1,4 +1,4 @@
-"""A sensor estimator for a bundle, fitted to a data set with a display of its progress."""
+"""A sensor estimator for a bundle, fitted to a data set while the progress is shown."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +10,7 @@ from stillwake.console.progress import Report
 from stillwake.console.terminal import console
 
 _THREADS: Final = 1
-"""Number of torch's threads. With more threads the fit is slower, and its sums are rounded differently."""
+"""Number of torch's threads. More threads would make the fit slower, and would round its sums differently."""
 
 
 def fitted_estimator(dataset: Path, sensors: Sequence[str], window: int, report: Report) -> MadeEstimator:

@@ -1,5 +1,4 @@
-"""The parts of a live loop by name: its plants and its ECUs. A part that takes seconds to make is made when the user
-selects it."""
+"""The plants and the ECUs of a live loop, by name. If they take seconds to make, they are made only when selected."""
 
 import importlib.util
 from collections.abc import Callable
@@ -31,12 +30,12 @@ COMPILING: Final = {
 _MAKES_LIBRARY: Final = ("safetensors", "onnx")
 _EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
 _TOLD_EVERY: Final = 10.0
-"""Time in t_c between two messages while an initial state settles on another grid."""
+"""Time in t_c between two messages to the user while an initial state settles on a grid that is not the state's own."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveParts:
-    """The parts of one live loop, which its process gets when it starts.
+    """The parts of one live loop; the loop's process gets this object when it starts.
 
     Attributes:
         bundle: release bundle; the shipped bundle if None.
@@ -78,7 +77,7 @@ class LiveParts:
             from wake.recorded_wake import RecordedWake
 
             dataset = read(recording())
-            # An episode without actions is preferred, because the recorded wake does not respond to the jets.
+            # An episode without actions is preferred, because the effect of recorded jets would not fit the live ones.
             calm = (episode for episode in dataset.episodes if not episode.series["action"].any())
             return RecordedWake(next(calm, dataset.episodes[0]), dataset.layout, self.config.flow)
         from wake.plants import own_wake
@@ -91,15 +90,15 @@ class LiveParts:
 
 
 class Ecus:
-    """The ECUs of one release in one vehicle, by the names of their controllers. Each ECU in C is made only once."""
+    """The ECUs of one release in one vehicle, by the names of their controllers. An ECU in C is made only once."""
 
     def __init__(self, release: Bundle, config: Config, library: Path | None, tell: Callable[[str], None]) -> None:
         self._release, self._config, self._library, self._tell = release, config, library, tell
         self._in_c: dict[str, LoopEcu] = {}
 
     def __call__(self, name: str) -> "LoopEcu":
-        """Return an ECU that was just powered on. For an ECU in C, each call returns the same object, which the session
-        stores too. Raises StillwakeError if the ECU is not available."""
+        """Return an ECU that was just powered on. An ECU in C is always the same object, which the session stores too.
+        Raises StillwakeError if the ECU is not available."""
         from can_bridge.secoc.node import authentication_in_virtual_time
         from ecu.ecu import Ecu
         from ecu.stepped import LoopEcu
@@ -116,7 +115,8 @@ class Ecus:
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
-        """Make an ECU in C, which takes seconds, unless it exists. Raises StillwakeError if it is not available."""
+        """Make an ECU in C, which takes seconds, if it was not made before. Raises StillwakeError if it cannot be
+        made."""
         from can_bridge.secoc.key import read_secret
         from firmware_sim.bench.ecus import loop_ecu
 

@@ -1,5 +1,4 @@
-"""The opening of a release bundle for a command: its path, the signature that it must have, its description and its
-calibration."""
+"""The opening of a release bundle for a command: the bundle's path, required signature, description and calibration."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -18,7 +17,7 @@ from contract.shipped import BUNDLE
 from stillwake.console.settings import COST_WEIGHTS
 
 PROJECT: Final = "project"
-"""Word that selects the project's key, with which the shipped bundle is signed, in place of a key file."""
+"""Value of `trust` that selects the project's key, with which the shipped bundle is signed, instead of a key file."""
 
 
 def open_release(path: Path | None, trust: str | None = None) -> Bundle:
@@ -29,7 +28,7 @@ def open_release(path: Path | None, trust: str | None = None) -> Bundle:
 
 
 def describe(release: Bundle) -> list[Text]:
-    """Return lines on an opened bundle: its name, sensors and signer, with a warning if the signer is not trusted."""
+    """Return lines on an opened bundle: name, sensors and signer, with a warning if the signer is not trusted."""
     manifest = release.manifest
     vouched_for = release.is_trusted or release.signer == signing.project_key()
     return [
@@ -50,8 +49,8 @@ def signature(release: Bundle) -> str:
 
 
 def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None]:
-    """Return the path of the bundle, by default the shipped bundle, and the key that must have signed the bundle; None
-    if any key may have signed it."""
+    """Return the path of the bundle, by default the shipped bundle, and the key that must have signed the bundle. The
+    key is None if any key may have signed it."""
     if trust == PROJECT or (trust is None and path is None):
         trusted: PublicKey | None = signing.project_key()
     else:
@@ -60,8 +59,8 @@ def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None
 
 
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
-    """Return the release's calibration in this vehicle, with the weights that the user gave. Raises ConfigError for a
-    weight out of its limits, or for another setting of the optimiser, because the bundle fixes these settings."""
+    """Return the release's calibration in this vehicle, with the cost weights that the user gave. Raises ConfigError
+    for a weight out of its limits, or if the user gave another setting of the optimiser: the bundle fixes these."""
     from ecu.calibrating import limits_of, release_calibration
 
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 
 def settle_into(output: Path, config: Config) -> "tuple[SteadyWake, tuple[int, int]]":
-    """Compute the steady wake with these settings and write its state. Return the steady wake, and the numbers of cells
-    of its grid. Raises PlantError if the flow does not settle; StillwakeError if the file cannot be written."""
+    """Compute the steady wake with these settings and write its state. Return the steady wake and its grid's numbers of
+    cells. Raises PlantError if the flow does not settle; StillwakeError if the file cannot be written."""
     from wake.truck import steady, truck_wake
     from wake.truck.state import save_state
 
     wake = truck_wake.TruckWake(config.flow, body=config.body)
-    # The progress counts decades of the rates of change, because these rates fall exponentially.
+    # The rates of change fall exponentially, so the progress is the number of decades by which they have fallen.
     decades = -log10(steady.TOLERANCE)
     with progress("decades") as report:
 

@@ -1,4 +1,4 @@
-"""The common parts of commands that train: the check of the output, the display of progress, and a note on how to
+"""The common parts of commands that train: the check of the output, the display of progress, and a line on how to
 continue after a stop."""
 
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ from train.fitting.progress import Phase, Stopwatch
 
 
 class TrainingProgress:
-    """A `train.fitting.progress.Progress` that reports each phase. `watch` records the duration of every phase."""
+    """A `train.fitting.progress.Progress` that shows each phase's progress; `watch` measures each phase's duration."""
 
     def __init__(self, report: Report) -> None:
         self.watch = Stopwatch()
@@ -29,8 +29,8 @@ class TrainingProgress:
 
 
 def check_model_output(output: Path, *, overwrite: bool) -> Path:
-    """Claim the place of a model and the place of its checkpoints; return the place of the checkpoints. Raises
-    StillwakeError if the place is occupied and must not be replaced, or if nothing can be written there."""
+    """Lock the path of a model, check that the model's checkpoints can be written, and return their folder. Raises
+    StillwakeError if a model exists and must not be replaced, or if nothing can be written there."""
     claim(output, folder=True)
     check_free(output)
     check_output(output, overwrite=overwrite, folder=True, occupant="holds a model already")

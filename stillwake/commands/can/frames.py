@@ -57,10 +57,10 @@ def send(
     """Send one of stillwake's messages, with its E2E header.
 
     A value that does not fit its signal is refused. A receiver uses a message only after several good frames in a row:
-    see --count. Messages of the secured set are signed with bus.key and --trip, a number of power cycles, which must be
-    larger than every number that was used with this key. A receiver that accepted the messages rejects the original
-    sender until the sender's own number of power cycles exceeds --trip. To send other frames, use python-can: `python
-    -m can.player` sends the frames of a log.
+    see --count. Messages of the secured set are signed with bus.key and with the number of power cycles in --trip,
+    which must be larger than every number that was used with this key. After a receiver has accepted such messages, it
+    rejects the frames of the original sender until the sender's own number of power cycles exceeds --trip. To send
+    other frames, use python-can: `python -m can.player` sends the frames of a log.
 
     stillwake can send Pressure Pressure0=-12.5 Valid0=1 --bus socketcan:can0
     """
@@ -89,7 +89,7 @@ def send(
 def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], can.Message]":
-    """Return a function that takes a time in s and builds the next frame of the stream, stamped with this time."""
+    """Return a function that builds the next frame of the stream, stamped with the function's argument, a time in s."""
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
@@ -145,7 +145,7 @@ def decode(
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Print a recorded log as signals with units, and the verdicts of its end-to-end checks.
+    """Print the frames of a recorded log as signals with units, and the results of the frames' end-to-end checks.
 
     The command prints a line for each frame. Then it prints a table of the messages with counts, rates, losses and
     check results, the bus load (computed from the bit rates in the settings), and the number of lines that are not
@@ -170,7 +170,7 @@ def decode(
         for number, message in enumerate(log, 1):
             traffic = found.add(message)
             if summary:
-                # If no line is printed for each frame, the progress shows that the work continues.
+                # Without a printed line for each frame, only the progress shows that the work continues.
                 report(f"reading {file.name}", number)
             if traffic is None:
                 continue
@@ -189,7 +189,7 @@ def decode(
 
 
 def _line(traffic: "Traffic", first: str) -> str:
-    """Describe the newest frame. The text states the frame's channel, unless it is the first channel of the log."""
+    """Describe the newest frame. The frame's channel is stated if it is not `first`, the first channel of the log."""
     from can_bridge.tools.raw_bus import id_text
 
     frame, decoded = traffic.latest, traffic.decoded
@@ -234,7 +234,7 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
 def _print_summary(found: "Summary", log: "CanLog") -> None:
     from can_bridge.tools.raw_bus import id_text
 
-    # Times count from the first frame, so that all columns fit into 80 characters.
+    # Times are counted from the first frame, so that the numbers are short and all columns fit into 80 characters.
     begin_ns = min((one.first_ns for one in found.messages.values()), default=0)
     several = len(found.busy_ns) > 1
     table = Table(box=SIMPLE_HEAD, padding=0)

@@ -33,7 +33,7 @@ USES: Final = (
     "bus.background",
 )
 NAMED: Final = 5
-"""Largest number of late messages whose names the line below the table lists."""
+"""Largest number of late messages that the line below the table lists by name."""
 _HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")
 
 
@@ -44,8 +44,9 @@ def load(
     """Show the load of the bus, and the worst-case response time of every message on it.
 
     bus.frames and bus.key select stillwake's own messages, and bus.background.* the messages of other nodes. The
-    response time of an ECU's message starts with the sampling of the pressures and excludes the ECU's compute time,
-    which is subtracted from the command's deadline. Exit status 3: a message can miss its deadline.
+    response time of an ECU's message is counted from the sampling of the pressures, without the ECU's compute time;
+    instead, the deadline of the command is shortened by the compute time. Exit status 3: a message can miss its
+    deadline.
     """
     from can_bridge.timing.bus_load import bus_load
 
@@ -61,8 +62,8 @@ def load(
 
 
 def figures(found: "BusLoad") -> dict[str, Any]:
-    """Return the figures for `--json`: loads as shares of the bus's time, times in ms, and None for a response time
-    without a bound."""
+    """Return the figures for `--json`: loads as shares of the bus's time, times in ms, None for times without a
+    bound."""
     return {
         "load_mean": found.mean,
         "load_worst": found.worst,
@@ -73,7 +74,7 @@ def figures(found: "BusLoad") -> dict[str, Any]:
 
 
 def facts(config: Config) -> dict[str, Any]:
-    """Return the settings and versions on which the figures depend, and the hash of the background's file."""
+    """Return the settings and versions on which the figures depend, and the hash of the other nodes' DBC file."""
     bus = config.bus
     file = Path(bus.background.dbc) if bus.background.dbc else None
     return {

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 REFRESH_S = 0.1
 """Time between two drawings of the table, in s."""
 MOST_AT_ONCE = 2000
-"""Largest number of frames that are read before the clock is read again."""
+"""Largest number of frames that are read in one go, so that the table is also redrawn on a flooded bus."""
 
 
 Filter = Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")]
@@ -44,10 +44,10 @@ def monitor(
     Ctrl-C ends the command and prints the whole table. Until then the table is cut off at the end of the screen;
     --filter shows fewer rows. Without a terminal the command prints one line per second, and the table at the end.
 
-    The column lost counts frames that are missing according to the counters, the column refused counts frames that a
-    receiver would not have used, and the column E2E has the result of the newest frame's check. With --set bus.key=FILE
-    the MAC and freshness of secured messages are checked first. Messages that are not stillwake's are shown as bytes;
-    `cantools monitor` decodes these messages.
+    The column "lost" counts the frames that are missing according to the counters, and the column "refused" the frames
+    that a receiver would not have used. The column "E2E" shows the result of the newest frame's check. With --set
+    bus.key=FILE the MAC and freshness of secured messages are checked first. Messages that are not stillwake's are
+    shown as bytes; `cantools monitor` decodes these messages.
     """
     from can_bridge.tools.summary import MOST_MESSAGES, Summary
     from stillwake.commands.can.monitor_screen import screen
@@ -127,8 +127,7 @@ def _follow(
 def _hear(bus: "RawBus", summary: "Summary", wait_s: float) -> None:
     """Add the frames that have arrived to the summary; wait at most `wait_s` for the first frame.
 
-    Each frame is stamped with the time at which it is read from the bus, because the clocks of interfaces differ, and
-    jump.
+    Each frame is stamped with the time of its reading, because interfaces have different clocks, which may jump.
     """
     for i in range(MOST_AT_ONCE):
         message = bus.receive_message(wait_s if i == 0 else 0.0)

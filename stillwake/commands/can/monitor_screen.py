@@ -9,10 +9,10 @@ from can_bridge.tools.raw_bus import id_text
 from can_bridge.tools.summary import Summary, rows
 
 OTHER_COLUMNS = 70
-"""Number of character columns that all table columns except the value's need, for the longest names and numbers."""
+"""Width in characters of all table columns together except the value's, with the longest names and numbers."""
 
 STALE_S = 1.0
-"""Age in s of a message's newest frame from which the message's row is drawn dim."""
+"""Age in s of a message's newest frame above which the message's row is drawn dim."""
 
 
 def screen(summary: Summary, now_s: float, *, source: str, matching: str, width: int) -> RenderableType:
@@ -54,7 +54,7 @@ def _heading(summary: Summary, matching: str, source: str) -> Text:
 
 
 def _table(summary: Summary, matching: str, now_ns: int, width: int) -> Table:
-    """Return a table of 80 columns with one row for each message and one row for each of its signals."""
+    """Return a table of 80 or more characters' width, with a row for each message and for each of its signals."""
     value = min(24, max(10, width - OTHER_COLUMNS))
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
     table.add_column("message, signal", no_wrap=True, min_width=21)

@@ -21,7 +21,7 @@ Channel = Annotated[
 ]
 
 _LONGEST_S: Final = 1e7
-"""Longest accepted time in s, four months. Longer times are mistakes; clocks count this time without rounding."""
+"""Longest time in s that an option accepts: four months. Clocks may round a longer time, which is a mistake anyway."""
 
 UNCHECKED: Final = "MAC not checked: name the key with --set bus.key=FILE"
 """Note for the user that secured messages got only the end-to-end check, because no key was given."""
@@ -35,7 +35,7 @@ def key_of(file: str) -> "Key | None":
 
 
 def positive(option: str, value: float) -> float:
-    """Return the number; raises ConfigError with the option's name unless 0 < number < 1e7."""
+    """Return the number; raises ConfigError with the option's name unless it is above 0 and at most 1e7."""
     if not (isfinite(value) and 0.0 < value <= _LONGEST_S):
         raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {_LONGEST_S:g}")
     return value

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from contract.recording.importing.source_file import Reference
 
 USES: Final = ("operating_point", "bus.frames", "bus.key", "ecu.speed.oldest_ms", "ecu.speed.most_acceleration")
-"""Settings for reading a log."""
+"""Settings that are used to read a log of the bus."""
 FORCES_NAMES: Final = ("t", "Cd", "Cl")
 """Columns of a table of forces."""
 _COUNTED: Final = 10_000
@@ -45,13 +45,13 @@ class DriveOptions:
 
     Attributes:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
-        forces: texts of --forces, each either the FILE of the forces for every log, or LOG=FILE for one log.
-        names: names of the columns of t, Cd and Cl in the files of forces, where they differ from t, Cd and Cl.
-        references: size of the data set's unit of Cd and Cl in the unit of the files, by the names Cd and Cl.
+        forces: values of --forces, each either FILE, with the forces for every log, or LOG=FILE for one log.
+        names: names of the columns of t, Cd and Cl in the files of forces, if they are not t, Cd and Cl.
+        references: the value of Cd = 1 and of Cl = 1 in the unit of the files, under the names Cd and Cl.
         clock: clock of the times in the files of forces; None if each file states its clock.
-        shift_s: seconds to add to the times of the forces.
-        channels: channels of the logs that are read; empty if the frames identify the channel.
-        zone: time zone of logs that begin in local time; None if it is not given.
+        shift_s: time in s to add to the times of the forces.
+        channels: channels of the logs that are read; empty if the channel is found from its frames.
+        zone: time zone of logs whose times begin in local time; None if it is not given.
     """
 
     fill: int
@@ -79,8 +79,8 @@ def is_log(path: Path) -> bool:
 
 
 def zone_of(text: str) -> tzinfo | None:
-    """Return the zone of a name such as Europe/Berlin, or of +02:00; None for an empty text. Raises ConfigError for
-    another text."""
+    """Return the time zone with a name such as Europe/Berlin, or with an offset such as +02:00; None for an empty text.
+    Raises ConfigError for another text."""
     if not text:
         return None
     try:
@@ -95,8 +95,8 @@ def zone_of(text: str) -> tzinfo | None:
 
 
 def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
-    """Return the file of forces of every log. Raises DatasetError for a log with no file or two files, or if two files
-    are given without a log's name."""
+    """Return the file of forces of every log. Raises DatasetError if a log has no file or two files, or if two files
+    are given without the name of a log."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
     for text in forces:
@@ -133,8 +133,8 @@ def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
 
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:
-    """Return the name of each log's episodes: the log's file name, with the folder's name before it if two logs share
-    the file name."""
+    """Return the name of each log's episodes: the file name, or the folder and file name if two logs share the file
+    name."""
     from can_bridge.logs.log_reader import stem_of
 
     stems = [stem_of(log) for log in logs]
@@ -222,7 +222,7 @@ def read_drive(
 
 
 def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
-    """Return the conversion from the messages' units to the data set's units, at the operating point."""
+    """Return the factors that convert the messages' units to the data set's units, at the operating point."""
     from can_bridge.drives.log_periods import Scales
 
     assert facts.control_period is not None
@@ -305,8 +305,9 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
 
 
 def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
-    """Raise DatasetError for actions that exceed the limit because the vehicle is slow. The limit in U_inf W is a flow
-    rate at the design speed; at a lower speed an equal flow rate is a larger action."""
+    """Raise DatasetError if actions exceed the limit only because the vehicle is slow. The jets have a fixed largest
+    flow rate: the limit times the design speed times W. An action is a flow rate divided by the present speed and W, so
+    at a lower speed the same flow rate is a larger action."""
     from contract.recording.findings import LIMIT_TOLERANCE
 
     largest = max(float(np.abs(piece.action).max()) for piece in series.pieces)
@@ -320,8 +321,8 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
 
 
 def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:
-    """Raise DatasetError for a log that begins in local time if the forces would also cover it in a zone other than
-    UTC, so that the log's zone is not certain."""
+    """Raise DatasetError if a log begins in local time and its zone is not certain: the forces cover the log's times
+    not only if the zone is UTC, but also, or instead, in another zone."""
     zones = []
     for minutes in range(-12 * 60, 14 * 60 + 1, 15):
         with suppress(DatasetError):
@@ -338,16 +339,15 @@ def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) 
 
 
 def _room(series: "LogSeries", fill: int) -> dict[str, float]:
-    """Return the tolerances in s for `TimeSeries.at`: the deviation that a table's times may have, and the longest gap,
-    which is `fill` missing rows and an allowance for jitter."""
+    """Return the tolerances in s for `TimeSeries.at`: how far a table's time may be from the time of a row, and the
+    longest gap, which is `fill` missing rows and an allowance for jitter."""
     from contract.recording.findings import STEP_TOLERANCE
 
     return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (fill + 1.5) * series.period_s}
 
 
 def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":
-    """Yield the messages and report how many were read; the log of an hour has half a million messages and takes about
-    ten seconds."""
+    """Yield the messages and report how many were read: an hour has half a million messages, which take ten seconds."""
     progress(f"{path}")
     for number, message in enumerate(messages, 1):
         yield message

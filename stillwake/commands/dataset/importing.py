@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 
 _ROLES: Final = ("train", "test", "extended", "controlled")
 _SAME: Final = 0.02
-"""Largest relative difference between two dynamic pressures that count as equal, because a speed on the bus has an
-error of one per cent."""
+"""Largest relative difference of dynamic pressures that count as equal; the speed on the bus has an error of 1 %."""
 _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
 """Settings that describe the plant of the data. If flow.reynolds is not given, the Reynolds number is unknown."""
 
@@ -79,7 +78,7 @@ def import_(
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Make a data set of your own files, or of recorded drives.
+    """Make a data set from your own files, or from recorded drives.
 
     Tables (.csv), arrays (.npz, .h5, .nc, .mat) and cases of OpenFOAM are read.
 
@@ -91,17 +90,17 @@ def import_(
 
     Lengths are in W, speeds in U_inf, times in W / U_inf. A table has the columns action, Cd and Cl, and one column for
     the Cp of each sensor, under the sensor's name in --layout. A file of arrays may have one array Cp of shape (steps,
-    sensors) instead. A series t is optional. The number initial_action, the action before the first row, is also
-    optional (otherwise 0). Row k has the measurements at t_k and the action commanded at t_k. If the numbers of a file
-    have a unit, give the size of the data set's unit in it: --reference Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or
-    Cd=-1 for the opposite sign.
+    sensors) instead. A column or array t is optional. The number initial_action, the action before the first row, is
+    also optional (otherwise 0). Row k has the measurements at t_k and the action commanded at t_k. If the numbers of a
+    file have a unit, state the value of the data set's unit in the file's unit: --reference Cp=240Pa (rho U_inf^2 / 2),
+    t=5ms, Cd=40N, or Cd=-1 for the opposite sign.
 
     A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also packed as .gz) has
     commands and the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from
     --forces. Cp is computed with the vehicle's speed in the log. operating_point gives the body's width, and the speed
-    of a log without a speed. --forces LOG=FILE is for one log. --forces-clock states how the times of the forces count:
-    s on the log's clock (log), s since the log's first pressure (start), or t_c since that pressure (t_c); a column 't
-    [t_c]' needs no option.
+    if the log states none. --forces LOG=FILE is for one log. --forces-clock states the unit and the start of the times
+    in the files of forces: s on the log's clock (log), s since the log's first pressure (start), or t_c since that
+    pressure (t_c). A file whose time column is named 't [t_c]' needs no option.
 
     Nothing is written unless every file is valid. docs/how-to/use-your-own-data.md and
     docs/how-to/train-from-a-can-log.md have examples.
@@ -140,7 +139,7 @@ def import_(
 
 
 def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
-    """Read files and their roles from texts ROLE=FILE, grouped by role. Raises DatasetError if a log is given twice."""
+    """Split the texts ROLE=FILE into files and roles, ordered by role. Raises DatasetError if a log is given twice."""
     found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES)]
     paths = [path for path, _ in found]
     for path in paths:
@@ -170,7 +169,7 @@ def _facts(loaded: Loaded) -> "PlantFacts":
 
 @dataclass(frozen=True, kw_only=True)
 class _Import:
-    """The files to read and their options; `notes` collects notes for the user."""
+    """The files to read and their options. `notes` collects the notes that are printed for the user."""
 
     roles: "list[tuple[Path, Role]]"
     facts: "PlantFacts"
@@ -183,7 +182,7 @@ class _Import:
         self.notes.append(f"note: {path}: {note}")
 
     def assembled(self, layout: "SensorLayout", forces: dict[Path, Path], names: dict[Path, str]) -> "Dataset":
-        """Build the data set of all files, with progress."""
+        """Build the data set from all files and show the progress."""
         from contract.recording.importing.assemble import EpisodeSource, assemble
 
         drives = []
@@ -222,8 +221,8 @@ class _Import:
             )
 
     def _is_of_tables(self, name: str) -> bool:
-        """Return whether the option that renames this column is for a file that is not a log. For logs only the columns
-        t, Cd and Cl can be renamed, in the files of forces."""
+        """Return whether the option that renames this column is meant for a table or an array file. For logs, only the
+        columns t, Cd and Cl of the files of forces can be renamed."""
         return name not in FORCES_NAMES or any(not is_log(path) for path, _ in self.roles)
 
 
@@ -238,7 +237,7 @@ def _print(made: "Dataset", layout: "SensorLayout", notes: list[str]) -> None:
 
 
 def _check_pressure(log: Path, own: float, given: "Reference | None") -> None:
-    """Refuse a reference pressure that contradicts the dynamic pressure in a log."""
+    """Raise ConfigError if the reference pressure of the option contradicts the dynamic pressure in a log."""
     if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > _SAME:
         raise ConfigError(
             f"{given.option}: {log} has {own:g} Pa, by which its pressures are divided: correct one of the two"

@@ -25,11 +25,11 @@ def inspect(
     picture: PictureFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Show the contents of a data set, every property for which training or export would refuse the data set, and
-    further notes.
+    """Show the contents of a data set, every property that makes training or export refuse the data set, and further
+    notes.
 
     The exit status is 1 if there is such a property. The control period, the action limit and the Reynolds number are
-    compared with the settings only if --set names them. --settings prints the settings that fit the data set, in the
+    compared with the settings only if --set states them. --settings prints the settings that fit the data set, in the
     format of a settings file: stillwake dataset inspect my.h5 --settings > my.toml
     """
     from contract.recording.dataset import survey

@@ -37,7 +37,7 @@ def calibrate(
 
     New values take effect together in the next control period. They are lost when the ECU loses power, unless --store
     stores them; stored values apply to the running release only. A limit can be narrower than the release's limit and
-    the vehicle's limit, never wider. Reading needs no --access. A calibration tool reads the A2L file that `export
+    the vehicle's limit, never wider. Reading needs no --access. A calibration tool can use the A2L file that `export
     --for-testers` writes.
 
     Exit status: 1 if a value is out of its limits, or no release runs; 3 if the ECU does not answer; 4 if the access
@@ -73,7 +73,7 @@ def calibrate(
 
 
 def parsed(texts: list[str]) -> dict[str, float]:
-    """Read values by name; raises ConfigError for a text that is not a value, or a name given twice."""
+    """Read the values to set, by name; raises ConfigError for a text that is not NAME=NUMBER, or a name given twice."""
     changes: dict[str, float] = {}
     for name, value in shared.pairs(texts, "lift=0.4", CALIBRATION_NAMES):
         if name in changes:
@@ -86,7 +86,7 @@ def parsed(texts: list[str]) -> dict[str, float]:
 
 
 def table(before: "Calibrated", after: "Calibrated") -> Table:
-    """Return a table of values, previous values if they changed, limits, and the release's values."""
+    """Return a table of the values, the previous values if they changed, the limits, and the release's own values."""
     is_changed = before.in_force != after.in_force
     heads = ("value", *(("before", "after") if is_changed else ("in force",)), "least", "greatest", "release's")
     made = Table(box=SIMPLE_HEAD, padding=0)

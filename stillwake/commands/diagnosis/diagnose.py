@@ -1,4 +1,4 @@
-"""`stillwake diagnose`: the reports of an ECU, and its stored faults."""
+"""The command `stillwake diagnose`, which shows an ECU's report and its stored faults."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -29,7 +29,7 @@ _FACTS: Final = {
     "period_ns": "control period",
     "capacity": "greatest image, bytes",
 }
-"""Facts of an ECU that are shown, by their names in JSON."""
+"""Labels of the values of an ECU's report that are shown, by the names of these values in JSON."""
 
 Clear = Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")]
 
@@ -43,10 +43,10 @@ def diagnose(
 ) -> None:
     """Show an ECU's report: its identification, its releases, and the faults that it found and stored.
 
-    For each fault the command shows the time at which the ECU found it. The ECU stores a fault in non-volatile memory,
-    until the fault is cleared or has not occurred in 40 successive drives with control; the fault's age is the number
-    of successive drives without it. Faults can be cleared only while the jets are shut. With --slots the command reads
-    an ECU's folder instead of a bus, and shows no faults.
+    For each fault the command shows the time at which the ECU found it. The ECU stores a fault in non-volatile memory.
+    The fault is removed when it is cleared, or when it has not occurred in 40 successive drives with control; its age
+    is the number of successive drives in which it has not occurred. Faults can be cleared only while the jets are shut.
+    With --slots the command reads an ECU's folder instead of a bus, and shows no faults.
 
     Exit status: 3 if the ECU does not answer; 5 if the faults are not cleared because the jets are enabled; 7 if the
     ECU refused something else.
@@ -82,7 +82,7 @@ def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str)
 
 
 def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], StoreReport, list[StoredFault]]":
-    """Return the report of the ECU on a bus; if requested, clear its faults after the report is read."""
+    """Return the report of the ECU on a bus. With `clear`, clear the ECU's faults after the report is read."""
     from can_bridge.tester.facts import clear_faults, read_facts, read_faults
 
     with asking(config.bus) as ecu:

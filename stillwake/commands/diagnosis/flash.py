@@ -1,4 +1,4 @@
-"""`stillwake flash`, which sends a release, or a list of signing keys, to an ECU over its CAN bus."""
+"""The command `stillwake flash`, which sends a release, or a list of signing keys, to an ECU over its CAN bus."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 MOST_KEY_BYTES: Final = 4092
-"""Largest size of a key list in bytes: a UDS request of 4,095 bytes without service and identifier (3 bytes)."""
+"""Largest size of a key list in bytes: the 4,095 bytes of a UDS request minus 3 bytes for service and identifier."""
 Keys = Annotated[Path | None, typer.Option(help="Key list to send first (`bundle keylist`).", metavar="LIST")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")]
 NoConfirm = Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")]
@@ -105,7 +105,7 @@ def _bring_release(
     key = None if access is None else AccessKey.read(access)
     release = None if is_image(bundle) else open_release(bundle, trust)
     if release is None:
-        # The ECU itself checks the signer of the image, and the hardware that the image is for.
+        # The signer of the image, and the hardware for which it was made, are checked by the ECU itself.
         name, image = opened(bundle).facts.name, bundle.read_bytes()
         console.print(f"image {name}, {len(image)} bytes")
     else:
@@ -150,7 +150,7 @@ def _ended(flashed: "Flashed", name: str) -> str:
 
 
 class _Shown:
-    """A display of the transfer's progress. Its note shows the rate, or the name of the step after the transfer."""
+    """A display of the transfer's progress; the note is its rate, or the name of the step after the transfer."""
 
     def __init__(self, report: Report) -> None:
         self._report = report
