@@ -1,4 +1,5 @@
-"""Settings of the CAN identifiers for diagnosis and calibration, which no control message may have."""
+"""Settings of the CAN identifiers for diagnosis and calibration. No control message may have one of these
+identifiers."""
 
 import re
 from collections.abc import Mapping
@@ -128,7 +129,7 @@ _LIKE: Final = {
     "xcp_command_id": "xcp_command_id",
     "xcp_response_id": "xcp_command_id",
 }
-"""Map of each setting to the setting whose identifier must have the same length."""
+"""Map from each setting to a setting with which it is compared: both identifiers must have 11 bits, or both 29."""
 
 
 @cache

@@ -1,12 +1,11 @@
 """A trained model on disk: a directory with `model.safetensors` and `model.json`, written completely or not at all.
 
-`model.safetensors` has the weights with the prefixes `encoder.` (the teacher on all sensors), `slim.`, `dynamics.` and
-`decoder.`; narrower networks, if configured, have `slim_dynamics.` and `slim_decoder.`. `model.json` has the
-assumptions and the origin of the weights:
+`model.safetensors` has the weights with the prefixes `encoder.` (the trained encoder of all sensors, called the
+teacher), `slim.` (the encoder of few sensors), `dynamics.` and `decoder.`; narrower networks, if configured, have
+`slim_dynamics.` and `slim_decoder.`. `model.json` has the assumptions and the origin of the weights:
 
-    schema, config (all settings), scaling (contract.release.manifest.Scaling),
-    layout (names, positions, base and mirror images of all sensors, in the order of the scaling),
-    sensors (the slim encoder's inputs in order),
+    schema, config (all settings), scaling (contract.release.manifest.Scaling), layout (names, positions, base and
+    mirror images of all sensors, in the order of the scaling), sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
 A model of the first schema has no layout in its file; its sensors are the truck's. This module returns tensors as

@@ -1,4 +1,4 @@
-"""The image of a release for a microcontroller: a header of 512 bytes, then numbers that are read in place.
+"""The image of a release for a microcontroller: a header of 512 bytes, then numbers that C reads without copying.
 
     0   8   "SWCTRL01"
     8   4   length of the whole image
