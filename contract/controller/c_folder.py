@@ -94,8 +94,8 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the number of weight products in a control step, which has one forward pass more than adjoint
-        passes."""
+        """Return the number of multiplications by weights in a control step. A step has one more forward pass than
+        adjoint passes."""
         sizes = {
             name: self.number(f"SW_{name}")
             for name in ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")

@@ -41,10 +41,10 @@ _ESTIMATOR_MOST: Final = 2.0**17
 """Largest magnitude of the estimator's weights for which every estimate is finite."""
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
-"""Value that represents a row's scale of 1, as `_GAIN_ONE` represents a gain of 1; both equal those in
+"""Number that represents a row's scale of 1; `_GAIN_ONE` represents a gain of 1. Both equal those in
 `export.to_c.int8_format`."""
 _OF_ELU_MOST: Final = 65535.0
-"""Largest factor that converts an ELU's integer to the scale of the decoder's residuals."""
+"""Largest value of the factor that converts an ELU's integer to the scale of the decoder's residuals."""
 
 Member = tuple[str, tuple[int, ...], int]
 """Type, shape and offset in the payload of an array."""
@@ -72,13 +72,14 @@ class Limits(NamedTuple):
 
 
 def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Iterator[Limits]:
-    """Return the table of limits from a layout and its members, by the names of struct and array."""
+    """Yield the limits of each array of a layout; `members` has the arrays by name, such as "weights.window_mean"."""
     for name, (dtype, sides, place) in members.items():
         struct, _, member = name.partition(".")
         each = _ranges(struct, member, dtype, layout)
         if not each:
             continue
-        # Constants of outputs are interleaved in groups of eight; other constants are interleaved one by one.
+        # If the last axis has one entry per constant, the constants alternate; otherwise each fills the last axis
+        # (eight outputs).
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:
@@ -181,8 +182,8 @@ _IDENTITY: Final = "SW_PROGRAM_SHA256"
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
 """Settings of `sw_ecu_settings.h` on which the parameters depend; its other settings are the vehicle's."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
-"""First line of a layout. Its number rises when the meaning of a member changes and its size does not. In layout 1, the
-wake without jets was given as a share of the wake at the design speed."""
+"""First line of a layout. Its number rises if a member's meaning changes while the member's size stays. In layout 1,
+the wake without jets was given as a share of the wake at the design speed."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
 """The structs of a payload, in their order."""
 

@@ -39,13 +39,13 @@ OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
 """Names of the cost terms, in the order of every array of terms."""
 REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, violates IEEE 754"}
-"""Meanings of the C library's status codes except 0, with which a control step succeeds."""
+"""Meanings of the C library's status codes, except 0, which means success."""
 FORCES: Final = 2
 """Number of forces: Cd and Cl."""
 
 
 class ControllerError(StillwakeError):
-    """An error of the controller, which could not compute its step; the ECU latches a fault."""
+    """A controller's failure to compute a control step, which makes the ECU latch a fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,9 +112,9 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the expected action and cost of the control step that a build runs as its self-test at start. They
-        equal, bit for bit, the result of a build without fused operations. Raises ControllerError if there is no
-        expected result."""
+        """Return the expected action and cost of the control step that a build runs as its self-test at start. Both
+        equal, bit for bit, the results of a build without fused multiply-add. Raises ControllerError if nothing is
+        expected."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]

@@ -22,7 +22,7 @@ from contract.release.signing import PublicKey
 
 _MAX_BYTES: Final = 64 * 2**20
 _FEW: Final = 8
-"""Largest number of values that are shown; for a larger array, its type, shape and hash are shown."""
+"""Largest number of an array's values that are shown. For a larger array, the type, shape and hash are shown."""
 
 
 def is_image(path: Path) -> bool:
@@ -90,7 +90,7 @@ _MISSING: Final = "-"
 
 
 class Difference(NamedTuple):
-    """A difference between two bundles: the name of the value, and its text in each bundle."""
+    """A difference between two bundles or images: the name of the value, and its text in each of them."""
 
     name: str
     a: str
