@@ -1,4 +1,4 @@
-"""Checks for implausible numbers of a wall, a force balance or a logger, with likely cause and remedy.
+"""Checks for implausible numbers, as a wall, a force balance or a logger may give them, with likely cause and remedy.
 
 The checks are per episode and per sensor. They do not stop training: the bounds are those of usual bodies in a stream,
 and the body may be unusual.
@@ -44,8 +44,7 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 _HIGHEST: Final = 1.1
 """Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and q."""
 _LOWEST: Final = -5.0
-"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. Values lower by a tenth are
-accepted."""
+"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. Means down to -5.5 are accepted."""
 _SWINGS: Final = (-6.0, 1.25)
 """Bounds of Cp that at most one row in twenty may exceed. Gusts and noise of 15 % at a stagnation point do not exceed
 them."""
@@ -62,15 +61,16 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control removes half of the drag, rarely more."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio, between files, of the standard deviation of Cl divided by that of Cp; both come from one
-wake."""
+"""Largest plausible ratio, between files, of Cl's standard deviation divided by Cp's; one wake causes both
+fluctuations."""
 _FAR: Final = (4.0, 10.0)
-"""Distances from which on a repeated extreme value, such as -99, 99.99 or -9.99, is treated as a missing reading: its
-distance from the next value, and its distance from the median in interquartile ranges of the other values."""
+"""Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is treated as a missing reading:
+its distance from the next value, and its distance from the median in interquartile ranges of the other values."""
 _STILL: Final = 20
 """Number of rows during which a sensor may be constant while the other sensors change: most of a shedding cycle."""
 _STEPS: Final = 4.0
-"""Expected change of a sensor that is constant, in steps of its resolution, above which the sensor counts as stuck."""
+"""Number of steps of resolution: a constant sensor counts as stuck if the others' variation suggests a larger
+change."""
 _FINEST: Final = 2.0**-12
 """Smallest step between values that is assumed for a series: two times the step in which a data set stores Cp."""
 _CLIPPED: Final = 0.03
@@ -278,12 +278,12 @@ def _readings(
             here = table[:, k] == extreme
             starts, lengths = _runs(here)
             clipped = int(lengths[lengths >= 3].sum())
-            # A sine is within four steps of resolution of its peak in some rows; the bound is twice the share of these
+            # In some rows a sine is within four steps of resolution of its peak; the bound is twice the share of these
             # rows.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue
-            # The check compares with the other sensors, because in a steady wake the other sensors are constant too.
+            # Other sensors or the jets must vary in these rows, because in a steady wake all sensors are constant.
             if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):
                 yield (
                     f"{name} is at its {word} value, {extreme:.4g}, in {clipped} of {rows} rows",

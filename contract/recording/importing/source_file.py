@@ -64,7 +64,7 @@ class Reference:
 
 
 def references_of(texts: Sequence[str]) -> dict[str, Reference]:
-    """Parse options --reference NAME=NUMBER[UNIT] to references by name. Raises ConfigError for other texts."""
+    """Parse options --reference NAME=NUMBER[UNIT] into references by name. Raises ConfigError for other texts."""
     found: dict[str, Reference] = {}
     for text in texts:
         option = f"--reference {text}"

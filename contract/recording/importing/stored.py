@@ -232,7 +232,8 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Return the arrays of nested structures; a name joins the names of the structures by slashes, as in HDF5."""
+    """Yield the arrays of nested structures; an array's name begins with the structures' names, joined by slashes as in
+    HDF5."""
     for name, values in found.items():
         if name in _TABLES:
             yield "a MATLAB table or object, whose columns only MATLAB can read: save them as variables", None
