@@ -26,8 +26,8 @@ class QuantisationLimits:
     Attributes:
         rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W. One step moves an action
             by up to about iterations * lr (5e-3 with the paper's settings); the default limit is a fifth of that move.
-            The largest error is reported but has no limit: Adam follows the sign of a gradient, and where the gradient
-            is close to zero the two programs may move in opposite directions at nearly no cost.
+            The largest error is reported but has no limit: Adam follows the sign of a gradient. If the gradient is
+            close to zero, the two programs may move an action in opposite directions, which hardly changes the cost.
         max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 
@@ -103,8 +103,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Return weights, speed and limit for a window. Weights and limit are the program's or, for every second window of
-    a program with a prior, values in the middle of the prior's range."""
+    """Return weights, speed and limit for a window; None for the program's weights and limit. For every second window
+    of a program with a prior, weights and limit are in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None

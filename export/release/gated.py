@@ -80,7 +80,7 @@ def gate(
         compiled: compiles the library; required if there is a library.
     """
     limits = QuantisationLimits() if limits is None else limits
-    # Both lowerings are compared with the same exact control steps, which take longest to compute.
+    # The exact control steps, which take longest to compute, are computed once for both lowerings.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
     graph, library = _gate_graph(lowered, windows, exact, limits), None
     if lowered.library is not None:

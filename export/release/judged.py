@@ -24,7 +24,7 @@ OPERATORS: Final = frozenset(
 SHAPING: Final = frozenset(
     ("ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Slice", "Split", "Squeeze", "Unsqueeze")
 )
-"""The operators whose further inputs determine the shape of their output, and so the duration of a step."""
+"""The operators whose inputs after the first determine the shape of their output, and so the duration of a step."""
 
 
 def judge(bundle: Bundle) -> None:

@@ -15,8 +15,8 @@ from export.to_onnx.control_step import build_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """The lowerings that are written once they have passed their gates. `library` has the C library's files by name, or
-    is None."""
+    """The lowerings, which are written after they have passed their gates. `library` has the C library's files by name,
+    or is None."""
 
     program: Program
     graph: bytes

@@ -79,8 +79,8 @@ def calibration_windows(
     """Return windows (L, S+1) of the last episode of every kind of forcing, because inputs differ between kinds.
 
     There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
-    `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing is a kind of its own. Raises
-    ExportError if all episodes are too short; the message states the longest episode.
+    `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a separate kind.
+    Raises ExportError if all episodes are too short; the message states the longest episode.
     """
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {

@@ -197,7 +197,7 @@ def _with_axes(values: npt.NDArray[Any], leading: int) -> npt.NDArray[Any]:
 
 
 def centred(graph: Graph, weight: str) -> str:
-    """Add C W with C = I - 11^T / n for n outputs: the matrix whose product has mean zero over the outputs.
+    """Add C W with C = I - 1 1^T / n for n outputs: its product with an input has mean zero over the outputs.
 
     A layer norm gives the same result after W and after C W. The adjoint of a layer norm ends in a product with C,
     which the matrix C W already contains: (W^T C) v = (C W)^T v.
