@@ -128,7 +128,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy the mode and, if possible, the owner from the old file to the new one. In folders, do this for all equal
+    """Copy the mode and, if possible, the owner from the old file to the new one; in folders, for all files of equal
     names."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return

@@ -171,8 +171,8 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     streams: AtLeastOne[int] = 4
     """Number of simulated flows that the prior controls; the flows take turns, each running one stretch."""
     stretches: AtLeastOne[int] = 10
-    """Number of stretches after which the first flow restarts from the developed wake. Each further flow runs 2
-    stretches more than the flow before."""
+    """Number of stretches after which the first flow restarts from the developed wake. Each further flow restarts after
+    2 stretches more than the flow before it."""
     learning_rate: Positive[float] = 5e-3
     """Initial learning rate of Adam."""
     last_rate: Positive[float] = 0.1

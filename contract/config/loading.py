@@ -202,7 +202,8 @@ def _short(value: object) -> str:
 
 
 def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
-    """Copy the values of `change` into the tree, section by section. The names in both mappings must be in `Config`."""
+    """Copy the values of `change` into the tree, section by section. All names in both mappings must exist in
+    `Config`."""
     for key, value in change.items():
         if isinstance(value, Mapping):
             _merge(tree.setdefault(key, {}), value)

@@ -42,7 +42,7 @@ class E2eConfig(
     section="bus.e2e",
     source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
 ):
-    """Conditions under which a receiver of an E2E-protected message accepts the stream as valid."""
+    """Conditions under which a receiver accepts the frames of an E2E-protected message as a valid stream."""
 
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("lost frames that the ECU bridges", page=_GATE)
@@ -50,7 +50,7 @@ class E2eConfig(
     """Largest increment of the counter with which a frame is still accepted as the next frame. The default 4 allows a
     loss of three frames in a row, which is the number that the ECU's fail-safe bridges."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
-    """Number of latest frames whose checks are judged together."""
+    """Number of latest checks of frames that are judged together."""
     min_ok: Annotated[int, FRAMES] = 2
     """Smallest number of good checks in the window with which a stream is valid."""
     max_errors: Annotated[int, FRAMES] = 2
@@ -147,8 +147,8 @@ class SensorCheckConfig(
     their disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
     """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. When
-    the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with stronger forcing than
-    in the training data."""
+    the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside the
+    range of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Count at which the jets go to zero and the fault latches. A doubtful period adds 1 to the count, any other period
     subtracts 1."""
@@ -162,20 +162,20 @@ class BenefitCheckConfig(
     section="ecu.benefit_check",
     source=ours("between useful and harmful control", page=_HELPS),
 ):
-    """Thresholds with which the ECU decides that control does not help (docs/explanation/what-shuts-the-jets.md)."""
+    """Thresholds with which the ECU decides whether control helps (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("outside its design conditions a controller can raise drag", page=_HELPS)] = True
     """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
     mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
     """Number of periods over which pressures are averaged, with and without control."""
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is restored", page=_HELPS)] = 150
-    """Number of periods with the jets shut after which the wake is taken to be the wake without control."""
+    """Number of periods with the jets shut after which the wake counts as the wake without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to respond", page=_HELPS)] = 60
     """First period of control that is judged; in the periods before it the wake has not yet responded."""
     least_gain: NonNegative[float] = 0.04
-    """Smallest share of the base suction that control must remove to count as help."""
+    """Smallest share of the base suction that control must remove to count as helping."""
     most_swing: Positive[float] = 1.15
-    """Largest mean difference between mirrored sensors with which control counts as help, relative to the mean
+    """Largest mean difference between mirrored sensors with which control counts as helping, relative to the mean
     difference without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Count at which the jets are shut for a test. A period in which control did not help adds 1 to the count, a period
@@ -193,7 +193,7 @@ class SpeedConfig(
     """Conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
 
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
-    """Longest time from the measurement of a speed to its use in a control step, if no newer speed arrives."""
+    """Largest age at which a measured speed is used in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Largest acceleration of a vehicle. A speed is rejected if its change would need a larger acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
@@ -210,12 +210,12 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Time that the virtual ECU takes for a control step, from the step's start to the command. This time is an assumed
     share of the budget, not a measurement; reports also show the measured latency."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
-    """Number of missed periods during which the ECU repeats the last command."""
+    """Number of consecutive periods without usable pressures during which the ECU repeats the last command."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
-    """Number of further missed periods, each of which halves the command. After them the command is zero and the fault
-    latches."""
+    """Number of further periods without usable pressures, each of which halves the command. After them the command is
+    zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Number of good frames that must arrive in a row, before the vehicle's request rises again, to clear a latched
+    """Number of consecutive good frames that must have arrived when the vehicle's request rises to clear a latched
     fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Largest age, from sampling to control step, of pressures that may be used for planning. The default allows one
@@ -246,8 +246,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     benefit_check: BenefitCheckConfig = field(default_factory=BenefitCheckConfig)
     speed: SpeedConfig = field(default_factory=SpeedConfig)
     command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
-    """Largest change of the jet command per period that the command gate lets pass, in U_inf W: three times the largest
-    change of the training waveform at full amplitude."""
+    """Largest change of the jet command per period, in U_inf W, that the ECU's command gate permits. The default is
+    three times the largest change of the training waveform at full amplitude."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -264,13 +264,13 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     """The simulated vehicle."""
 
     actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
-    """Largest change of the jet command per period, in U_inf W, that the ECU's command gate permits. The default is
-    three times the largest change of the training waveform at full amplitude."""
+    """Delay of the jets after a command, in control periods. The controller assumes `ecu.delay_steps`."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
-    """Number of latest periods under control among which `vehicle.loss_limit` counts losses. The default is one
-    second."""
+    """Largest change of the jets' action per period, in U_inf W, that the jets' driver permits, except for shutting the
+    jets. The default equals that of `ecu.command_step`; the vehicle enforces its limit independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Number of latest periods under control among which `vehicle.loss_limit` counts losses: one second."""
+    """Number of latest periods under control among which `vehicle.loss_limit` counts losses; the default is one
+    second."""
     loss_limit: Annotated[int, PERIODS] = 25
     """Number of periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts
     its jets and withdraws its enable request. The request stays withdrawn until the vehicle itself has stopped

@@ -1,12 +1,12 @@
 """The folder of a C library, which has one control step in C99 and the ECU around it: file names and formats.
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
-calls. The file names do not depend on program or precision: sources that are equal for all programs, the generated
-`sw_settings.h` and `sw_weights.c`, and `recorded.txt` and `expected.txt` for the example program `replay.c`. Folders of
-older versions have no `expected.txt` and no documents; this module needs neither.
+calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and
+`recorded.txt` and `expected.txt` for the example program `replay.c`. The names are the same for every program and
+precision. Folders of older versions have no `expected.txt` and no documents; this module needs neither.
 
 A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h` and its sources beside the control step's, and
-programs with their own `main` in `examples/`. A folder without that header has the control step alone, for example if
+programs with a `main` function in `examples/`. A folder without that header has the control step alone, for example if
 the bus does not transmit the controller's sensors.
 """
 

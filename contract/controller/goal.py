@@ -22,7 +22,7 @@ DEAREST_LIFT: Final = 1.0
 NARROWEST: Final = 0.5
 """Smallest limit of the jets for which a prior is trained, as a share of the release's limit."""
 SPEED_SCALE: Final = 0.4
-"""Difference between a vehicle's speed and the design speed, divided by the design speed, that is scaled to 1."""
+"""Relative difference of a vehicle's speed from the design speed that is scaled to 1."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
 """Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
 above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the

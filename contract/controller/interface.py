@@ -118,6 +118,6 @@ class CompiledLibrary(Controller, Protocol):
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
-"""A function that compiles files by name, for given sizes, into a library on this machine. The function raises
+"""A function that compiles the given files, for the given sizes, into a library on this machine, or raises
 LibraryError. `ecu.in_c` has such a function; the command line passes it to `export`, which thus checks the C code
 without depending on a compiler."""

@@ -64,9 +64,11 @@ class Description:
         scaling: scaling of all pressures, the action and the forces.
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
-        metrics: "teacher", "slim" and, with narrower networks, "deployed"
-            (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma against the teacher).
-        ranking: method and order of the sensors; for SHAP also mean and std of every sensor, and stability of the sets.
+        metrics: errors under the names "teacher", "slim" and, with narrower networks, "deployed"
+            (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma of the slim encoder's latents
+            against the teacher's).
+        ranking: method and order of the sensors; for SHAP also mean and standard deviation of every sensor's score, and
+            the stability of the best sets.
         versions: versions of the software; "torch_threads" is the number of threads during training.
     """
 

@@ -278,8 +278,7 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The single recorded force on the slot faces is read as pressure force, which it nearly is; the sum is
-        # unchanged.
+        # The single recorded force on the slot faces is read as pressure force, its main part; the sum is unchanged.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}

@@ -1,4 +1,4 @@
-"""Checks for implausible numbers, as a wall, a force balance or a logger may give them, with likely cause and remedy.
+"""Checks for numbers that a wall, a force balance or a logger hardly ever gives, with likely cause and remedy.
 
 The checks are per episode and per sensor. They do not stop training: the bounds are those of usual bodies in a stream,
 and the body may be unusual.
@@ -33,7 +33,7 @@ def dominant_frequency(values: Array, period: float) -> float | None:
 def share_near(values: Array, period: float, frequency: float, width: float) -> float:
     """Return the share of a series' fluctuation power within the relative `width` of a frequency, with a Hann window.
 
-    The band is never narrower than two bins of the spectrum, which is the width of the Hann window's own peak.
+    The band is never narrower than two bins of the spectrum, the width of the peak that the Hann window causes.
     """
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     bins = np.fft.rfftfreq(len(values), period)
@@ -89,8 +89,8 @@ _Note = tuple[str, str]
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report one line per cause, with the episodes and values that indicate the cause; then findings between
-    episodes."""
+    """Report one line per cause, with the episodes and values that indicate the cause; then one per difference of
+    files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -233,7 +233,7 @@ def _listed(names: Sequence[str], which: Mask) -> str:
 
 
 def _divisor(episode: Episode) -> float:
-    """Return the number by which the import divided the file's pressures."""
+    """Return the number by which the import divided the pressures in the file."""
     references = episode.provenance.get("references")
     found = references.get("Cp") if isinstance(references, dict) else None
     number = found[0] if isinstance(found, list) and found else None
@@ -327,13 +327,13 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
 
 
 def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array) -> Iterator[str]:
-    """Report files that contain rows of another file, because a test on such rows tests nothing."""
+    """Report files that contain rows of another file, because a test on rows from training shows nothing."""
     chosen = [*np.unique(np.linspace(0, len(spread) - 3, 4).astype(int)), -2, -1]
     cells = np.maximum(2 * _FINEST, spread[chosen] / _CELLS)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A periodic wake repeats itself in its own file too. So only rows that differ from all other rows of their file
+    # A periodic wake repeats itself within one file too. So only rows that differ from all other rows of their file
     # count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1

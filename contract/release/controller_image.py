@@ -37,8 +37,8 @@ SUFFIX: Final = ".swi"
 HEADER_BYTES: Final = 512
 """Size of the header, in bytes."""
 VEHICLE: Final = slice(148, 192)
-"""Bytes of the header on the vehicle, which an ECU compares with its own: control period, operating point, action
-limit, number of sensors."""
+"""The header's bytes that describe the vehicle and that an ECU compares with its settings: control period, operating
+point, action limit, number of sensors."""
 _MAX_NAME: Final = 64
 """Largest size of a name, in bytes."""
 _MAGIC: Final = b"SWCTRL01"

@@ -268,7 +268,7 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
 
 
 class Opened(NamedTuple):
-    """A manifest whose own hash is correct, split into schema, fields, hashes of files and DBC, and its own hash."""
+    """A manifest whose hash of itself is correct, split into schema, fields, hashes of files and DBC, and that hash."""
 
     schema: str
     body: Mapping[str, Any]

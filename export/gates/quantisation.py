@@ -1,6 +1,6 @@
-"""The effect of int8 weights on the controller: the difference in actions, and the cost of these actions.
+"""The effect of int8 weights on the controller: the difference in actions, and the resulting difference in cost.
 
-The gate compares behaviour, not bits: both programs start from equal windows and warm starts, and the model of the
+The gate compares behaviour, not bits: both programs start from equal windows and previous plans, and the model of the
 float program computes the cost of the quantised program's plan.
 """
 
@@ -59,8 +59,8 @@ Answer = Callable[[Array, Array, Array, Array | None, float, float | None], Cont
 
 
 def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
-    """Compute the float program's control steps for consecutive windows (L, S+1). Each plan is the next step's warm
-    start.
+    """Compute the float program's control steps for consecutive windows (L, S+1); each step starts from the plan of
+    the step before.
 
     Speeds and goals vary from window to window if the program depends on them.
     """

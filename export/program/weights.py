@@ -1,4 +1,4 @@
-"""The weights of the three networks as float64 arrays (paper, table 1), and the checks when they are read.
+"""The weights of the three networks as float64 arrays (paper, table 1), and the checks of the tensors that are read.
 
 Matrices are (outputs, inputs), as PyTorch stores them. Widths, window and number of decoder blocks follow from the
 arrays' shapes; the checks refuse inconsistent arrays.

@@ -1,5 +1,4 @@
-"""The check of a graph before it is signed: onnx's own checker, and a check that the graph has only operators that the
-export writes."""
+"""The check of a graph before it is signed: onnx checks it, and it may have only operators that the export writes."""
 
 from collections.abc import Iterator
 from typing import Final

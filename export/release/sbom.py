@@ -32,7 +32,7 @@ from contract.release.signing import project_key
 
 _MONOCYPHER: Final = re.compile(rb"Monocypher version ([0-9.]+)")
 OURS: Final = "MIT"
-"""Licence of the project's own files; other people's releases have their own licence."""
+"""Licence of the project's files and releases; it does not apply to other people's releases."""
 
 
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:

@@ -48,7 +48,7 @@ def _inverse_scale(largest: float, width: int) -> float:
 
 
 def _channels(*columns: Array) -> Array:
-    """Group the constants of the n outputs in eights, (n / 8, constants, 8); the padding has zeros."""
+    """Group the constants of the n outputs by eight outputs, (n / 8, constants, 8); the padding has zeros."""
     rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
     return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)
 

@@ -1,7 +1,7 @@
 """The integers of the int8 C library: their ranges, the packing of matrices, and tables of functions.
 
-With int8 matrices and int16 activations, a product's sum of n terms is below 127 qmax(n) n < 2^31. The constants of
-this module are written into `sw_settings.h` (`c_constants`), so that the C sources define no number a second time.
+With int8 matrices and int16 activations, a sum of n products is below 127 qmax(n) n < 2^31. The constants of this
+module are written into `sw_settings.h` (`c_constants`), so that the C sources define no number a second time.
 """
 
 from collections.abc import Callable

@@ -186,7 +186,7 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
     """Return the expected answers of the example program, (n, 4): planned action, predicted mean Cd and Cl, and cost.
 
-    Every answer starts from a plan of zeros. If plans were passed on to the next step, a difference in rounding could
+    Every answer starts from a plan of zeros. If each step started from the plan before, differences in rounding could
     grow from answer to answer, by an amount that depends on the plant.
 
     Args:

@@ -69,8 +69,8 @@ class Cost:
         mean = graph.op("Mul", _reduce(graph, "ReduceMean", signed_forces), self._by_mean)
         steady = graph.op("Add", mean, self._by_drag)
         through_forces = graph.op("Add", graph.op("Add", fluctuation, lift), steady)
-        # The plan is a row, because ONNX Runtime takes three times as long for a matrix times a column as for a row
-        # times a matrix.
+        # The plan is a row, because in ONNX Runtime a matrix times a column takes three times as long as a row times a
+        # matrix.
         through_plan = graph.op("Gemm", plan, self._curvature, self._minus_pull)
         return CostGradientNames(signed_forces=through_forces, plan=through_plan)
 

@@ -27,8 +27,8 @@ IR_VERSION: Final = 8
 class Graph:
     """A collection of nodes; every value has a name.
 
-    A body from `body()` becomes the inside of a `scan`. The body reads any value of the graphs around it by name, and
-    its constants are stored in the outermost graph. Equal constants are stored once.
+    A graph from `body()` becomes the body of a Scan (`scan`). A body reads any value of the graphs around it by name,
+    and its constants are stored in the outermost graph. Equal constants are stored once.
     """
 
     def __init__(self, parent: "Graph | None" = None) -> None:

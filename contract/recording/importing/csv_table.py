@@ -128,7 +128,7 @@ def _with_header(content: list[str]) -> list[str]:
 
 
 def _number(cell: str) -> float:
-    """Parse a number as tables write it. Python's own notation 1_000 is refused. Raises ValueError."""
+    """Parse a number in the notation of tables. Python's notation 1_000 is refused. Raises ValueError."""
     return float(cell.replace("_", "?"))
 
 
