@@ -34,7 +34,7 @@ class DragLedger(Generic[Value]):
 
     @property
     def Cd_slot(self) -> Value:
-        """Force on the slot faces."""
+        """Sum of the pressure force and the viscous force on the slot faces."""
         return self.Cd_slot_pressure + self.Cd_slot_viscous
 
     @property

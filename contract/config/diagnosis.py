@@ -106,7 +106,7 @@ class DiagnosisConfig(
 
     @property
     def heard(self) -> frozenset[CanId]:
-        """The diagnosis and calibration identifiers that an ECU receives."""
+        """Identifiers of the frames for diagnosis and calibration that an ECU receives."""
         return frozenset(filter(None, (self.request, self.functional, self.xcp_command if self.xcp else None)))
 
     @property

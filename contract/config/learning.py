@@ -88,13 +88,14 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
     """k: number of steps that the dynamics network predicts from each encoded state to compute the loss."""
     force_weight: NonNegative[float] = 0.25
-    """Weight of the error of the forces decoded from predicted latents."""
+    """Weight, in the loss, of the error of the forces decoded from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """Weight of the error of the forces decoded from encoded latents; the paper decodes predicted latents only."""
+    """Weight, in the loss, of the error of the forces decoded from encoded latents; the paper decodes predicted latents
+    only."""
     variance_weight: NonNegative[float] = 0.02
-    """Weight of the amount by which a latent's standard deviation over the batch is below 1."""
+    """Weight, in the loss, of the amount by which a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
-    """Weight of the squared covariances between latents over the batch."""
+    """Weight, in the loss, of the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
     """Learning rate of Adam in every phase except the finish."""

@@ -47,7 +47,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     base_frequency: Annotated[Positive[float], FREQUENCY] = 0.2
     """Frequency of the carrier, which is close to the wake's shedding frequency."""
     modulation_cutoff: Annotated[Positive[float], FREQUENCY] = 0.05
-    """Cut-off of the low-pass filter on the noise that modulates the carrier's frequency."""
+    """Cut-off frequency of the low-pass filter for the noise that modulates the carrier's frequency."""
     modulation_index: Annotated[NonNegative[float], FREQUENCY] = 0.25
     """Largest deviation of the carrier's frequency from `forcing.base_frequency`."""
     envelope_frequency: Annotated[Positive[float], FREQUENCY] = 0.005

@@ -26,7 +26,7 @@ from contract.printable import quoted, shown
 PROGRAM_SETTINGS: Final = "sw_settings.h"
 """Name of the header with sizes and settings of one program, and the hashes of that program and of the DBC."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
-"""Name of the header with DBC messages, release figures and vehicle settings, in folders with the ECU only."""
+"""Name of the header with DBC messages, release figures and vehicle settings, which only folders with the ECU have."""
 PROGRAM_WEIGHTS: Final = "sw_weights.c"
 """Name of the source file with the arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"

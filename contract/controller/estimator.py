@@ -56,7 +56,7 @@ class WindowView(NamedTuple):
 
 
 def pairs(sensors: int) -> list[tuple[int, int]]:
-    """Return all pairs of sensors, in order."""
+    """Return all pairs of different sensors (i, j), i < j, in ascending order."""
     return list(combinations(range(sensors), 2))
 
 

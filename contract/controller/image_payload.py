@@ -28,7 +28,7 @@ MOST_FIGURE: Final = 1e3
 """Largest permitted magnitude, in Cp, of the figures that describe the residuals of healthy sensors and the wake
 without jets; `LEAST_FIGURE` is the smallest. The squares of these figures are divisors."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
-"""Types, in the order of their numbers in `sw_image.c`."""
+"""Types of arrays, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
     {
         *("design_speed", "design_density", "window_factor", "force_std", "action_limit", "action_factor", "factor"),
@@ -47,7 +47,7 @@ _OF_ELU_MOST: Final = 65535.0
 """Largest value of the factor that converts an ELU's integer to the scale of the decoder's residuals."""
 
 Member = tuple[str, tuple[int, ...], int]
-"""Type, shape and offset in the payload of an array."""
+"""Type and shape of an array, and its offset in the payload, in bytes."""
 Range = tuple[float, float]
 
 
@@ -259,7 +259,8 @@ def _definitions(layout: str) -> dict[str, str]:
 
 
 def _starts(layout: Mapping[str, str]) -> dict[str, int]:
-    """Return the offset of each struct of a payload; the name "" has the offset of the payload's end."""
+    """Return the offset of each struct of a payload by the struct's name; the name "" has the offset of the payload's
+    end."""
     found, start = {}, 0
     for struct in (*_STRUCTS, ""):
         found[struct] = start
@@ -269,7 +270,7 @@ def _starts(layout: Mapping[str, str]) -> dict[str, int]:
 
 
 def members_in(layout: Mapping[str, str]) -> dict[str, Member]:
-    """Return type, shape and offset of every array by the names of struct and array."""
+    """Return type, shape and offset of every array, by names such as "weights.window_mean"."""
     found = {}
     for struct, start in _starts(layout).items():
         for member in filter(None, layout.get(f"{struct}_LAYOUT", "").strip('"').split("; ")):

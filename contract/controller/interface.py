@@ -96,7 +96,8 @@ class Controller(Protocol):
 
 
 class RunnableController(Controller, Protocol):
-    """A controller that runs and can be warmed up here. `description` states which program computes the step."""
+    """A controller that runs on this machine and can be warmed up. `description` states which program computes the
+    step."""
 
     description: str
 

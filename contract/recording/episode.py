@@ -44,12 +44,12 @@ class PlantFacts:
                 raise DatasetError(f"{name} = {value}: must be positive and finite")
 
     def as_dict(self) -> dict[str, float | None]:
-        """Return the facts by name, in order; the names are those of the settings in `flow`."""
+        """Return the facts by the names of the settings in `flow`, in order."""
         return {name: getattr(self, name) for name in FACTS}
 
 
 FACTS: Final = tuple(item.name for item in fields(PlantFacts))
-"""Names of the facts."""
+"""Names of the facts about the plant."""
 
 
 def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:

@@ -52,8 +52,8 @@ _MOMENT: Final = 20.0
 """|Cp| above which a single row is an error: conical vortices on roofs reach 15 for moments."""
 _FORCE: Final = 5.0
 """Largest plausible mean Cd, and largest plausible standard deviation of Cl. A plate across the stream has a Cd of 2,
-in a narrow tunnel 4; only creeping flow, which has no wake, has more. Cylinders that oscillate with their wake have a
-Cl of 3."""
+and of 4 in a narrow tunnel; only creeping flow, which has no wake, has a larger Cd. Cylinders that oscillate with their
+wake have a Cl of 3."""
 _DRAG: Final = 0.02
 """Smallest plausible mean Cd, based on the width across the stream; slender sections have 0.04."""
 _FLAT: Final = 0.01
@@ -72,7 +72,7 @@ _STEPS: Final = 4.0
 """Number of steps of resolution: a constant sensor counts as stuck if the others' variation suggests a larger
 change."""
 _FINEST: Final = 2.0**-12
-"""Smallest step between values that is assumed for a series: two times the step in which a data set stores Cp."""
+"""Smallest step between values that is assumed for a series: two times the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
 """Share of rows at the largest or smallest value, in runs of three or more, above which a sensor may be saturated."""
 _SHOWN: Final = 3

@@ -76,7 +76,7 @@ class Check:
 
 
 def sha256(data: bytes) -> str:
-    """Return the SHA-256 in hex, as manifests state it."""
+    """Return the SHA-256 of bytes in hex, as manifests state it."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -110,7 +110,7 @@ class Made:
         return value
 
     def need(self, name: str, make: Callable[[], _T]) -> _T:
-        """Compute a value that later checks need. An error always ends the reading."""
+        """Compute a value that later checks need. An error in its computation always ends the reading."""
         try:
             return make()
         except BundleError as error:

@@ -33,7 +33,7 @@ class Lowered:
 
     @property
     def program_sha256(self) -> str:
-        """The hash that the bundle's manifest and the library's header state."""
+        """SHA-256 of the program, which the bundle's manifest and the library's header state."""
         return program_sha256(self.effective)
 
 

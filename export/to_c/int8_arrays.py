@@ -84,7 +84,6 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
 
 
 def _integers(values: Array) -> Integers:
-    """Round to the nearest integers."""
     return np.rint(values).astype(np.int32)
 
 

@@ -168,7 +168,7 @@ class Int8Store:
     """A store of the integers of a rounded program: one byte per weight and one scale per row.
 
     The stored value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators
-    that only rearrange (Transpose, Slice, Unsqueeze), and its version 1.20 aborts when it moves one with a scale per
+    that only rearrange (Transpose, Slice, Unsqueeze); its version 1.20 aborts if the moved operator has a scale per
     row.
     """
 

@@ -52,7 +52,6 @@ class CsvTable:
         return values
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a column as text."""
         column = self.header.index(name)
         return tuple(row[column] for row in self.rows)
 
