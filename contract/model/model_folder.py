@@ -91,7 +91,7 @@ class Description:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Origin of a trained model, in the form in which a release that is exported from the model states it.
+    """Origin of a trained model, as stated by the releases that are exported from the model.
 
     Attributes:
         metrics, versions, config: values as in the model's description.
@@ -150,7 +150,7 @@ class ModelFolder:
 
     @property
     def provenance(self) -> Provenance:
-        """The model's origin, in the form that a release states."""
+        """Origin of the model, as stated by its releases."""
         return Provenance(
             dataset_sha256=self.description.dataset_sha256,
             weights_sha256=self.weights_sha256,

@@ -299,7 +299,7 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _forcing(dataset: Dataset) -> Iterator[Finding]:
-    """Report that all training episodes are forced at one frequency."""
+    """Report if the jets' forcing has one frequency only in all training episodes."""
     period = dataset.plant.control_period
     if period is None:
         return

@@ -78,8 +78,8 @@ _CLIPPED: Final = 0.03
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
-"""Number of cells per standard deviation of a column. Values in one cell count as equal; values within 16 cells count
-as similar."""
+"""Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
+within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
 """Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy of another
 file."""

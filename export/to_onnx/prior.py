@@ -70,7 +70,8 @@ def lower_prior(
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
-        committed, free: (1, H) actions that apply where they are not free; (H,) mask of free actions.
+        committed: (1, H) actions that the plan has where `free` is 0.
+        free: (H,) 1 where the prior decides the action, 0 elsewhere.
         schedule: (6, 1) values of the schedule variables.
         reach: scalar bound on |a| that the goal allows, in U_inf W.
         bound: scalar bound on |a| in this control step, in U_inf W.
