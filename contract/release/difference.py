@@ -52,7 +52,7 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
 
 
 def described(image: ControllerImage) -> dict[str, str]:
-    """Return the facts of an image by name, in the order in which they are shown."""
+    """Return the data that describe an image, by name, in the order in which they are shown."""
     facts, layout = image.facts, layout_in(image.payload, image.facts.layout)
     width, speed, density = facts.operating_point
     return {
