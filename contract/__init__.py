@@ -1,1 +1,2 @@
-"""Facts and formats that all packages share: geometry, sensors, units, configuration, data sets, bundles, the DBC."""
+"""Definitions and formats that all packages share: geometry, sensors, units, configuration, data sets, bundles, the
+DBC."""

@@ -23,8 +23,8 @@ hours of a truck's control periods. A file with more values is refused before it
 
 
 class ArrayValue:
-    """A frozen dataclass with read-only arrays. It equals an instance with equal values. Subclasses are declared with
-    eq=False, because the `__eq__` that `dataclass` generates cannot compare arrays."""
+    """A frozen dataclass with read-only arrays. Two instances are equal if all their values are equal. Subclasses are
+    declared with eq=False, because the `__eq__` that `dataclass` generates cannot compare arrays."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

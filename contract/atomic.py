@@ -33,8 +33,8 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 
     Missing folders are not created; the test file is then created in the nearest existing folder. `folder` states
     whether the result is a folder; otherwise it is a file. Raises StillwakeError if `path` is a folder and the result
-    is a file or the reverse, if it has no name of its own, if it is the file to which this process prints, if it has a
-    hard link that would keep the old content, or if it cannot be written.
+    is a file, or the reverse; if `path` has no last name, like `..`; if it is the file to which this process prints; if
+    it has a further hard link, which would keep the old content; or if it cannot be written.
     """
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
@@ -128,7 +128,8 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy the mode and, if possible, the owner from the old file or folder to the new one, recursively by name."""
+    """Copy the mode and, if possible, the owner from the old file to the new one; in folders, for all files of equal
+    names."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

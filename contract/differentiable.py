@@ -1,4 +1,4 @@
-"""The interface of a differentiable plant for training a controller through the flow."""
+"""The interface of a differentiable plant, for training a controller with gradients through the flow."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,14 +8,14 @@ from contract.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
-    """The values of a sample that a training reads, in units of the present speed.
+    """The values of a sample that a training reads, made dimensionless with the present speed.
 
-    The argument of `back` has the gradient of a scalar with respect to each value instead.
+    In an argument of `back`, the derivative of a scalar with respect to each value replaces this value.
 
     Attributes:
         Cp: pressure coefficients at the sensors of p mirrored pairs; the two sensors of a pair are adjacent, (2 p,).
         Cd, Cl: drag and lift coefficients of the body.
-        Uy: transverse velocity at the wake probe, in units of the present speed.
+        Uy: transverse velocity at the wake probe, divided by the present speed.
     """
 
     Cp: Array
@@ -33,7 +33,7 @@ class Seen:
 class FlowState:
     """A flow at the beginning of a control period: its state in one vector, and the action of the jets at that time.
 
-    State and actions are in units of the design speed, independent of the present speed.
+    State and action are made dimensionless with the design speed, not with the present speed.
     """
 
     flat: Array
@@ -48,7 +48,7 @@ class DifferentiableFlow(Protocol):
 
         Args:
             speeds: (n + 1,) speeds as ratios to the design speed, for a run of n periods: the speed at the start, then
-                the speed at each period's sample; linear in between.
+                the speed at each period's sample; the speed is linear in between.
         """
         ...
 
@@ -59,8 +59,8 @@ class DifferentiableFlow(Protocol):
 
     def back(self, weights: Seen) -> float:
         """Go back by a period, and return the gradient of a scalar with respect to the period's action. `weights` has
-        the scalar's derivatives with respect to the period's sample; the calls for later periods received the
-        derivatives with respect to later samples."""
+        the scalar's derivatives with respect to the period's sample. The calls for later periods had the derivatives
+        with respect to their samples."""
         ...
 
     def state(self) -> FlowState:

@@ -1,7 +1,7 @@
-"""The drag ledger: every force along the road that the jets change, and the power that the jets take.
+"""The drag ledger: every force along the road that the jets change, and the power that the jets need.
 
-A drag reduction must be compared with its cost. The controller reduces the drag of the wall. The ledger also has the
-forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of the forces.
+A drag reduction must be compared with its cost. The controller reduces the drag force on the wall. The ledger also has
+the forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of the forces.
 """
 
 from collections.abc import Mapping
@@ -34,12 +34,12 @@ class DragLedger(Generic[Value]):
 
     @property
     def Cd_slot(self) -> Value:
-        """Force on the slot faces."""
+        """Sum of the pressure force and the viscous force on the slot faces."""
         return self.Cd_slot_pressure + self.Cd_slot_viscous
 
     @property
     def Cd_net(self) -> Value:
-        """Sum of wall, slot and momentum forces: the force on the vehicle."""
+        """Sum of wall, slot and momentum forces: the total force of the flow on the vehicle."""
         return self.Cd + self.Cd_slot + self.Cd_momentum
 
 

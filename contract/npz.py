@@ -15,7 +15,8 @@ _HEADERS: Final = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_hea
 
 
 class Arrays(dict[str, npt.NDArray[Any]]):
-    """The arrays of a file by name. The methods raise ValueError for an array of another kind."""
+    """The arrays of a file by name. The methods raise ValueError for an array of another kind than the method
+    returns."""
 
     def __missing__(self, name: str) -> npt.NDArray[Any]:
         raise ValueError(f"it lacks {name!r}")
@@ -30,7 +31,7 @@ class Arrays(dict[str, npt.NDArray[Any]]):
         return array.astype(np.float64)
 
     def text(self, name: str) -> str:
-        """Return the single text that has this name."""
+        """Return the text in the array with this name, which must hold exactly one text."""
         array = self[name]
         if array.dtype.kind != "U" or array.shape:
             raise ValueError(f"{name!r} is {array.dtype} of shape {array.shape}: must be a text")
@@ -38,9 +39,9 @@ class Arrays(dict[str, npt.NDArray[Any]]):
 
 
 def read_npz(path: Path, *, objects: bool = False) -> Arrays:
-    """Read all arrays of a file. With `objects`, an array of Python objects becomes an empty array. Raises OSError if
-    the file cannot be opened; ValueError if the file is no archive of arrays of numbers and texts, is damaged, or holds
-    more than `MOST_VALUES` values."""
+    """Read all arrays of a file. With `objects`, an array of Python objects is read as an empty array; without, it is
+    refused. Raises OSError if the file cannot be opened; ValueError if the file is no archive of arrays of numbers and
+    texts, is damaged, or holds more than `MOST_VALUES` values."""
     if path.exists() and not path.is_file():
         raise ValueError("it is not a file")
     found, total = Arrays(), 0

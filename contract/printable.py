@@ -1,4 +1,5 @@
-"""Conversion of a bundle's texts for the terminal, which control characters in a foreign bundle could disturb."""
+"""Conversion of a bundle's texts for display. A bundle of unknown origin may have control characters, which disturb a
+terminal."""
 
 from typing import Final
 
@@ -6,7 +7,7 @@ MAX_NAME: Final = 100
 """Largest number of characters in the name of a release, a sensor or a file, so that it fits into one line."""
 MAX_SHOWN: Final = 200
 LARGEST: Final = 2**63
-"""Smallest integer that does not fit into an array."""
+"""Smallest positive integer that does not fit into an array of signed 64-bit integers."""
 
 
 def is_name(text: str) -> bool:

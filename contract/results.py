@@ -16,8 +16,8 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
     """Write a result as JSON, completely or not at all.
 
     Args:
-        figures: measured values, in the units that the code which reads the file documents.
-        facts: settings, seeds, versions and hashes of the inputs; this function adds the machine.
+        figures: measured values; the code that reads the file documents their units.
+        facts: settings, seeds, versions and hashes of the inputs; this function adds a description of the machine.
     """
     content = {"date": on.isoformat(), "figures": figures, "facts": {**facts, "machine": machine()}}
     with replacing(path) as temporary:

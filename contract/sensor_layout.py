@@ -95,8 +95,8 @@ class SensorLayout:
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """Return the layout of some columns, in the given order. It has no mirror images, because they may not be among
-        the columns."""
+        """Return the layout of some columns, in the given order. It has no mirror images, because the columns may lack
+        a sensor's mirror image."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],

@@ -1,4 +1,4 @@
-"""Parallel work in processes of this machine, or on dask workers, which may be on other machines and may be lost.
+"""Parallel work in processes of this machine, or on dask workers. These may run on other machines, and may die.
 
 No process and no temporary file remains, even if the work fails or is stopped.
 """
@@ -63,7 +63,7 @@ def spread(
     looked: Callable[[Mapping[str, int]], None] = lambda threads: None,
     slots: Callable[[Mapping[str, int]], int] = len,
 ) -> None:
-    """Run jobs on dask workers, in order, one job per slot at a time; a local worker that dies is replaced.
+    """Run jobs on dask workers in the given order, each in a free slot; a local worker that dies is replaced.
 
     Args:
         call: returns a job's function and its arguments, which are sent to the worker; called when a slot is free.
@@ -72,7 +72,7 @@ def spread(
         names: returns, for the error message, the job's name and what remains of the job if its workers die.
         finished: called in this process with every finished job and its result, in the order in which the jobs finish.
         looked: called at every poll with the number of threads of each worker, by the worker's address.
-        slots: returns the number of jobs that these workers run at the same time.
+        slots: returns the number of slots: of jobs that these workers run at the same time.
 
     Raises:
         StillwakeError: the scheduler cannot be reached or has no worker, workers died too often during one job, or the

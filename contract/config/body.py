@@ -1,4 +1,4 @@
-"""Settings of the body's shape in the project's own solver, and of the sensors on the body."""
+"""Settings of the body's shape and of its sensors, for the project's own solver."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final
@@ -21,8 +21,8 @@ _RADIUS: Final = Rule(
 class BodyConfig(Settings, source=paper("section 2.1")):
     """The body: a box of width 1 with its front at x = 0, two jets at the edges of its base, and pressure sensors.
 
-    The defaults describe the truck. Any other body works only in the project's own solver, and needs its own developed
-    start from `stillwake develop`.
+    The defaults describe the truck. Any other body works only in the project's own solver, and needs a developed wake
+    that `stillwake develop` computes.
     """
 
     length: Annotated[float, _LENGTH, WIDTHS] = LENGTH

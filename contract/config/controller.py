@@ -14,7 +14,7 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
     """Weight of the mean C_d over the horizon minus `mpc.drag_reference`."""
     drag_fluctuation: NonNegative[float] = 0.1
-    """Weight of the range of C_d in the horizon: its largest minus its smallest value."""
+    """Weight of the range of C_d over the horizon: the largest minus the smallest value."""
     lift: NonNegative[float] = 0.01
     """Weight of the mean |C_l| over the horizon."""
     lift_mean: Annotated[NonNegative[float], paper("equation 14", "without this term")] = 0.0
@@ -25,7 +25,7 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     effort: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
     """Weight of the mean squared action of the plan."""
     rate: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
-    """Weight of the squared difference between the action that the jets have now and the first planned action."""
+    """Weight of the squared difference between the present action of the jets and the first planned action."""
     prior: Annotated[NonNegative[float], paper("equation 15", "without this term")] = 0.0
     """Weight of the plan's mean squared distance from the optimiser's initial plan. The initial plan is the prior's
     plan or, without a prior, the previous plan shifted by one step."""
@@ -36,7 +36,7 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
 
     @classmethod
     def of(cls, values: Iterable[float]) -> "CostWeights":
-        """Build the weights from the values that `as_tuple` returns. Raises ConfigError for a negative value."""
+        """Build the weights from values in the order of `as_tuple`. Raises ConfigError for a negative value."""
         return cls(**{item.name: float(value) for item, value in zip(fields(cls), values, strict=True)})
 
 
@@ -51,8 +51,9 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     learning_rate: Positive[float] = 1e-3
     """Learning rate of the Adam iterations on the plan."""
     epsilon: Annotated[Positive[float], ours("Kingma and Ba's; the paper gives none")] = 1e-8
-    """Constant that Adam adds to the root of the second moment. If it is far below the gradients, the first step equals
-    the learning rate; if it is far above them, the first step is the gradient times learning rate / `mpc.epsilon`."""
+    """Constant that Adam adds to the root of the gradient's second moment. If the constant is far below the gradient's
+    magnitude, the first step equals the learning rate; if it is far above, the first step is the gradient times
+    learning rate / `mpc.epsilon`."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
-    """C_d,ref: mean drag coefficient without control. It shifts the cost and changes no plan."""
+    """C_d,ref: mean drag coefficient without control. It shifts the cost by a constant, so it changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

@@ -1,4 +1,5 @@
-"""Settings of the CAN identifiers for diagnosis and calibration, which no control message may have."""
+"""Settings of the CAN identifiers for diagnosis and calibration. No control message may have one of these
+identifiers."""
 
 import re
 from collections.abc import Mapping
@@ -105,7 +106,7 @@ class DiagnosisConfig(
 
     @property
     def heard(self) -> frozenset[CanId]:
-        """The diagnosis and calibration identifiers that an ECU receives."""
+        """Identifiers of the frames for diagnosis and calibration that an ECU receives."""
         return frozenset(filter(None, (self.request, self.functional, self.xcp_command if self.xcp else None)))
 
     @property
@@ -128,7 +129,7 @@ _LIKE: Final = {
     "xcp_command_id": "xcp_command_id",
     "xcp_response_id": "xcp_command_id",
 }
-"""Map of each setting to the setting whose identifier must have the same length."""
+"""Map from each setting to a setting with which it is compared: both identifiers must have 11 bits, or both 29."""
 
 
 @cache

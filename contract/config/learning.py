@@ -49,7 +49,8 @@ class ModelConfig(Settings, source=paper("table 1")):
 
     @property
     def slim(self) -> "ModelConfig":
-        """Return the deployed networks' shapes. Their dropout is 0, because the teacher's outputs have no noise."""
+        """Return the deployed networks' shapes. Their dropout is 0, because they are fitted to outputs without
+        noise."""
         return replace(
             self,
             dynamics_width=self.slim_dynamics_width or self.dynamics_width,
@@ -65,10 +66,11 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """Last passes of the joint fit, with a longer unroll. After passes that predict 5 steps, they reduce the error at
-    the controller's horizon. A training that uses the longer unroll from the start stalls at the mean forces.
+    """The finish: the last passes of the joint fit, with a longer unroll. They follow passes that predict 5 steps, and
+    reduce the prediction error at the controller's horizon. A training that uses the longer unroll from the start
+    stalls: it predicts only the mean forces.
 
-    Each of these fields replaces the field of `train` with the same name.
+    In the finish, each of these fields replaces the field of `train` with the same name.
     """
 
     epochs: Annotated[NonNegative[float], PASSES, paper("section 2.2.4", "without a finish")] = 0.0
@@ -84,15 +86,16 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Joint loss, optimiser and distillation (paper, sections 2.2.4 and 2.3)."""
 
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
-    """k: number of steps, in the loss, that the dynamics network predicts from each encoded state."""
+    """k: number of steps that the dynamics network predicts from each encoded state to compute the loss."""
     force_weight: NonNegative[float] = 0.25
-    """Weight of the error of the forces decoded from predicted latents."""
+    """Weight, in the loss, of the error of the forces decoded from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """Weight of the error of the forces decoded from encoded latents; the paper decodes predicted latents only."""
+    """Weight, in the loss, of the error of the forces decoded from encoded latents; the paper decodes predicted latents
+    only."""
     variance_weight: NonNegative[float] = 0.02
-    """Weight of the amount by which a latent's standard deviation over the batch is below 1."""
+    """Weight, in the loss, of the amount by which a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
-    """Weight of the squared covariances between latents over the batch."""
+    """Weight, in the loss, of the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
     """Learning rate of Adam in every phase except the finish."""
@@ -113,8 +116,8 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     and then lowers it to 0."""
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
-    """Number of passes of the distillation that read the recording as a stream. They precede the passes that read
-    windows and cost far less; after them, the passes that read windows reduce the error only a little further."""
+    """Number of passes of the distillation that read the recording as a stream. These passes precede the passes that
+    read windows, and cost far less. The passes that read windows then reduce the error only a little further."""
     distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
     """Number of passes of the slim encoder's distillation that read windows."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
@@ -123,8 +126,8 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Smallest number of roll-outs from which the slim dynamics and decoder are distilled
     (`train.distillation.lessons`)."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
-    """Weight of the error of the cost's gradient along the plan in the distillation of dynamics and decoder; the errors
-    of latents and forces have weight 1."""
+    """Weight, in the distillation of dynamics and decoder, of the error of the cost's gradient with respect to the
+    plan; the errors of latents and forces have weight 1."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
     """Standard deviation of the noise on the slim encoder's inputs during distillation, and on the sensors that greedy
     and random selection compare, in global standard deviations of pressure (paper, appendix B). Without noise, a sensor
@@ -134,11 +137,11 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     selection: Annotated[SelectionMethod, paper("section 2.3.1")] = "shap"
     """Method that chooses the slim encoder's sensors. `shap` is the paper's method; the others are for comparison."""
     shap_background: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 100
-    """Number of windows drawn as background, which represents the typical input."""
+    """Number of windows drawn as the background of SHAP, which represents the typical input."""
     shap_explained: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 500
-    """Number of windows drawn to compute the sensors' scores."""
+    """Number of windows that SHAP explains to compute the sensors' scores."""
     shap_repeats: Annotated[AtLeastOne[int], paper("section 2.3.1")] = 10
-    """Number of rankings, each with its own random draws."""
+    """Number of SHAP rankings of the sensors, each with new random draws."""
     shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper gives none")] = 200
     """Number of points on the paths from the background to each explained window."""
     seed: Annotated[NonNegative[int], ours("an arbitrary number; the paper gives none")] = 0
@@ -151,8 +154,8 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """Training of the prior in closed loop, through the flow solver. A stretch is one interval of this closed loop,
-    whose cost is differentiated with respect to the prior's weights."""
+    """Training of the prior in closed loop, with gradients through the flow solver. A stretch is an interval of the
+    closed loop. The cost over a stretch is differentiated with respect to the prior's weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
     """Number of rows of sensor differences and actions that the prior reads."""
@@ -161,16 +164,16 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     updates: AtLeastOne[int] = 450
     """Number of updates of the prior's weights, each computed from `refine.batch` stretches."""
     shortest: Annotated[int, at_least(2), STEPS] = 75
-    """Length of a stretch in the first update at the design speed; at other speeds a stretch has the same length in
+    """Length of a stretch at the design speed in the first update; at other speeds a stretch has the same length in
     convective times. The length grows to `longest` over the first half of the updates. The effect of the jets takes 65
     control periods to reach the far end of the recirculation bubble."""
     longest: Annotated[int, at_least(2), STEPS] = 125
     """Length of a stretch in the second half of the updates."""
     streams: AtLeastOne[int] = 4
-    """Number of simulated flows that the prior controls; the flows run stretches in turn."""
+    """Number of simulated flows that the prior controls; the flows take turns, each running one stretch."""
     stretches: AtLeastOne[int] = 10
-    """Number of stretches after which the first flow restarts from the developed wake. Each further flow runs 2
-    stretches more than the flow before."""
+    """Number of stretches after which the first flow restarts from the developed wake. Each further flow restarts after
+    2 stretches more than the flow before it."""
     learning_rate: Positive[float] = 5e-3
     """Initial learning rate of Adam."""
     last_rate: Positive[float] = 0.1
@@ -183,7 +186,8 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Whether each flow draws its own weights of lift and effort and its own limit of the jets. Each of these three
     values equals the configured value with probability one half."""
     motion_price: NonNegative[float] = 0.2
-    """Weight of the squared transverse velocity at the wake probe, which indicates the drag after the stretch."""
+    """Weight of the squared transverse velocity at the wake probe. This velocity indicates the drag after the
+    stretch."""
     sensor_noise: NonNegative[float] = 0.3
     """Largest standard deviation of sensor noise, in global standard deviations of pressure; most stretches have far
     less noise."""
@@ -192,10 +196,10 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     speed_error: Annotated[float, within(0.0, 0.5, "a speed")] = 0.0
     """Largest relative error of the speed that the prior reads, constant in a stretch; 0 in half of the stretches."""
     loss: Fraction[float] = 0.0
-    """Largest share of periods without pressures in a stretch; half of the stretches lose none."""
+    """Largest share of a stretch's periods whose pressures are lost; in half of the stretches no pressures are lost."""
     refinement: Positive[float] = 0.75
-    """Refinement of the training's grid, like `flow.refinement`. Training with the default takes a quarter of the time
-    that it takes with refinement 1, and the default is the coarsest grid on which a controller behaves as with
+    """Refinement of the training's grid, like `flow.refinement`. With the default, training takes a quarter of the time
+    that it takes with refinement 1. The default is the coarsest grid on which a controller behaves as on the grid of
     refinement 1."""
     substeps: AtLeastOne[int] = 15
     """Number of time steps per control period on the training's grid at the design speed; higher speeds use more."""

@@ -21,9 +21,9 @@ class Setting:
     """A row of the table of settings.
 
     Attributes:
-        name: dotted name of the setting, as `--set` takes it.
+        name: dotted name of the setting, as written after `--set`.
         unit: unit of the number; "" for a ratio, for a count whose name states what is counted, or for text.
-        bounds: condition on the value; for a setting with a choice of words, these words.
+        bounds: condition on the value, in words; for a setting whose value is one of several words, these words.
         meaning: one paragraph on what the setting does; "" if the name is enough.
     """
 
@@ -57,7 +57,7 @@ class Section:
 
 
 def sections(config: Config) -> tuple[Section, ...]:
-    """List a tree's sections with their settings, outer sections first; a section without own settings is left out."""
+    """List a tree's sections with their settings, outer sections first; sections with only subsections are left out."""
     return tuple(_sections("", config, Config()))
 
 

@@ -1,4 +1,4 @@
-"""Reading of the configuration from TOML files and `key.path=value` overrides, with corrections for wrong names."""
+"""Reading of the settings from TOML files and `key.path=value` overrides. Errors for wrong names suggest names."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +32,7 @@ def check_names(tree: Mapping[str, Any], above: str = "") -> None:
 
 
 def takes_text(name: str) -> bool:
-    """Return whether the setting with this dotted name holds text; False if no setting has this name."""
+    """Return whether the setting with this dotted name is a text; False if no setting has this name."""
     hint = _hints().get(name)
     words = get_args(hint)
     return hint is str or str in words or (get_origin(hint) is Literal and all(isinstance(one, str) for one in words))
@@ -72,7 +72,7 @@ PAPER = "paper"
 BASE_KEY = "base"
 """The key in a TOML file that states whether the file modifies the paper's settings or the release's."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings that only earlier versions have; a file may contain each of them with this value, and no other value."""
+"""Settings that no longer exist. A file of an earlier version may contain such a setting with the value given here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +184,7 @@ def _parsed_override(text: str) -> dict[str, Any]:
 
 
 def _parsed_value(name: str, value: str, text: str) -> object:
-    # A text setting takes a value that is not a TOML string literally, for example `bus.channel=/dev/ttyUSB0`.
+    # If the value of a text setting is not a TOML string, it is used literally, for example `bus.channel=/dev/ttyUSB0`.
     as_text = takes_text(name)
     if not value.isprintable():
         raise ConfigError(f"override {_short(text)}: holds a character that cannot be printed")
@@ -202,7 +202,8 @@ def _short(value: object) -> str:
 
 
 def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
-    """Copy the values of `change` into the tree, section by section. The names in both mappings must be in `Config`."""
+    """Copy the values of `change` into the tree, section by section. All names in both mappings must exist in
+    `Config`."""
     for key, value in change.items():
         if isinstance(value, Mapping):
             _merge(tree.setdefault(key, {}), value)

@@ -33,7 +33,7 @@ class OperatingPoint(
 
     @property
     def dynamic_pressure(self) -> float:
-        """rho U_inf^2 / 2 in Pa."""
+        """Dynamic pressure of the free stream, rho U_inf^2 / 2, in Pa."""
         return 0.5 * self.density * self.speed**2
 
     @property

@@ -24,7 +24,7 @@ _REFINEMENT: Final = within(0.1, 10, "a coarser grid has no jet left, a finer gr
 
 @dataclass(frozen=True, kw_only=True)
 class FlowConfig(Settings, source=paper("section 2.1")):
-    """Reynolds number, clock, jets and grid of the plant (paper, section 2.1)."""
+    """Reynolds number, control period, jets and grid of the simulated flow (paper, section 2.1)."""
 
     reynolds: Positive[float] = 500.0
     """Reynolds number U_inf W / nu. The paper's value is three to four orders of magnitude below a real truck's."""
@@ -42,12 +42,12 @@ class FlowConfig(Settings, source=paper("section 2.1")):
 
 @dataclass(frozen=True, kw_only=True)
 class ForcingConfig(Settings, source=paper("section 2.1")):
-    """Open-loop training waveform and chirp (paper, section 2.1). Frequencies are in 1/t_c."""
+    """Open-loop waveform for training, and chirp for tests (paper, section 2.1). Frequencies are in 1/t_c."""
 
     base_frequency: Annotated[Positive[float], FREQUENCY] = 0.2
     """Frequency of the carrier, which is close to the wake's shedding frequency."""
     modulation_cutoff: Annotated[Positive[float], FREQUENCY] = 0.05
-    """Cut-off of the low-pass filter on the noise that modulates the carrier's frequency."""
+    """Cut-off frequency of the low-pass filter for the noise that modulates the carrier's frequency."""
     modulation_index: Annotated[NonNegative[float], FREQUENCY] = 0.25
     """Largest deviation of the carrier's frequency from `forcing.base_frequency`."""
     envelope_frequency: Annotated[Positive[float], FREQUENCY] = 0.005
@@ -58,21 +58,24 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4
     extended_chirp_start: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.01
-    """Start frequency of the extended chirp, which exceeds the training waveform's range (paper, appendix A)."""
+    """Start frequency of the extended chirp, which leaves the frequency range of the training waveform (paper, appendix
+    A)."""
     extended_chirp_end: Annotated[Positive[float], FREQUENCY, paper("appendix A")] = 0.8
     exploration_time: Annotated[
         Positive[float], TIME, ours("a fifth of a shedding cycle", page="how-to/record-data.md")
     ] = 1.0
-    """Correlation time of the noise on a controller's commands in a recording, long enough for the wake to respond."""
+    """Correlation time of the noise that is added to a controller's commands in a recording. The default is long enough
+    for the wake to respond."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's case", page="how-to/use-openfoam.md")):
-    """Mesh and start of the second plant, OpenFOAM. In a coupled run, OpenFOAM uses the time step of `flow`."""
+    """Mesh and initial flow of the second plant, OpenFOAM. In a coupled run, OpenFOAM uses the time step of `flow`."""
 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
     """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""
     develop_time: Annotated[Positive[float], TIME] = 50.0
-    """Time that OpenFOAM runs without jets before its first run, from the developed wake of stillwake's solver."""
+    """Time that OpenFOAM simulates without jets before its first run, starting from the developed wake of stillwake's
+    solver."""
     develop_substeps: AtLeastOne[int] = 20
     """Number of time steps per control period during `openfoam.develop_time`."""

@@ -26,7 +26,8 @@ from contract.config.rules import (
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
-"""Largest bit rates of arbitration and data phase with transceivers specified in ISO 11898-2:2016 and CiA 601-4."""
+"""Largest bit rates, in bit/s, of the arbitration phase and the data phase with transceivers specified in ISO
+11898-2:2016 and CiA 601-4."""
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _DELAY: Final = within(0, 10_000, "a longer delay exceeds every horizon")
@@ -41,7 +42,7 @@ class E2eConfig(
     section="bus.e2e",
     source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
 ):
-    """Conditions under which a receiver of an E2E-protected message accepts the stream as valid."""
+    """Conditions under which a receiver accepts the frames of an E2E-protected message as a valid stream."""
 
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("lost frames that the ECU bridges", page=_GATE)
@@ -90,8 +91,8 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
 
     interface: str = SIMULATED
     """Kind of CAN interface. `simulated` is stillwake's own bus in virtual time. The other interfaces run in real time:
-    `virtual`, `udp_multicast`, `slcan`, `socketcan` or another interface of python-can. `python-can` reads python-can's
-    own configuration, section `channel`."""
+    `virtual`, `udp_multicast`, `slcan`, `socketcan` or another interface of python-can. With `python-can`, python-can's
+    own configuration selects the interface, in the section that `bus.channel` names."""
     channel: Annotated[str, ours("stillwake's own name")] = "stillwake"
     """Name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network device
     (socketcan, e.g. can0) of the bus. The simulated bus does not use this setting."""
@@ -100,7 +101,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
     """Bit rate of the data phase of CAN FD frames."""
     frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
-    """Set of messages: CAN FD, or classic CAN with eight data bytes, coarser pressures and a weaker check."""
+    """Set of messages: CAN FD, or classic CAN with eight data bytes, coarser pressures and a weaker CRC."""
     key: Annotated[str, ours("each user makes a secret key", page="explanation/protection.md")] = ""
     """File with a 128-bit key. If it is given, both nodes authenticate every frame (AUTOSAR SecOC) and refuse
     unauthenticated frames. Only CAN FD frames have space for the authenticator."""
@@ -136,19 +137,21 @@ class SensorCheckConfig(
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
-    """Ratio at which a sensor is set aside: the deviation of its reading from the estimate by the other sensors,
-    divided by the deviation of the other sensors from each other. Healthy sensors reach 8."""
+    """Ratio at which the ECU no longer uses a sensor: the deviation of its reading from the estimate by the other
+    sensors, divided by the deviation of the other sensors from each other. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """Ratio like `liar_level`, over two shedding cycles, for small biases and drifts. Healthy sensors reach 16."""
+    """Limit of the ratio of `liar_level`, here computed from means over two shedding cycles, which show small biases
+    and drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
     """Ratio at which two sensors are taken for exchanged: the disagreement of the pressures as they arrive, divided by
-    their disagreement if the two are exchanged. Healthy sensors reach 0.9."""
+    their disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
-    """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. Once a
-    sensor is set aside, the limit is twice this value. Healthy sensors reach 12 with forcing beyond the training
-    data's."""
+    """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. When
+    the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside the
+    range of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count at which the jets go to zero and the fault latches. A doubtful period adds 1, any other subtracts 1."""
+    """Count at which the jets go to zero and the fault latches. A doubtful period adds 1 to the count, any other period
+    subtracts 1."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
     """Number of consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
@@ -159,20 +162,20 @@ class BenefitCheckConfig(
     section="ecu.benefit_check",
     source=ours("between useful and harmful control", page=_HELPS),
 ):
-    """Thresholds with which the ECU decides that control does not help (docs/explanation/what-shuts-the-jets.md)."""
+    """Thresholds with which the ECU decides whether control helps (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("outside its design conditions a controller can raise drag", page=_HELPS)] = True
     """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
     mean_periods: Annotated[AtLeastOne[int], PERIODS, ours("two shedding cycles")] = 50
     """Number of periods over which pressures are averaged, with and without control."""
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is restored", page=_HELPS)] = 150
-    """Number of periods with the jets shut after which the wake is taken to be the wake without control."""
+    """Number of periods with the jets shut after which the wake counts as the wake without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to respond", page=_HELPS)] = 60
     """First period of control that is judged; in the periods before it the wake has not yet responded."""
     least_gain: NonNegative[float] = 0.04
-    """Smallest share of the base suction that control must remove to count as help."""
+    """Smallest share of the base suction that control must remove to count as helping."""
     most_swing: Positive[float] = 1.15
-    """Largest mean difference between mirrored sensors with which control counts as help, relative to the mean
+    """Largest mean difference between mirrored sensors with which control counts as helping, relative to the mean
     difference without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Count at which the jets are shut for a test. A period in which control did not help adds 1 to the count, a period
@@ -190,13 +193,13 @@ class SpeedConfig(
     """Conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
 
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
-    """Longest time from the measurement of a speed to its use in a control step, if no newer speed arrives."""
+    """Largest age at which a measured speed is used in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Largest acceleration of a vehicle. A speed is rejected if its change would need a larger acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
-    """Share by which the vehicle's speed may leave the release's range before the jets are shut, because the air speed
-    may still be in the range. Up to this margin the ECU uses the nearest end of the range. The jets restart when the
-    speed is in the range."""
+    """Share by which the vehicle's speed may be outside the release's range before the jets are shut; the air speed may
+    still be in the range. Within this margin the ECU uses the nearest end of the range. The jets restart when the speed
+    is in the range."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,11 +210,13 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Time that the virtual ECU takes for a control step, from the step's start to the command. This time is an assumed
     share of the budget, not a measurement; reports also show the measured latency."""
     hold_periods: Annotated[NonNegative[int], PERIODS] = 1
-    """Number of missed periods during which the ECU repeats the last command."""
+    """Number of consecutive periods without usable pressures during which the ECU repeats the last command."""
     decay_periods: Annotated[NonNegative[int], PERIODS] = 2
-    """Number of further missed periods, each of which halves the command; then it is zero and the fault latches."""
+    """Number of further periods without usable pressures, each of which halves the command. After them the command is
+    zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Number of consecutive good frames that, together with an enable edge, end a latched fault."""
+    """Number of consecutive good frames that must have arrived when the vehicle's request rises to clear a latched
+    fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Largest age, from sampling to control step, of pressures that may be used for planning. The default allows one
     period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect; with 40 ms
@@ -241,8 +246,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     benefit_check: BenefitCheckConfig = field(default_factory=BenefitCheckConfig)
     speed: SpeedConfig = field(default_factory=SpeedConfig)
     command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
-    """Largest change of the jet command per period that the command gate lets pass, in U_inf W: three times the largest
-    change of the training waveform at full amplitude."""
+    """Largest change of the jet command per period, in U_inf W, that the ECU's command gate permits. The default is
+    three times the largest change of the training waveform at full amplitude."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -261,10 +266,11 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Delay of the jets after a command, in control periods. The controller assumes `ecu.delay_steps`."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
-    """Largest change of the jets' action per period that the jets' driver permits, in U_inf W, except for shutting the
+    """Largest change of the jets' action per period, in U_inf W, that the jets' driver permits, except for shutting the
     jets. The default equals that of `ecu.command_step`; the vehicle enforces its limit independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
-    """Number of latest periods under control among which `vehicle.loss_limit` counts losses: one second."""
+    """Number of latest periods under control among which `vehicle.loss_limit` counts losses; the default is one
+    second."""
     loss_limit: Annotated[int, PERIODS] = 25
     """Number of periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts
     its jets and withdraws its enable request. The request stays withdrawn until the vehicle itself has stopped

@@ -1,12 +1,12 @@
 """The folder of a C library, which has one control step in C99 and the ECU around it: file names and formats.
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
-calls. The file names do not depend on program or precision: sources that are equal for all programs, the generated
-`sw_settings.h` and `sw_weights.c`, and `recorded.txt` and `expected.txt` for the example program `replay.c`. Folders of
-older versions have no `expected.txt` and no documents; this module needs neither.
+calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and
+`recorded.txt` and `expected.txt` for the example program `replay.c`. The names are the same for every program and
+precision. Folders of older versions have no `expected.txt` and no documents; this module needs neither.
 
 A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h` and its sources beside the control step's, and
-programs with their own `main` in `examples/`. A folder without that header has the control step alone, for example if
+programs with a `main` function in `examples/`. A folder without that header has the control step alone, for example if
 the bus does not transmit the controller's sensors.
 """
 
@@ -26,7 +26,7 @@ from contract.printable import quoted, shown
 PROGRAM_SETTINGS: Final = "sw_settings.h"
 """Name of the header with sizes and settings of one program, and the hashes of that program and of the DBC."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
-"""Name of the header with DBC messages, release figures and vehicle settings, in folders with the ECU only."""
+"""Name of the header with DBC messages, release figures and vehicle settings, which only folders with the ECU have."""
 PROGRAM_WEIGHTS: Final = "sw_weights.c"
 """Name of the source file with the arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
@@ -94,8 +94,8 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the number of weight products in a control step, which has one forward pass more than adjoint
-        passes."""
+        """Return the number of multiplications by weights in a control step. A step has one more forward pass than
+        adjoint passes."""
         sizes = {
             name: self.number(f"SW_{name}")
             for name in ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")

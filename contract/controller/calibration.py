@@ -1,8 +1,8 @@
 """The settings of a release that may be changed on the vehicle: the goal of the control, and the limits of the jets.
 
 The paper's controller reads its goal as data: the weights of the cost are inputs of every control step (section on
-multi-objective control). A fleet can thus exchange drag for side force without training or flashing. Calibration can
-narrow the limits but never widen them.
+multi-objective control). So a fleet can weight drag against side force anew without training or flashing. Calibration
+can narrow the limits but never widen them.
 """
 
 import struct
@@ -22,7 +22,7 @@ CALIBRATION_NAMES: Final = (*TERMS, "action_limit", "command_step", "delay_steps
 _PACKED: Final = struct.Struct(f"<{len(CALIBRATION_NAMES) - 1}fI")
 PACKED_BYTES: Final = _PACKED.size
 LARGEST_WEIGHT: Final = 1000.0
-"""Largest weight that is accepted, which is far above every useful weight; the largest default is 8."""
+"""Largest accepted weight. It is far above every useful weight; the largest default is 8."""
 _MOST_STEPS: Final = 2**32 - 1
 
 
@@ -41,15 +41,15 @@ def _kept(name: str, value: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """A set of calibration values. Each is rounded to float32 here, as on the bus, in C and in the controller's input.
+    """A set of calibration values. Each is rounded to float32, its type on the bus, in C and in the controller's input.
 
-    The values are rounded here and nowhere else, by `as_float32`: a value read back equals the value written, and two
-    sets are equal if their values are. Raises ConfigError if a value does not fit into its 4 bytes.
+    Only this class rounds the values (`as_float32`). So a value read back equals the value written, and two sets with
+    equal values are equal. Raises ConfigError if a value does not fit into its 4 bytes.
 
     Attributes:
-        action_limit: largest |a| that the command gate lets pass, in U_inf W.
+        action_limit: largest |a| that the ECU's command gate permits, in U_inf W.
         command_step: largest change of the command in a control period, in U_inf W.
-        delay_steps: actuator delay that is compensated, in control periods.
+        delay_steps: actuator delay that the controller compensates, in control periods.
     """
 
     weights: CostWeights
@@ -96,7 +96,7 @@ class Calibration:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationLimits:
-    """The smallest and largest allowed values, which follow from the release and the vehicle's settings."""
+    """The smallest and largest allowed calibration values, which follow from the release and the vehicle's settings."""
 
     least: Calibration
     greatest: Calibration

@@ -31,7 +31,7 @@ ESTIMATOR_INPUT: Final = "window"
 ESTIMATOR_OUTPUT: Final = "estimates"
 REACH: Final = 16.0
 """Limit to which standardised readings are clipped. Healthy sensors stay within 11 in the shipped recording, and the
-estimate of a faulty sensor needs no larger value. The network in integers has this range too."""
+estimate of a faulty sensor needs no larger value. The estimator in integer arithmetic has the same limit."""
 
 
 class WindowView(NamedTuple):
@@ -56,7 +56,7 @@ class WindowView(NamedTuple):
 
 
 def pairs(sensors: int) -> list[tuple[int, int]]:
-    """Return all pairs of sensors, in order."""
+    """Return all pairs of different sensors (i, j), i < j, in ascending order."""
     return list(combinations(range(sensors), 2))
 
 

@@ -1,8 +1,8 @@
-"""The goal as the prior's input: the weights of effort and lift relative to drag, and the limit of the jets.
+"""The goal of the control as the prior reads it: the weights of effort and lift relative to drag, and the jets' limit.
 
 The prior of the plan is trained for a range of goals (`train.refinement`). In every control step the prior reads the
 position of the present goal in that range; a goal outside the range has the position of the range's nearest end. The
-MPC iterations take over every term of the cost for which the prior was not trained (`unknown_to_prior`).
+MPC iterations optimise only the terms of the cost for which the prior was not trained (`unknown_to_prior`).
 """
 
 from dataclasses import replace
@@ -15,21 +15,21 @@ from contract.arrays import Array
 from contract.config.controller import CostWeights
 
 DEAREST_EFFORT: Final = 9.0
-"""Largest weight of effort, relative to a weight of 1 on drag, for which a prior is trained, in Cd per (U_inf W)^2. A
-prior that was trained with weights up to 100 needed the least power of the jets at about 9."""
+"""Largest weight of effort, relative to a weight of 1 on drag, for which a prior is trained, in Cd per (U_inf W)^2.
+With a prior that was trained with weights up to 100, the jets took the least power at a weight of about 9."""
 DEAREST_LIFT: Final = 1.0
 """Largest weight of lift, relative to a weight of 1 on drag, for which a prior is trained, in Cd per |Cl|."""
 NARROWEST: Final = 0.5
 """Smallest limit of the jets for which a prior is trained, as a share of the release's limit."""
 SPEED_SCALE: Final = 0.4
-"""Difference between a vehicle's speed and the design speed that is scaled to 1, in units of the design speed."""
+"""Relative difference of a vehicle's speed from the design speed that is scaled to 1."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
 """Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
 above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the
 pressures of mirrored sensors."""
 SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
-"""Places of the speed in `SCHEDULED`. With one variable for all speeds, more training at high speeds made a prior worse
-at low speeds."""
+"""Indices of the two speed variables in `SCHEDULED`. With one variable for all speeds, more training at high speeds
+made a prior worse at low speeds."""
 
 
 class Goal(NamedTuple):
@@ -75,8 +75,8 @@ def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
 
 
 def of_two_speeds(parts: Array) -> Array:
-    """Return the scheduled weights of a prior, with the variables of `SCHEDULED` on the first axis, from those of a
-    prior until version 1.1, which has one variable for the speed; other weights unchanged."""
+    """Return a prior's scheduled weights with two variables for the speed (`SCHEDULED`, first axis). If they have one
+    variable, as until version 1.1, its weights are used for both; otherwise the weights are unchanged."""
     below, above = SPEED_PLACES
     return np.insert(parts, above, parts[below], axis=0) if len(parts) == len(SCHEDULED) - 1 else parts
 
@@ -85,11 +85,11 @@ def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWe
     """Return the weights for MPC iterations that start from a prior's plan: the weights of terms that the prior does
     not take into account.
 
-    A prior that was trained through the flow is stationary for the goals in its range: the expected gradient of a
-    goal's cost along the prior's plan is zero. A gradient that the model computes for such a goal is noise and error,
-    so the weights of the goal are removed. A goal outside the range gets no iterations either: with four times the
-    largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in three pairs of runs); with four times
-    the largest weight of effort, they gained nothing.
+    The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range: the
+    expected gradient of a goal's cost with respect to the plan is zero. A gradient that the model computes for such a
+    goal is noise and error, so the weights of the goal are removed. A goal outside the range gets no iterations either:
+    with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in three pairs of
+    runs); with four times the largest weight of effort, iterations did not lower the cost.
 
     A prior trained for drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """

@@ -28,7 +28,7 @@ MOST_FIGURE: Final = 1e3
 """Largest permitted magnitude, in Cp, of the figures that describe the residuals of healthy sensors and the wake
 without jets; `LEAST_FIGURE` is the smallest. The squares of these figures are divisors."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
-"""Types, in the order of their numbers in `sw_image.c`."""
+"""Types of arrays, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
     {
         *("design_speed", "design_density", "window_factor", "force_std", "action_limit", "action_factor", "factor"),
@@ -41,13 +41,13 @@ _ESTIMATOR_MOST: Final = 2.0**17
 """Largest magnitude of the estimator's weights for which every estimate is finite."""
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
-"""Value that represents a row's scale of 1, as `_GAIN_ONE` represents a gain of 1; both equal those in
+"""Number that represents a row's scale of 1; `_GAIN_ONE` represents a gain of 1. Both equal those in
 `export.to_c.int8_format`."""
 _OF_ELU_MOST: Final = 65535.0
-"""Largest factor that converts an ELU's integer to the scale of the decoder's residuals."""
+"""Largest value of the factor that converts an ELU's integer to the scale of the decoder's residuals."""
 
 Member = tuple[str, tuple[int, ...], int]
-"""Type, shape and offset in the payload of an array."""
+"""Type and shape of an array, and its offset in the payload, in bytes."""
 Range = tuple[float, float]
 
 
@@ -72,13 +72,14 @@ class Limits(NamedTuple):
 
 
 def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Iterator[Limits]:
-    """Return the table of limits from a layout and its members, by the names of struct and array."""
+    """Yield the limits of each array of a layout; `members` has the arrays by name, such as "weights.window_mean"."""
     for name, (dtype, sides, place) in members.items():
         struct, _, member = name.partition(".")
         each = _ranges(struct, member, dtype, layout)
         if not each:
             continue
-        # Constants of outputs are interleaved in groups of eight; other constants are interleaved one by one.
+        # If the last axis has one entry per constant, the constants alternate; otherwise each fills the last axis
+        # (eight outputs).
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:
@@ -173,16 +174,15 @@ LAYOUT: Final = "sw_layout.h"
 RELEASE_PART: Final = "sw_release.bin"
 WEIGHTS_PART: Final = "sw_weights.bin"
 ESTIMATOR_PART: Final = "sw_estimator_weights.bin"
-"""Name of the estimator's part of the payload, which exists only with a sensor check. The parts before are always
-present."""
+"""Name of the estimator's part of the payload, which exists only with a sensor check. The other parts always exist."""
 _ESTIMATOR_SETTINGS: Final = "sw_estimator_settings.h"
 _IDENTITY: Final = "SW_PROGRAM_SHA256"
 """Definition in `sw_settings.h` that identifies the compiled-in program."""
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
 """Settings of `sw_ecu_settings.h` on which the parameters depend; its other settings are the vehicle's."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
-"""First line of a layout. Its number rises when the meaning of a member changes and its size does not. In layout 1, the
-wake without jets was given as a share of the wake at the design speed."""
+"""First line of a layout. Its number rises if a member's meaning changes while the member's size stays. In layout 1,
+the wake without jets was given as a share of the wake at the design speed."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
 """The structs of a payload, in their order."""
 
@@ -259,7 +259,8 @@ def _definitions(layout: str) -> dict[str, str]:
 
 
 def _starts(layout: Mapping[str, str]) -> dict[str, int]:
-    """Return the offset of each struct of a payload; the name "" has the offset of the payload's end."""
+    """Return the offset of each struct of a payload by the struct's name; the name "" has the offset of the payload's
+    end."""
     found, start = {}, 0
     for struct in (*_STRUCTS, ""):
         found[struct] = start
@@ -269,7 +270,7 @@ def _starts(layout: Mapping[str, str]) -> dict[str, int]:
 
 
 def members_in(layout: Mapping[str, str]) -> dict[str, Member]:
-    """Return type, shape and offset of every array by the names of struct and array."""
+    """Return type, shape and offset of every array, by names such as "weights.window_mean"."""
     found = {}
     for struct, start in _starts(layout).items():
         for member in filter(None, layout.get(f"{struct}_LAYOUT", "").strip('"').split("; ")):

@@ -39,13 +39,13 @@ OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
 """Names of the cost terms, in the order of every array of terms."""
 REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, violates IEEE 754"}
-"""Meanings of the C library's status codes except 0, with which a control step succeeds."""
+"""Meanings of the C library's status codes, except 0, which means success."""
 FORCES: Final = 2
 """Number of forces: Cd and Cl."""
 
 
 class ControllerError(StillwakeError):
-    """An error of the controller, which could not compute its step; the ECU latches a fault."""
+    """A controller's failure to compute a control step, which makes the ECU latch a fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,8 @@ class Controller(Protocol):
 
 
 class RunnableController(Controller, Protocol):
-    """A controller that runs and can be warmed up here. `description` states which program computes the step."""
+    """A controller that runs on this machine and can be warmed up. `description` states which program computes the
+    step."""
 
     description: str
 
@@ -112,12 +113,12 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the expected action and cost of the control step that a build runs as its self-test at start. They
-        equal, bit for bit, the result of a build without fused operations. Raises ControllerError if there is no
-        expected result."""
+        """Return the expected action and cost of the control step that a build runs as its self-test at start. Both
+        equal, bit for bit, the results of a build without fused multiply-add. Raises ControllerError if nothing is
+        expected."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
-"""A function that compiles files by name, for given sizes, into a library on this machine. The function raises
+"""A function that compiles the given files, for the given sizes, into a library on this machine, or raises
 LibraryError. `ecu.in_c` has such a function; the command line passes it to `export`, which thus checks the C code
 without depending on a compiler."""

@@ -53,7 +53,7 @@ def places(speeds: Sequence[float], length: int) -> Places:
 
     Args:
         speeds: (n,) speed at each of n periods' samples, oldest first, as a ratio to the design speed, above 0. The
-            speed at a sample counts for the whole period that ends with this sample.
+            speed at a sample is used for the whole period that ends with this sample.
         length: number of rows, the window L of the controller.
     """
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)

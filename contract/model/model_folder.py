@@ -1,12 +1,11 @@
 """A trained model on disk: a directory with `model.safetensors` and `model.json`, written completely or not at all.
 
-`model.safetensors` has the weights with the prefixes `encoder.` (the teacher on all sensors), `slim.`, `dynamics.` and
-`decoder.`; narrower networks, if configured, have `slim_dynamics.` and `slim_decoder.`. `model.json` has the
-assumptions and the origin of the weights:
+`model.safetensors` has the weights with the prefixes `encoder.` (the trained encoder of all sensors, called the
+teacher), `slim.` (the encoder of few sensors), `dynamics.` and `decoder.`; narrower networks, if configured, have
+`slim_dynamics.` and `slim_decoder.`. `model.json` has the assumptions and the origin of the weights:
 
-    schema, config (all settings), scaling (contract.release.manifest.Scaling),
-    layout (names, positions, base and mirror images of all sensors, in the order of the scaling),
-    sensors (the slim encoder's inputs in order),
+    schema, config (all settings), scaling (contract.release.manifest.Scaling), layout (names, positions, base and
+    mirror images of all sensors, in the order of the scaling), sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
 A model of the first schema has no layout in its file; its sensors are the truck's. This module returns tensors as
@@ -65,9 +64,11 @@ class Description:
         scaling: scaling of all pressures, the action and the forces.
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
-        metrics: "teacher", "slim" and, with narrower networks, "deployed"
-            (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma against the teacher).
-        ranking: method and order of the sensors; for SHAP also mean and std of every sensor, and stability of the sets.
+        metrics: errors under the names "teacher", "slim" and, with narrower networks, "deployed"
+            (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma of the slim encoder's latents
+            against the teacher's).
+        ranking: method and order of the sensors; for SHAP also mean and standard deviation of every sensor's score, and
+            the stability of the best sets.
         versions: versions of the software; "torch_threads" is the number of threads during training.
     """
 
@@ -90,7 +91,7 @@ class Description:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Origin of a trained model, in the form in which a release that is exported from the model states it.
+    """Origin of a trained model, as stated by the releases that are exported from the model.
 
     Attributes:
         metrics, versions, config: values as in the model's description.
@@ -149,7 +150,7 @@ class ModelFolder:
 
     @property
     def provenance(self) -> Provenance:
-        """The model's origin, in the form that a release states."""
+        """Origin of the model, as stated by its releases."""
         return Provenance(
             dataset_sha256=self.description.dataset_sha256,
             weights_sha256=self.weights_sha256,

@@ -28,12 +28,13 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 
 LARGEST_INTEGER: Final = 32767
-"""Largest integer that is stored; the smallest is its negative, so that a mirrored series has equal magnitudes."""
+"""Largest stored integer. The smallest is its negative, so that the mirror image of a series can be stored too."""
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
     """Convert values to integers and their quantum: the smallest power of two, at least `finest`, with which every
-    value fits. Raises ValueError if a value lies outside +-32767 * coarsest; no value is clipped or wraps around.
+    value fits into 16 bits. Raises ValueError if a value lies outside +-32767 * coarsest; no value is clipped or wraps
+    around.
 
     Args:
         values: finite values, any shape.
@@ -49,16 +50,17 @@ def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.
 
 
 def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
-    """Return the values, each within half a quantum of the packed value."""
+    """Return the values. Each differs by at most half a quantum from the value before packing."""
     return integers.astype(np.float64) * quantum
 
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema that can still be read: the truck's sensors by name, all ten series, facts in the episodes'
-provenance."""
+"""Older schema, which can still be read: it has the truck's sensors by name, all ten series, and the plant's facts in
+the provenance."""
 DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which can still be read: float32 series, and one `Cd_slot` instead of pressure and viscous force."""
+"""First schema, which can still be read: its series are float32, and one `Cd_slot` is the sum of pressure and viscous
+force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
@@ -114,8 +116,8 @@ class Dataset:
 
 
 def read(path: Path) -> Dataset:
-    """Read and check a data set. Raises DatasetError if the file is missing, truncated or of another schema, or a field
-    does not fit; the message states the file, the episode and the field."""
+    """Read and check a data set. Raises DatasetError if the file is missing, truncated or of another schema, or has an
+    invalid field; the message states the file, the episode and the field."""
     dataset, problems = survey(path)
     if dataset is None or problems:
         first = problems[0]
@@ -276,8 +278,7 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The single recorded force is read as pressure force, which is nearly all of the slot's force; the sum is
-        # unchanged.
+        # The single recorded force on the slot faces is read as pressure force, its main part; the sum is unchanged.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}

@@ -1,7 +1,7 @@
 """An episode, which is one uninterrupted recording: its series, their units, and the conditions that they must meet.
 
 Sample k holds Cp, the forces at t_k and the action a_k commanded at t_k; the jet ramps linearly from a_{k-1} to a_k
-over [t_k, t_{k+1}]. Cd and Cl are the wall's: pressure and viscous force without the slot faces.
+over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.
 
 Facts describe the plant: control period, limit of the jets, Reynolds number.
 """
@@ -18,13 +18,13 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of the forces in a file beside a log: seconds on the log's clock ("log"), seconds since the log's first
+"""Clock of the times in a table of forces for a log: seconds on the log's clock ("log"), seconds since the log's first
 pressure ("start"), or units of W / U_inf since that pressure ("t_c")."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlantFacts:
-    """Facts about the plant that training settings must agree with; an unknown fact is None.
+    """Facts about the plant, with which a training's settings must agree; an unknown fact is None.
 
     Attributes:
         control_period: time between two samples, in t_c = W / U_inf.
@@ -44,12 +44,12 @@ class PlantFacts:
                 raise DatasetError(f"{name} = {value}: must be positive and finite")
 
     def as_dict(self) -> dict[str, float | None]:
-        """Return the facts by name, in order; the names are those of the settings in `flow`."""
+        """Return the facts by the names of the settings in `flow`, in order."""
         return {name: getattr(self, name) for name in FACTS}
 
 
 FACTS: Final = tuple(item.name for item in fields(PlantFacts))
-"""Names of the facts."""
+"""Names of the facts about the plant."""
 
 
 def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
@@ -107,7 +107,7 @@ class Episode:
         initial_action: action a_{-1} of the jets before the first sample.
         provenance: forcing parameters, seed, solver settings, software versions.
 
-    Raises DatasetError for a part that does not fit; the message states episode and field.
+    Raises DatasetError for an invalid part; the message states episode and field.
     """
 
     name: str
@@ -129,8 +129,8 @@ class Episode:
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     def rows(self, columns: Index, sign: float = 1.0) -> Array:
-        """Return rows (Cp_k, a_{k-1}) of S sensors at the n samples, (n, S+1). For a mirror image, `sign` is -1: it
-        multiplies the action."""
+        """Return rows (Cp_k, a_{k-1}) of S sensors at the n samples, (n, S+1). `sign` multiplies the action; it is -1
+        for a mirror image."""
         return np.column_stack([self.series["Cp"][:, columns], sign * self.previous_action])
 
     @property

@@ -1,4 +1,4 @@
-"""A check of a data set, before training or export begins, that finds everything on which they would fail."""
+"""The check of a data set before training or export, which finds everything that would make one of them fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from contract.recording.plausible import dominant_frequency, implausible, longes
 
 STEP_TOLERANCE: Final = 0.05
 """Largest deviation of a time step from the control period, as a share of the period. A clock error of a twentieth of a
-period distorts the recorded ramp of the jets less than the resolution of the four pressures does."""
+period has less effect, through the recorded ramp of the jets, than the resolution of the four pressures."""
 CLOCK_TOLERANCE: Final = 1e-3
 """Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
 steps, the model's clock is then wrong by a fortieth of a step."""
@@ -42,7 +42,7 @@ _SKEWED: Final = 0.5
 """Largest difference between the means of two mirrored sensors, in standard deviations of their pressures. The
 difference is 0.1 in the whole shipped recording, and 0.25 in one of its episodes."""
 _SAME: Final = 1e-6
-"""Relative difference up to which a fact and a setting count as equal."""
+"""Relative difference up to which a fact about the plant and the setting of the same name count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class Finding:
     """A problem or a warning about a data set.
 
     Attributes:
-        stops: the step that the problem prevents; None for a warning.
+        stops: the work that the problem prevents, training or export; None for a warning.
         text: one line, which states the place and what would be right.
     """
 
@@ -76,7 +76,7 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
 
 
 def agreeing(dataset: Dataset, config: Config) -> Config:
-    """Return the settings, with the facts that the data set states in place of the settings' own values."""
+    """Return the settings, in which the known facts of the data set's plant replace the values of the same names."""
     known: dict[str, Any] = {name: value for name, value in dataset.plant.as_dict().items() if value is not None}
     return replace(config, flow=replace(config.flow, **known))
 
@@ -91,7 +91,7 @@ def refuse_unfit(found: Sequence[Finding], name: str) -> None:
 
 
 def trainable(dataset: Dataset, config: Config) -> tuple[Episode, ...]:
-    """Return the training episodes that are long enough."""
+    """Return the training episodes that are long enough for training."""
     steps = needs.fitting_need(config).steps
     return tuple(item for item in dataset.episodes if item.role == "train" and len(item) >= steps)
 
@@ -299,7 +299,7 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _forcing(dataset: Dataset) -> Iterator[Finding]:
-    """Report that all training episodes are forced at one frequency."""
+    """Report if the jets' forcing has one frequency only in all training episodes."""
     period = dataset.plant.control_period
     if period is None:
         return

@@ -13,7 +13,7 @@ HORIZONS: Final = (5, 10, 25)
 """Numbers of steps ahead at which open-loop prediction is tested; 25 is the truck's shedding cycle and the horizon."""
 
 STRETCH: Final = 64
-"""Number of consecutive latents from which the distillation learns in one pass over a part of the recording."""
+"""Number of consecutive latent states that the distillation uses from one pass of the LSTM over a sequence of rows."""
 
 GATE_WINDOWS: Final = 50
 """Number of consecutive recorded windows that the export gates replay."""

@@ -27,8 +27,9 @@ def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
     """Write an episode as classic netCDF, completely or not at all.
 
     The dimensions are `t` and `sensor`; `sensor_name`, `x` and `y` are coordinates of the sensors. All numbers are
-    dimensionless, as CF's unit "1" states; `long_name` has the reference. Measured series are the 16-bit integers of a
-    data set, with `scale_factor`. `dataset import` reads the file. Raises DatasetError as `dataset.write` does.
+    dimensionless, as CF's unit "1" states; `long_name` states the reference quantity. Measured series are the 16-bit
+    integers of a data set, with `scale_factor`. `dataset import` reads the file. Raises DatasetError as `dataset.write`
+    does.
     """
     from scipy.io import netcdf_file
 

@@ -28,8 +28,8 @@ class FoamTable:
 
 
 def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
-    """Read the table in a function object's folder, which has a folder for every start of the case. From its first time
-    on, the rows of a start replace those of earlier starts. Return None if there is no such file. Raises OSError, or
+    """Read the table in a function object's folder, which has a folder for every start of the case. The rows of a start
+    replace the rows of earlier starts from its first time on. Return None if there is no such file. Raises OSError, or
     ValueError that states file and line.
 
     Args:

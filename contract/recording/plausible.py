@@ -1,4 +1,4 @@
-"""Checks for implausible numbers of a wall, a force balance or a logger, with likely cause and remedy.
+"""Checks for numbers that a wall, a force balance or a logger hardly ever gives, with likely cause and remedy.
 
 The checks are per episode and per sensor. They do not stop training: the bounds are those of usual bodies in a stream,
 and the body may be unusual.
@@ -33,7 +33,7 @@ def dominant_frequency(values: Array, period: float) -> float | None:
 def share_near(values: Array, period: float, frequency: float, width: float) -> float:
     """Return the share of a series' fluctuation power within the relative `width` of a frequency, with a Hann window.
 
-    The band is never narrower than two bins of the spectrum, which is the width of the Hann window's own peak.
+    The band is never narrower than two bins of the spectrum, the width of the peak that the Hann window causes.
     """
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     bins = np.fft.rfftfreq(len(values), period)
@@ -44,8 +44,7 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 _HIGHEST: Final = 1.1
 """Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and q."""
 _LOWEST: Final = -5.0
-"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. Values lower by a tenth are
-accepted."""
+"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. Means down to -5.5 are accepted."""
 _SWINGS: Final = (-6.0, 1.25)
 """Bounds of Cp that at most one row in twenty may exceed. Gusts and noise of 15 % at a stagnation point do not exceed
 them."""
@@ -53,8 +52,8 @@ _MOMENT: Final = 20.0
 """|Cp| above which a single row is an error: conical vortices on roofs reach 15 for moments."""
 _FORCE: Final = 5.0
 """Largest plausible mean Cd, and largest plausible standard deviation of Cl. A plate across the stream has a Cd of 2,
-in a narrow tunnel 4; only creeping flow, which has no wake, has more. Cylinders that oscillate with their wake have a
-Cl of 3."""
+and of 4 in a narrow tunnel; only creeping flow, which has no wake, has a larger Cd. Cylinders that oscillate with their
+wake have a Cl of 3."""
 _DRAG: Final = 0.02
 """Smallest plausible mean Cd, based on the width across the stream; slender sections have 0.04."""
 _FLAT: Final = 0.01
@@ -62,24 +61,25 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control removes half of the drag, rarely more."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio, between files, of the standard deviation of Cl divided by that of Cp; both come from one
-wake."""
+"""Largest plausible ratio, between files, of Cl's standard deviation divided by Cp's; one wake causes both
+fluctuations."""
 _FAR: Final = (4.0, 10.0)
-"""Distances from which on a repeated extreme value, such as -99, 99.99 or -9.99, is treated as a missing reading: its
-distance from the next value, and its distance from the median in interquartile ranges of the other values."""
+"""Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is treated as a missing reading:
+its distance from the next value, and its distance from the median in interquartile ranges of the other values."""
 _STILL: Final = 20
 """Number of rows during which a sensor may be constant while the other sensors change: most of a shedding cycle."""
 _STEPS: Final = 4.0
-"""Expected change of a sensor that is constant, in steps of its resolution, above which the sensor counts as stuck."""
+"""Number of steps of resolution: a constant sensor counts as stuck if the others' variation suggests a larger
+change."""
 _FINEST: Final = 2.0**-12
-"""Smallest step between values that is assumed for a series: two times the step in which a data set stores Cp."""
+"""Smallest step between values that is assumed for a series: two times the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
 """Share of rows at the largest or smallest value, in runs of three or more, above which a sensor may be saturated."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
-"""Number of cells per standard deviation of a column. Values in one cell count as equal; values within 16 cells count
-as similar."""
+"""Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
+within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
 """Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy of another
 file."""
@@ -89,8 +89,8 @@ _Note = tuple[str, str]
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report one line per cause, with the episodes and values that indicate the cause; then findings between
-    episodes."""
+    """Report one line per cause, with the episodes and values that indicate the cause; then one per difference of
+    files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -233,7 +233,7 @@ def _listed(names: Sequence[str], which: Mask) -> str:
 
 
 def _divisor(episode: Episode) -> float:
-    """Return the number by which the import divided the file's pressures."""
+    """Return the number by which the import divided the pressures in the file."""
     references = episode.provenance.get("references")
     found = references.get("Cp") if isinstance(references, dict) else None
     number = found[0] if isinstance(found, list) and found else None
@@ -278,12 +278,12 @@ def _readings(
             here = table[:, k] == extreme
             starts, lengths = _runs(here)
             clipped = int(lengths[lengths >= 3].sum())
-            # A sine is within four steps of resolution of its peak in some rows; the bound is twice the share of these
+            # In some rows a sine is within four steps of resolution of its peak; the bound is twice the share of these
             # rows.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue
-            # The check compares with the other sensors, because in a steady wake the other sensors are constant too.
+            # Other sensors or the jets must vary in these rows, because in a steady wake all sensors are constant.
             if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):
                 yield (
                     f"{name} is at its {word} value, {extreme:.4g}, in {clipped} of {rows} rows",
@@ -327,13 +327,13 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
 
 
 def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array) -> Iterator[str]:
-    """Report files that contain rows of another file, because a test on such rows tests nothing."""
+    """Report files that contain rows of another file, because a test on rows from training shows nothing."""
     chosen = [*np.unique(np.linspace(0, len(spread) - 3, 4).astype(int)), -2, -1]
     cells = np.maximum(2 * _FINEST, spread[chosen] / _CELLS)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A periodic wake repeats itself in its own file too. So only rows that differ from all other rows of their file
+    # A periodic wake repeats itself within one file too. So only rows that differ from all other rows of their file
     # count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1

@@ -51,7 +51,8 @@ def summarise(dataset: Dataset) -> tuple[EpisodeSummary, ...]:
 
 
 def uncontrolled(dataset: Dataset) -> Episode | None:
-    """Return the longest part of any episode with the jets off or weak, as an episode; None if there is none."""
+    """Return the longest part of an episode in which the jets are off or weak, as an episode; None if there is no such
+    part."""
     limit = dataset.plant.action_limit
     best: Episode | None = None
     for episode in dataset.episodes:

@@ -32,7 +32,7 @@ from contract.release.signing import PublicKey
 
 @dataclass(frozen=True, kw_only=True)
 class MadeEstimator:
-    """A sensor estimator for a bundle. `figures` is the part of the manifest on this estimator."""
+    """A sensor estimator for a bundle. `figures` has the estimator's numbers for the manifest."""
 
     graph: bytes
     figures: SensorEstimator
@@ -155,7 +155,7 @@ def _within(speeds: SpeedRange, old: SpeedRange | None) -> SpeedRange:
 
 def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False) -> Bundle:
     """Read and verify a bundle directory. Raises BundleError if a file is missing, added, altered, of another schema or
-    not signed as required. The message states the file; each kind of fault has its own subclass of the error.
+    not signed as required. The message states the file; each kind of fault has a separate subclass of the error.
 
     Args:
         trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes, and so does a

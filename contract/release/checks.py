@@ -41,7 +41,8 @@ class Bundle:
 
     Attributes:
         files: all files except manifest and signature.
-        digest: SHA-256 of the manifest; its first 4 bytes are sent on the bus. A signature does not change it.
+        digest: SHA-256 of the manifest, which is the same with and without a signature; its first 4 bytes are sent on
+            the bus.
         signer: key of a valid signature of the manifest; None if the bundle is unsigned.
         is_trusted: whether a trusted key was required when the bundle was loaded.
     """
@@ -75,7 +76,7 @@ class Check:
 
 
 def sha256(data: bytes) -> str:
-    """Return the SHA-256 in hex, as manifests state it."""
+    """Return the SHA-256 of bytes in hex, as manifests state it."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -97,7 +98,7 @@ class Made:
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check on which no other check depends. If the check fails and `lists` is set, return None."""
+        """Run a check on which no other check depends. If the check fails and `lists` is set, return None."""
         try:
             value = verify()
         except BundleError as error:
@@ -109,7 +110,7 @@ class Made:
         return value
 
     def need(self, name: str, make: Callable[[], _T]) -> _T:
-        """Compute a value that later checks need. An error always ends the reading."""
+        """Compute a value that later checks need. An error in its computation always ends the reading."""
         try:
             return make()
         except BundleError as error:

@@ -1,4 +1,4 @@
-"""The image of a release for a microcontroller: a header of 512 bytes, then numbers that are read in place.
+"""The image of a release for a microcontroller: a header of 512 bytes, then numbers that C reads without copying.
 
     0   8   "SWCTRL01"
     8   4   length of the whole image
@@ -37,8 +37,8 @@ SUFFIX: Final = ".swi"
 HEADER_BYTES: Final = 512
 """Size of the header, in bytes."""
 VEHICLE: Final = slice(148, 192)
-"""Header bytes that are compared with the vehicle's: control period, operating point, action limit, number of
-sensors."""
+"""The header's bytes that describe the vehicle and that an ECU compares with its settings: control period, operating
+point, action limit, number of sensors."""
 _MAX_NAME: Final = 64
 """Largest size of a name, in bytes."""
 _MAGIC: Final = b"SWCTRL01"
@@ -50,7 +50,7 @@ _UNSIGNED: Final = bytes(96)
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFacts:
-    """The facts about an image that its header states.
+    """The data in an image's header.
 
     Attributes:
         layout: SHA-256, 32 bytes, that identifies the build's layout of the payload.
@@ -75,7 +75,7 @@ class ImageFacts:
 
     @property
     def vehicle(self) -> bytes:
-        """The header's bytes in `VEHICLE`."""
+        """The header's bytes at the position `VEHICLE`."""
         return _VEHICLE.pack(self.period_ns, *self.operating_point, self.action_limit, self.sensors)
 
 

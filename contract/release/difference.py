@@ -22,7 +22,7 @@ from contract.release.signing import PublicKey
 
 _MAX_BYTES: Final = 64 * 2**20
 _FEW: Final = 8
-"""Largest number of values that are shown; for a larger array, its type, shape and hash are shown."""
+"""Largest number of an array's values that are shown. For a larger array, the type, shape and hash are shown."""
 
 
 def is_image(path: Path) -> bool:
@@ -52,7 +52,7 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
 
 
 def described(image: ControllerImage) -> dict[str, str]:
-    """Return the facts of an image by name, in the order in which they are shown."""
+    """Return the data that describe an image, by name, in the order in which they are shown."""
     facts, layout = image.facts, layout_in(image.payload, image.facts.layout)
     width, speed, density = facts.operating_point
     return {
@@ -90,7 +90,7 @@ _MISSING: Final = "-"
 
 
 class Difference(NamedTuple):
-    """A difference between two bundles: the name of the value, and its text in each bundle."""
+    """A difference between two bundles or images: the name of the value, and its text in each of them."""
 
     name: str
     a: str

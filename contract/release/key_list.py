@@ -43,8 +43,8 @@ class KeyList:
     Attributes:
         version: version of the list; an ECU only replaces its list by a list with a greater version.
         keys: keys that may sign releases.
-        revoked: keys that may no longer sign releases. This list informs people: a key on neither list may not sign
-            either.
+        revoked: keys that may no longer sign releases, as information for people: a key that is not in `keys` may not
+            sign.
     """
 
     version: int

@@ -82,10 +82,11 @@ bias or a drift."""
 class SensorEstimator:
     """Size of the residuals of `sensors.onnx` when all sensors are healthy, one value for each pair of sensors.
 
-    Entry (j, i) is the residual of sensor i, estimated from all sensors except i and j; for i = j, from all except i.
+    Entry (j, i) belongs to the residual of sensor i, estimated from all sensors except i and j; for i = j, from all
+    except i.
 
     Attributes:
-        fast, slow: (S, S) root mean square of the residuals in Cp, averaged over `FAST_PERIODS` and `SLOW_PERIODS`.
+        fast, slow: (S, S) root mean square, in Cp, of the residuals averaged over `FAST_PERIODS` and `SLOW_PERIODS`.
     """
 
     fast: tuple[tuple[float, ...], ...]
@@ -117,33 +118,33 @@ class RestingWake:
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """The assumptions of a bundle's controller about the vehicle around it.
+    """The assumptions of a bundle's controller about its vehicle.
 
     Raises BundleManifestError if the scaling does not fit the sensors, or a number, date or hash is invalid.
 
     Attributes:
         created: day of the export, YYYY-MM-DD.
         precision: "float32" or "int8" (weights; arithmetic is float32).
-        sensors: names in the order of the controller's window and of the Pressure message.
-        window: L, control steps of history.
+        sensors: names of the sensors, in the order of the controller's window and of the Pressure message.
+        window: L, number of past control steps that the controller reads.
         control_period: control period in t_c.
-        action_limit: bound on |a| that the optimiser keeps.
+        action_limit: bound on |a| in the optimiser.
         mpc: horizon, iterations, learning rate, weights of the cost. The ECU passes these weights to the controller in
             every step; the weights inside the controller, from its export, only apply without a manifest.
         budget_ms: largest time from a pressure frame to the command.
         compute_time_ms: part of `budget_ms` that the release's settings assign to the control step.
-        dataset_sha256: SHA-256 of the recording that the model was fitted to.
+        dataset_sha256: SHA-256 of the recording to which the model was fitted.
         weights_sha256: SHA-256 of the trained model's tensors.
         program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`); a
             C library of the same program has it in its header.
         provenance: settings, metrics and versions of the training, and the results of the export's gates.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None if they are not known.
         sensor_estimator: figures of `sensors.onnx`; None without that file.
-        security_version: an ECU that has confirmed a release with a greater security version refuses this release;
-            raised when an older release must not be installed again.
-        hardware: name of the ECU hardware that the release may be flashed to; None for any.
-        speeds: speeds at which the ECU resamples the controller's past to steps of the present speed; None if the
-            controller assumes the operating point's speed at all times.
+        security_version: an ECU that has confirmed a release with a greater security version refuses this release. The
+            version is raised when an older release must not be installed again.
+        hardware: name of the ECU hardware to which the release may be flashed; None for any hardware.
+        speeds: range of speeds in which the ECU resamples the controller's past to the control step that belongs to the
+            present speed; None if the controller assumes the operating point's speed at all times.
         resting: wake without jets of a release for a range of speeds; None assumes the same wake at all speeds.
     """
 
@@ -188,7 +189,7 @@ class Manifest:
             raise BundleManifestError(wrong)
 
     def _wrong(self) -> Iterator[str]:
-        """Describe each invalid field."""
+        """Yield a description of each invalid field."""
         if self.provenance.get("kind") == "linear":
             yield "a linear controller, which only version 1.0.0 accepts: examples/linear_feedback.py makes a new one"
         for what, name in (("name", self.name), ("hardware", self.hardware)):
@@ -267,7 +268,7 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
 
 
 class Opened(NamedTuple):
-    """A manifest whose own hash is correct, split into schema, fields, hashes of files and DBC, and its own hash."""
+    """A manifest whose hash of itself is correct, split into schema, fields, hashes of files and DBC, and that hash."""
 
     schema: str
     body: Mapping[str, Any]

@@ -1,4 +1,5 @@
-"""Strict JSON: everything is refused that readers could understand differently or that could overload them.
+"""A reader of strict JSON, which refuses all content that readers could interpret differently or that could overload
+them.
 
 Python's `json` accepts more than the standard: NaN, numbers beyond a double, duplicate keys, lone surrogates, integers
 of any length, nesting to the limit of the stack. A manifest may come from anyone, so this module refuses all of them.
@@ -40,7 +41,8 @@ def encode(tree: Mapping[str, Any]) -> bytes:
 
 
 def digest_of(tree: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a table in hex, independent of its spacing and order. Raises as `encode` does."""
+    """Return the SHA-256 of a table in hex, independent of spacing and of the order of keys. Raises as `encode`
+    does."""
     return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
 
 

@@ -108,7 +108,7 @@ def _options() -> Any:
     # starts at a path that is no folder, and not in the working directory.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
-    # The memory limit also applies under control, where a graph may need more memory than for zeros.
+    # The memory limit also applies during control, where a graph may need more memory than it needs for zeros.
     _register_bounded_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     return options

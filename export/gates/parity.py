@@ -3,7 +3,7 @@
 The reasons for the tolerances: float32 has about 7 digits, and a roll-out of 25 steps with layer norms amplifies its
 rounding to about 1e-6 in a force of order 1. Adam moves an action by about lr per iteration for any size of the
 gradient, so most actions agree to 1e-7. But if a gradient component is near Adam's epsilon, or a kink of |Cl| or
-max Cd lies between the two roundings, the move itself differs by a part of lr.
+max Cd lies between the two rounded values, the moves differ by a part of lr.
 """
 
 from collections.abc import Iterator, Sequence
@@ -77,8 +77,8 @@ class ControlCase:
 def control_cases(
     program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
-    """Yield control steps with random warm starts and up to a quarter of the plan committed. In every second step the
-    cost weights differ from their defaults, and all terms have a weight above zero.
+    """Yield the arguments of control steps. The previous plan is random, and up to a quarter of the plan is committed,
+    so it must not change. In every second step the cost weights differ from their defaults and are all above zero.
 
     Args:
         windows: recorded windows (L, S+1) of L rows and S sensors, one per case; random windows if None.

@@ -1,6 +1,6 @@
-"""The effect of int8 weights on the controller: the difference in actions, and the cost of these actions.
+"""The effect of int8 weights on the controller: the difference in actions, and the resulting difference in cost.
 
-The gate compares behaviour, not bits: both programs start from equal windows and warm starts, and the model of the
+The gate compares behaviour, not bits: both programs start from equal windows and previous plans, and the model of the
 float program computes the cost of the quantised program's plan.
 """
 
@@ -26,8 +26,8 @@ class QuantisationLimits:
     Attributes:
         rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W. One step moves an action
             by up to about iterations * lr (5e-3 with the paper's settings); the default limit is a fifth of that move.
-            The largest error is reported but has no limit: Adam follows the sign of a gradient, and where the gradient
-            is close to zero the two programs may move in opposite directions at nearly no cost.
+            The largest error is reported but has no limit: Adam follows the sign of a gradient. If the gradient is
+            close to zero, the two programs may move an action in opposite directions, which hardly changes the cost.
         max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 
@@ -59,8 +59,8 @@ Answer = Callable[[Array, Array, Array, Array | None, float, float | None], Cont
 
 
 def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
-    """Compute the float program's control steps for consecutive windows (L, S+1). Each plan is the next step's warm
-    start.
+    """Compute the float program's control steps for consecutive windows (L, S+1); each step starts from the plan of
+    the step before.
 
     Speeds and goals vary from window to window if the program depends on them.
     """
@@ -103,8 +103,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Return weights, speed and limit for a window. Weights and limit are the program's or, for every second window of
-    a program with a prior, values in the middle of the prior's range."""
+    """Return weights, speed and limit for a window; None for the program's weights and limit. For every second window
+    of a program with a prior, weights and limit are in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None

@@ -1,1 +1,1 @@
-"""Weights as integers: their rounding and its calibration."""
+"""The rounding of weights to integers, and the calibration of this rounding."""

@@ -33,7 +33,7 @@ class LayerInputs:
 
     Attributes:
         row, recurrent: scaled rows of the windows, and the LSTM's output before each row.
-        head, latent: inputs of the encoder's two linear layers, after the norm and after the ELU.
+        head, latent: inputs of the encoder's two linear layers; `head` follows the norm, `latent` the ELU.
         state: input of the dynamics, [z, a / action_std], with latent state z and action a; `hidden1` and `hidden2` are
             the inputs of the further layers of the dynamics.
         z: input of the decoder, the latent state.

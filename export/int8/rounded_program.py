@@ -1,12 +1,12 @@
 """A program whose matrices are integers. It is built once, so that all int8 lowerings use equal integers.
 
-ONNX and C take the integers and the scales from here, and the reference takes the program with the dequantised
-weights. The hash in manifest and C header is that of the dequantised program.
+The lowerings to ONNX and C use these integers and scales, and the reference uses the program with the dequantised
+weights. The hash in manifest and C header is the hash of the dequantised program.
 
 Weights are symmetric int8 with one scale per output row; biases, norms and arithmetic remain float. W[r, c] ~ scale[r]
 q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127, so that the error of a weight is at most scale / 2
-(half a step). This quarters the file; on x86 it does not shorten the step. The sensor estimator's matrices are rounded
-to nearest in the same way.
+(half a step). With int8 the file is a quarter as large; on x86 the control step is not faster. The sensor
+estimator's matrices are rounded to nearest in the same way.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,9 +1,9 @@
 """The controller as data: everything that a lowering needs, and nothing else.
 
 Rounding and lowerings refer to the weight matrices by name. The names are those of the tensors: `lstm.weight_input`,
-`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the small prior, only the two matrices on filtered rows
-have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n, F p), for
-n units, F filters and p sensor pairs. One hash identifies a program in every lowering.
+`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. In the small prior, only the two matrices that multiply
+filtered rows have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums`
+(n, F p), for n units, F filters and p sensor pairs. One hash identifies a program in every lowering.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ class ControllerProgram:
         scaling: scaled = (value - mean) / std of pressures and forces; actions are scaled as a / action_std.
         mpc: horizon H, iterations, learning rate, default cost weights.
         action_limit: bound on the action's magnitude |a|, in U_inf W.
-        sensors: names in the order of the window's columns.
+        sensors: names of the sensors, in the order of the window's columns.
         encoder_rows: number of the window's newest rows that the encoder reads.
         prior: weights of the prior, which computes the plan from which the optimiser starts; if None, the optimiser
             starts from the previous plan.

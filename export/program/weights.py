@@ -1,4 +1,4 @@
-"""The weights of the three networks as float64 arrays (paper, table 1), and the checks when they are read.
+"""The weights of the three networks as float64 arrays (paper, table 1), and the checks of the tensors that are read.
 
 Matrices are (outputs, inputs), as PyTorch stores them. Widths, window and number of decoder blocks follow from the
 arrays' shapes; the checks refuse inconsistent arrays.
@@ -203,10 +203,10 @@ class PriorWeights:
         """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
         shape.
 
-        The plan of a model of version 1.0.0 depends on the speed at most, not on the goal. Such a model has "first" and
-        "slope", both (n, F, p + 1); "slope" is the change of "first" if the speed rises by the design speed. Or it has
-        "hidden", (n, M, p + 1), in place of filters, first and slope. A model until version 1.1 has one variable for
-        the speed.
+        In a model of version 1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and
+        "slope", both (n, F, p + 1); "slope" is the change of "first" if the speed rises by the design speed. Or the
+        model has "hidden", (n, M, p + 1), in place of filters, first and slope. A model until version 1.1 has one
+        variable for the speed.
         """
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:

@@ -26,7 +26,8 @@ def recorded_windows(
 
 
 def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array:
-    """Return a window (L, S+1) that is as rough as recorded windows: each column is a sum of a few slow random sines.
+    """Return a random window (L, S+1) that varies about as fast as recorded windows: each column is a sum of a few slow
+    sines.
 
     Pressures have the mean and standard deviation of the program's scaling; actions are within the program's limit.
     """

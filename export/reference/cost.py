@@ -1,8 +1,8 @@
 """The MPC's cost as separate, named terms with hand-written gradients (paper, equations 12-15), in float64.
 
 J = sum over terms of weight * term, everything in physical units. The terms depend on the predicted forces
-(Cd_k, Cl_k) at t+1 .. t+H, shape (..., H, 2), on the plan a_0 .. a_{H-1}, shape (..., H), on the plan p that the
-optimiser started from, and on the previous action a_{-1}, shape (...,) or one for all:
+(Cd_k, Cl_k) at t+1 .. t+H, shape (..., H, 2), on the plan a_0 .. a_{H-1}, shape (..., H), on the plan p from which
+the optimiser started, and on the previous action a_{-1}, shape (...,) or one for all:
 
 ================  =======================================================
 drag_mean         mean Cd - Cd_ref
@@ -15,8 +15,8 @@ rate              (a_0 - a_{-1})^2
 prior             mean (a - p)^2
 ================  =======================================================
 
-Where a term has a kink, its gradient is the subgradient that PyTorch takes: ties of the maximum or minimum
-share it evenly, and |Cl| has slope 0 at 0.
+Where a term has a kink, its gradient is the subgradient that PyTorch uses: equal maxima or minima share it
+evenly, and |Cl| has slope 0 at 0.
 """
 
 from dataclasses import dataclass

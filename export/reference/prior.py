@@ -1,19 +1,19 @@
 """The prior of the plan in NumPy float64: the specification of its lowerings.
 
-The plan is the output of a feedback over the horizon. The feedback was trained through the flow (`train.refinement`);
-its inputs in the horizon are differences that an autoregressive model predicts. With rows (y_i, a_i) of the sensors'
-differences and the action, a past of M rows, and the schedule s = (1, slower, faster, effort, lift, limit) of the
-present speed and goal (`contract.controller.goal`),
+The plan is the output of a feedback over the horizon. The feedback was trained with gradients through the flow
+(`train.refinement`); its inputs in the horizon are differences that an autoregressive model predicts. With rows (y_i,
+a_i) of the sensors' differences and the action, a past of M rows, and the schedule s = (1, slower, faster, effort,
+lift, limit) of the present speed and goal (`contract.controller.goal`),
 
     g = 1 + tanh(gate s + sums . filters^T (Cp_first + Cp_second, rows t-M+1 .. t)),
     a_{t+k} = clip(r A tanh(output . (g tanh((sum_j s_j first_j) . filters^T rows t+k-M .. t+k-1)))),
     y_{t+k+1} = predictor . rows t+k-M+1 .. t+k,
 
 where A is the program's bound on |a|, r A the bound that the goal allows, and clip the limit of this control step.
-Committed actions do not change. Schedule and gates are those of the present over the whole horizon, because the
-distance of the wake from the steady wake changes over many shedding cycles. The feedback does not read the row of its
-own step: on the vehicle, and in training, the command computed from the pressures of t acts in period t+1. So the first
-action one period ahead needs no prediction; later actions do, and so does a late actuator.
+Committed actions do not change. The present schedule and gates apply over the whole horizon, because the distance of
+the wake from the steady wake changes over many shedding cycles. The feedback does not read the row of its own step: on
+the vehicle, and in training, the command computed from the pressures of t acts in period t+1. So the action of the next
+period needs no predicted row. Later actions need predicted rows, and so does every action with a delayed actuator.
 """
 
 import numpy as np

@@ -35,7 +35,7 @@ class Vehicle:
 
     @classmethod
     def of(cls, config: Config) -> "Vehicle":
-        """Return the vehicle that the settings describe."""
+        """Return the assumptions about the vehicle that follow from the settings."""
         return cls(
             operating_point=config.operating_point,
             control_period=config.flow.control_period,

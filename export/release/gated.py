@@ -22,7 +22,7 @@ from export.to_c.library import replay, with_answer
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """The gates' figures, which the manifest's provenance states under `export`.
+    """The results of the ONNX graph in its gates; the manifest's provenance states them under `export`.
 
     Attributes:
         controller_bytes: size of `controller.onnx` in bytes.
@@ -37,7 +37,7 @@ class GraphReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LibraryReport:
-    """The gates' figures of the C library.
+    """The results of the C library in its gates.
 
     Attributes:
         parity: differences between float32 and the reference; None for int8.
@@ -56,7 +56,7 @@ class LibraryReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gated:
-    """The lowerings and their gates' figures; `library` is None if there is no C library."""
+    """The lowerings and their results in the gates; `library` is None if there is no C library."""
 
     lowered: Lowered
     graph: GraphReport
@@ -80,7 +80,7 @@ def gate(
         compiled: compiles the library; required if there is a library.
     """
     limits = QuantisationLimits() if limits is None else limits
-    # Both lowerings are compared with the same exact control steps, which take longest to compute.
+    # The exact control steps, which take longest to compute, are computed once for both lowerings.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
     graph, library = _gate_graph(lowered, windows, exact, limits), None
     if lowered.library is not None:

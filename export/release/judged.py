@@ -1,5 +1,4 @@
-"""The check of a graph before it is signed: onnx's own checker, and a check that the graph has only operators that the
-export writes."""
+"""The check of a graph before it is signed: onnx checks it, and it may have only operators that the export writes."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -24,7 +23,7 @@ OPERATORS: Final = frozenset(
 SHAPING: Final = frozenset(
     ("ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Slice", "Split", "Squeeze", "Unsqueeze")
 )
-"""The operators whose further inputs determine the shape of their output, and so the duration of a step."""
+"""The operators whose inputs after the first determine the shape of their output, and so the duration of a step."""
 
 
 def judge(bundle: Bundle) -> None:

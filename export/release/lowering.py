@@ -15,8 +15,8 @@ from export.to_onnx.control_step import build_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """The lowerings that are written once they have passed their gates. `library` has the C library's files by name, or
-    is None."""
+    """The lowerings, which are written after they have passed their gates. `library` has the C library's files by name,
+    or is None."""
 
     program: Program
     graph: bytes
@@ -33,7 +33,7 @@ class Lowered:
 
     @property
     def program_sha256(self) -> str:
-        """The hash that the bundle's manifest and the library's header state."""
+        """SHA-256 of the program, which the bundle's manifest and the library's header state."""
         return program_sha256(self.effective)
 
 

@@ -61,7 +61,7 @@ class CLibrary:
 
 
 def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
-    """Yield every figure of every gate with its name."""
+    """Yield every figure of every gate as a pair of name and value."""
     parts = {
         "graph against reference": gated.graph.parity,
         "int8 against float32": gated.graph.quantisation,
@@ -79,8 +79,8 @@ def calibration_windows(
     """Return windows (L, S+1) of the last episode of every kind of forcing, because inputs differ between kinds.
 
     There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
-    `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing is a kind of its own. Raises
-    ExportError if all episodes are too short; the message states the longest episode.
+    `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a separate kind.
+    Raises ExportError if all episodes are too short; the message states the longest episode.
     """
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
@@ -151,7 +151,7 @@ def export_all(
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
-    # Both outputs are checked before the work, so that neither is written if the other cannot be written.
+    # Both outputs are checked before the work. If one cannot be written, the export must not write the other.
     bundle.check_replaceable(output)
     if library is not None:
         c_folder_format.check_replaceable(library.folder)
@@ -255,7 +255,7 @@ def check_settings(own: Config, config: Config) -> None:
     """Raise ExportError if control period or action limit differ from the model's, or if the computing time exceeds the
     period.
 
-    The manifest would refuse such settings too, but only after the work, when the C library is already written.
+    The manifest would refuse such settings too, but only at the end, when the C library is already written.
     """
     vehicle = Vehicle.of(config)
     if vehicle.compute_time_ms > vehicle.budget_ms:
@@ -275,8 +275,8 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration: the model's own recording, or a recording of the model's sensors
-    that the user named.
+    """Read the recording for gates and calibration: the recording to which the model was fitted, or a recording of the
+    model's sensors that the user named.
 
     Args:
         of_model: SHA-256 of the recording to which the model was fitted.

@@ -32,7 +32,7 @@ from contract.release.signing import project_key
 
 _MONOCYPHER: Final = re.compile(rb"Monocypher version ([0-9.]+)")
 OURS: Final = "MIT"
-"""Licence of the project's own files; other people's releases have their own licence."""
+"""Licence of the project's files and releases; it does not apply to other people's releases."""
 
 
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
@@ -142,7 +142,8 @@ def _part(
 
 
 def _installed(name: str, field: str) -> str | None:
-    """Return a field of the metadata of a package that is installed here."""
+    """Return a field of the metadata of a package installed on this machine; None if the package or the field is
+    missing."""
     try:
         stated = metadata(name).get_all(field) or []
     except PackageNotFoundError:
@@ -155,7 +156,7 @@ def _installed(name: str, field: str) -> str | None:
 def _bom(
     parts: Sequence[Component], needs: Sequence[tuple[Component, Sequence[Component]]], digest: str, day: str
 ) -> bytes:
-    """Return the bill of the first component in `needs`."""
+    """Return the bill of materials of the first component in `needs`."""
     about = BomMetaData(component=needs[0][0], timestamp=datetime.fromisoformat(day).replace(tzinfo=UTC))
     version = _installed("stillwake", "Version")
     about.tools.components.add(Component(type=ComponentType.APPLICATION, name="stillwake", version=version))

@@ -18,15 +18,15 @@ SOURCES: Final = "sources.cmake"
 KCONFIG: Final = "zephyr/Kconfig"
 PLATFORMIO: Final = "library.json"
 PACK: Final = "stillwake.flow_controller.pdsc"
-"""Name of the CMSIS-Pack's description file, which consists of vendor and pack name, as CMSIS prescribes."""
+"""Name of the CMSIS-Pack's description file: the vendor's and the pack's name, as CMSIS prescribes."""
 _ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
 _HOME: Final = "https://pypi.org/project/stillwake"
 _APART: Final = ("board", "examples")
 """Folders with programs, which are not part of the library."""
 _CLASS: Final = "Flow control"
 _FLAGS: Final = ("-O2", "-ffp-contract=off")
-"""Compiler flags. With them, plans equal those of the exporter, and decisions equal those of the Python ECU, bit for
-bit."""
+"""Compiler flags with which C computes the same plans as the exporter, and the same decisions as the Python ECU, bit
+for bit."""
 _IN_WORDS: Final = {
     "controller": "one control step: a window of pressures in, a plan of the jets out",
     "ecu": "the ECU around the control step: CAN frames in and out",
@@ -36,7 +36,7 @@ _IN_WORDS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryPart:
-    """A part that a build includes or leaves out: the control step, the ECU, or the sources of another folder.
+    """A part of a library that a build may leave out: the control step, the ECU, or the sources of another folder.
 
     Attributes:
         folder: path of the part's folder; "." for the library's folder itself.

@@ -50,7 +50,7 @@ def padded(values: Array) -> Array:
 
 
 def centred(values: Array) -> Array:
-    """Return C W or C b with C = I - 11^T / n for n outputs: the mean over the outputs, which are the first axis, is
+    """Return C W or C b with C = I - 1 1^T / n, 1 being n ones: the mean over the n outputs, the first axis, becomes
     zero."""
     return np.asarray(values - values.mean(axis=0))
 
@@ -123,8 +123,8 @@ def _decoder(program: ControllerProgram) -> dict[str, Array]:
 
 
 def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
-    """Return the reference drag of the cost, Adam's factors for every iteration, the default cost weights, and a place
-    for the known answer (`with_answer`)."""
+    """Return the reference drag of the cost, Adam's factors for every iteration, the default cost weights, and two
+    zeros that `with_answer` replaces by the known answer."""
     beta1, beta2 = ADAM_BETAS
     number = np.arange(1, program.mpc.iterations + 1)
     return {

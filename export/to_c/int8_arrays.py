@@ -48,7 +48,7 @@ def _inverse_scale(largest: float, width: int) -> float:
 
 
 def _channels(*columns: Array) -> Array:
-    """Group the constants of the n outputs in eights, (n / 8, constants, 8); the padding has zeros."""
+    """Group the constants of the n outputs by eight outputs, (n / 8, constants, 8); the padding has zeros."""
     rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
     return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)
 
@@ -56,8 +56,8 @@ def _channels(*columns: Array) -> Array:
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
     """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
 
-    A scaled sum is an integer. Its unit is as small as two limits allow: the factor of C's sw_scaled must be below 1/2,
-    and the sum over all outputs must not overflow.
+    A scaled sum is an integer times a unit. The unit is as small as two limits allow: the factor of C's sw_scaled must
+    be below 1/2, and the sum over all outputs must not overflow.
     """
     _stay_below(
         form.ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm"
@@ -84,7 +84,6 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
 
 
 def _integers(values: Array) -> Integers:
-    """Round to the nearest integers."""
     return np.rint(values).astype(np.int32)
 
 
@@ -213,8 +212,8 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
-    """Return the unit of the decoder's int32 residual sum: at least 1/512 of the smallest unit of the integers that are
-    computed from the sum."""
+    """Return the unit of the decoder's int32 residual sum. It is the smallest unit without overflow, but at least 1/512
+    of the smallest unit of the integers that are computed from the sum."""
     sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (form.INT16_QMAX + 1) * first.scales / latent
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * form.ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)

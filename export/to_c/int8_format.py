@@ -1,7 +1,7 @@
 """The integers of the int8 C library: their ranges, the packing of matrices, and tables of functions.
 
-With int8 matrices and int16 activations, a product's sum of n terms is below 127 qmax(n) n < 2^31. The constants of
-this module are written into `sw_settings.h` (`c_constants`), so that the C sources define no number a second time.
+With int8 matrices and int16 activations, a sum of n products is below 127 qmax(n) n < 2^31. The constants of this
+module are written into `sw_settings.h` (`c_constants`), so that the C sources define no number a second time.
 """
 
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from contract.arrays import Array
 from contract.errors import ExportError
 
 _WORD: Final = 4
-"""Number of int8 weights in a 32-bit word. A tile is one word wide and has as many rows as a word has weights."""
+"""Number of int8 weights in a 32-bit word. A tile is one word wide; its number of rows is this number, too."""
 
 INT8_LANES: Final = 2 * _WORD
-"""Number to whose multiple every length is padded: the number of weights in two words. Constants of outputs are grouped
-by this number."""
+"""Number of weights in two words. Every length is padded to a multiple of this number, and constants of outputs are
+grouped by it."""
 
 ACTIVATION_MARGIN: Final = 1.5
-"""Ratio of the activation at which its integer saturates to the largest calibrated activation."""
+"""Activation at which its integer saturates, divided by the largest activation in the calibration."""
 
 AHEAD: Final = 16
 """Number of zeros after every matrix, because the C code loads weights ahead of their use."""
@@ -42,8 +42,8 @@ POINTS_PER_UNIT: Final = 32
 """Number of table points per unit of the argument; between points the function is interpolated linearly."""
 
 ELU_ONE: Final = 4096
-"""The integer of an ELU output of 1. It is equal in all layers, so that one table serves all layers; outputs up to
-`ELU_RANGE` fit."""
+"""The integer of an ELU output of 1 in all layers, which can therefore share one table; outputs up to `ELU_RANGE`
+fit."""
 
 ELU_RANGE: Final = 8
 
@@ -57,8 +57,8 @@ ELU_ARGUMENT_MAX: Final = 4000.0
 """Largest argument of an ELU that, in units of 1 / `ELU_ARGUMENT_ONE`, fits in an int32 with one bit in reserve."""
 
 SLOPE_SHIFT: Final = 4
-"""Number of bits by which slopes of ELU on the tape are shifted, from the unit `ELU_ONE` to the unit 256, because they
-are stored as bytes."""
+"""Number of bits by which ELU slopes are shifted right to be stored as bytes on the tape; the integer of a slope of 1
+is `ELU_ONE` before the shift and 256 after it."""
 
 GAIN_ONE: Final = 1 << 22
 """The integer of a layer's largest gain in the layer's adjoint; its product with a slope of 256 is a quarter of the
@@ -68,7 +68,8 @@ ROW_SCALE_ONE: Final = 1 << 23
 """The integer of the largest scale of a layer's matrix in the layer's adjoint."""
 
 SCALED_BITS: Final = 32
-"""Number of bits for the factor of C's sw_scaled, which is below 1/2 and in units of 1 / 2^SCALED_BITS."""
+"""Number of fractional bits of the factor of C's sw_scaled: its integer is the factor, below 1/2, times
+2^SCALED_BITS."""
 
 LOGISTIC_ONE: Final = 16384
 """The integer of an argument of 1 in the table of the logistic function."""

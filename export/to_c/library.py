@@ -38,7 +38,7 @@ from export.to_c.int8_format import c_constants
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
 """Alignment of the arrays in bytes: a word of Cortex-M or a vector register (int8), and a cache line (float32)."""
 _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
-"""Tables that are equal for every program and are therefore compiled in."""
+"""Tables that are equal for every program, so that they are compiled into the library and are no part of a release."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
                "sw_dyn3_adjoint_rows")  # fmt: skip
 """Names of the arrays in the C struct `sw_hot`."""
@@ -113,7 +113,7 @@ def with_answer(library: Mapping[str, bytes], answer: tuple[float, float]) -> di
 
 
 def numbers(struct: str, arrays: Mapping[str, ArrayValues], alignment: int) -> Numbers:
-    """Return a struct in C; raises ExportError for a value that float32 cannot hold."""
+    """Return the arrays as a C struct; raises ExportError for a value that float32 cannot represent."""
     return Numbers(
         struct=struct,
         members={name.removeprefix("sw_"): _in_c(name, values) for name, values in arrays.items()},
@@ -186,7 +186,7 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
     """Return the expected answers of the example program, (n, 4): planned action, predicted mean Cd and Cl, and cost.
 
-    Every answer starts from a plan of zeros. If plans were passed on to the next step, a difference in rounding could
+    Every answer starts from a plan of zeros. If each step started from the plan before, differences in rounding could
     grow from answer to answer, by an amount that depends on the plant.
 
     Args:

@@ -69,16 +69,16 @@ class Cost:
         mean = graph.op("Mul", _reduce(graph, "ReduceMean", signed_forces), self._by_mean)
         steady = graph.op("Add", mean, self._by_drag)
         through_forces = graph.op("Add", graph.op("Add", fluctuation, lift), steady)
-        # The plan is a row, because ONNX Runtime takes three times as long for a matrix times a column as for a row
-        # times a matrix.
+        # The plan is a row, because in ONNX Runtime a matrix times a column takes three times as long as a row times a
+        # matrix.
         through_plan = graph.op("Gemm", plan, self._curvature, self._minus_pull)
         return CostGradientNames(signed_forces=through_forces, plan=through_plan)
 
     def _prepare(self, graph: Graph, start: str) -> None:
-        """Add nodes for the gradient's terms in the weights, the previous action and the start p, once per control
-        step.
+        """Add the nodes for those parts of the gradient that only depend on the weights, the previous action and the
+        start p. They run once per control step.
 
-        The terms in the actions are quadratic: their gradient is Q a - q, with increments D and first unit vector e_0,
+        The terms in the plan a are quadratic. With increments D and first unit vector e_0 their gradient is Q a - q,
 
             Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T,
             q = 2 w_rate a_{-1} e_0 + 2 w_prior p / H.

@@ -1,12 +1,12 @@
 """The latent dynamics as Scans over the horizon: forwards for the states, backwards for the adjoint.
 
-ONNX Runtime has a cost per node, even for small nodes. So the Scans hold only the recursions, and everything else is
+ONNX Runtime needs time for every node, however small. So the Scans have only the recursions, and everything else is
 computed for all H steps at once. In the forward Scan, the action's share of the first layer and the residual's biases
 are outside; the recursion without them is
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
-The backward Scan holds three products only. Both layer norms get centred inputs (`weights.centred`). So the adjoint of
+The backward Scan has three products only. Both layer norms get centred inputs (`weights.centred`). So the adjoint of
 norm and ELU, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) r, is
 
     v = d diag(g) diag(p) (I - xhat xhat^T / n).

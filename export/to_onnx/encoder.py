@@ -25,7 +25,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
         weight = store(graph, f"encoder.{name}.weight")
         return graph.op("Gemm", x, weight, graph.constant(bias, f"encoder.{name}.bias"), transB=1)
 
-    # All inputs of ONNX's LSTM have an axis for the direction first; the sequence also has a batch axis of length one.
+    # In ONNX's LSTM the first axis of the weights is the direction; the sequence also has a batch axis of length one.
     biases = np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])
     _, hidden = graph.ops(
         "LSTM",

@@ -27,8 +27,8 @@ IR_VERSION: Final = 8
 class Graph:
     """A collection of nodes; every value has a name.
 
-    A body from `body()` becomes the inside of a `scan`. The body reads any value of the graphs around it by name, and
-    its constants are stored in the outermost graph. Equal constants are stored once.
+    A graph from `body()` becomes the body of a Scan (`scan`). A body reads any value of the graphs around it by name,
+    and its constants are stored in the outermost graph. Equal constants are stored once.
     """
 
     def __init__(self, parent: "Graph | None" = None) -> None:
@@ -168,7 +168,7 @@ class Int8Store:
     """A store of the integers of a rounded program: one byte per weight and one scale per row.
 
     The stored value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators
-    that only rearrange (Transpose, Slice, Unsqueeze), and its version 1.20 aborts when it moves one with a scale per
+    that only rearrange (Transpose, Slice, Unsqueeze); its version 1.20 aborts if the moved operator has a scale per
     row.
     """
 
@@ -197,7 +197,7 @@ def _with_axes(values: npt.NDArray[Any], leading: int) -> npt.NDArray[Any]:
 
 
 def centred(graph: Graph, weight: str) -> str:
-    """Add C W with C = I - 11^T / n for n outputs: the matrix whose product has mean zero over the outputs.
+    """Add C W with C = I - 1 1^T / n for n outputs: its product with an input has mean zero over the outputs.
 
     A layer norm gives the same result after W and after C W. The adjoint of a layer norm ends in a product with C,
     which the matrix C W already contains: (W^T C) v = (C W)^T v.

@@ -1,8 +1,8 @@
-"""The graphs of a release without Scan and int8, for runtimes that support less of ONNX than ONNX Runtime.
+"""The graphs of a release, converted to graphs without Scan and int8 for runtimes that support less than ONNX Runtime.
 
 The number of nodes grows with the horizon and the iterations, so a release contains the graph with Scan instead. If a
-square constant is used both as it is and transposed, OpenVINO 2026.4 multiplies by its transpose; so this module writes
-two constants.
+graph uses a square constant both transposed and not, OpenVINO 2026.4 multiplies by the transpose where the constant is
+meant. So this module writes two constants.
 """
 
 from collections.abc import Iterable

@@ -30,7 +30,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     asked = graph.op("Concat", effort, lift, axis=0)
     dearest = graph.op("Mul", drag, graph.constant([DEAREST_EFFORT, DEAREST_LIFT]))
     root = graph.op("Sqrt", graph.op("Div", asked, dearest))
-    # If the cost has no weight on drag, this divides by zero, and Where then selects the other value.
+    # Without a weight on drag, this node divides by zero, but Where then selects the other value.
     any_at_all = graph.op("Cast", graph.op("Greater", asked, graph.constant(0.0)), to=1)
     prices = graph.op("Where", graph.op("Greater", dearest, asked), root, any_at_all)
     one, zero = graph.constant(1.0), graph.constant(0.0)
@@ -70,7 +70,8 @@ def lower_prior(
 
     Args:
         window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
-        committed, free: (1, H) actions that apply where they are not free; (H,) mask of free actions.
+        committed: (1, H) actions that the plan has where `free` is 0.
+        free: (H,) 1 where the prior decides the action, 0 elsewhere.
         schedule: (6, 1) values of the schedule variables.
         reach: scalar bound on |a| that the goal allows, in U_inf W.
         bound: scalar bound on |a| in this control step, in U_inf W.

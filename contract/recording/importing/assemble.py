@@ -43,7 +43,7 @@ class MadeEpisode:
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSource:
     """A file and the role of its episode. `made` is the episode, if it was already computed. Otherwise the file is
-    read, and the name of the episode is that of the file without its suffix, or that of an OpenFOAM case's folder."""
+    read, and the episode is named after the file, without suffix, or after an OpenFOAM case's folder."""
 
     path: Path
     role: Role
@@ -74,7 +74,7 @@ def assemble(
         sources: source files in the order of the episodes.
         facts: facts about the plant; control period and action limit must be known.
         references: value in the files that equals 1 in the data set, by series or sensor.
-        renamed: name in the files, by series or sensor.
+        renamed: name in the files of a series or a sensor, by its name in the data set.
         progress: called with every file before the file is read.
         told: function that receives a file and a note on the file, such as names that are neither series nor sensors.
     """

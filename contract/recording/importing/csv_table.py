@@ -52,7 +52,6 @@ class CsvTable:
         return values
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a column as text."""
         column = self.header.index(name)
         return tuple(row[column] for row in self.rows)
 
@@ -128,7 +127,7 @@ def _with_header(content: list[str]) -> list[str]:
 
 
 def _number(cell: str) -> float:
-    """Parse a number as tables write it. Python's own notation 1_000 is refused. Raises ValueError."""
+    """Parse a number in the notation of tables. Python's notation 1_000 is refused. Raises ValueError."""
     return float(cell.replace("_", "?"))
 
 

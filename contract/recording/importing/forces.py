@@ -57,7 +57,7 @@ class TimeSeries:
         or in a gap between rows; the message states the limits of the rows or of the gap.
 
         Args:
-            times: rising, (m,), in the unit of `t`.
+            times: m rising times, (m,), in the unit of `t`.
             longest_gap: largest distance between two rows over which values are interpolated.
             slack: time by which the first and the last of `times` may lie outside the rows, because clocks differ.
         """
@@ -103,8 +103,8 @@ def read_forces(
     and Cl are not all present or do not fit each other.
 
     Args:
-        renamed: name in the file of t, Cd and Cl. For a name that is not given, the name in the file may be followed by
-            its unit in brackets, as `stillwake report` writes it.
+        renamed: names of t, Cd and Cl in the file. Without such a name, the file may have t, Cd or Cl followed by the
+            unit in brackets, as `stillwake report` writes it.
         references: value in the file that equals 1 in the data set, by series.
     """
     if not path.is_file():

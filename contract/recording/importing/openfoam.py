@@ -17,7 +17,7 @@ from contract.recording.openfoam_tables import FoamTable, read_foam_table
 from contract.sensor_layout import SensorLayout
 
 _ACTIONS: Final = "actions.csv"
-"""Name of the actions' file beside postProcessing, with the columns t, in the case's time, and action. A case without
+"""Name of the file of actions beside postProcessing, with the columns t (time of the case) and action. A case without
 this file has no control."""
 _POST: Final = "postProcessing"
 _PRESSURES: Final = r"p(_[-+.\de]+)?"
@@ -50,10 +50,10 @@ def read_case(
     renamed: Mapping[str, str],
     references: Mapping[str, Reference],
 ) -> Contents:
-    """Read rows one control period apart, interpolated linearly if the case wrote finer rows. p is kinematic. The
-    coefficients' magUInf scales p to Cp, unless `references` has Cp. Raises DatasetError if the tables cannot be read,
-    or do not fit layout or period; the message states the file. The arguments are those of
-    `contract.recording.importing.source_file.read_source`."""
+    """Read rows one control period apart, interpolated linearly if the case wrote finer rows. The pressure p is
+    kinematic; magUInf of the force coefficients converts p to Cp, unless `references` gives the scale. Raises
+    DatasetError if the tables cannot be read, or do not fit the layout or the period; the message states the file. The
+    arguments are those of `contract.recording.importing.source_file.read_source`."""
     pressures, forces = _table(path, case, _PRESSURES, "probes of p"), _table(path, case, _FORCES, "forceCoeffs")
     speed = _speed(forces)
     if speed is None and "Cp" not in references:
@@ -73,7 +73,7 @@ def read_case(
     scales = [factor(path, name, inside, None, references.get(name)) for name, inside in found.items()]
     coefficients = forces.rows[:, [columns.index(inside) for inside in found.values()]] * scales
     first, last = (max(pressures.rows[0, 0], forces.rows[0, 0]), min(pressures.rows[-1, 0], forces.rows[-1, 0]))
-    # The tolerance is for rounded times, whose last digit may make the last period appear too short.
+    # Without the tolerance, the rounding of the times could make the last period appear too short.
     t = first * second + period * np.arange(max(0, int((last - first) * second / period + 1e-4) + 1))
     tables = ((pressures, readings), (forces, coefficients))
     at_periods = [_at(table.files[0], table.rows[:, 0] * second, values, t, period) for table, values in tables]

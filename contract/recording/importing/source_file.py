@@ -40,7 +40,7 @@ _KNOWN: Final[Mapping[str, tuple[str, float]]] = {
     )
     for name in names.split("|")
 }
-"""Base unit of every known unit, and its size in that base unit; the base unit "1" is dimensionless."""
+"""Base unit of every known unit, and the unit's size in base units; the base unit "1" is dimensionless."""
 _REMEDIES: Final = {
     "Pa": "give rho U_inf^2 / 2 as in --reference Cp=240Pa",
     "s": "give W / U_inf as in --reference t=5ms",
@@ -64,7 +64,7 @@ class Reference:
 
 
 def references_of(texts: Sequence[str]) -> dict[str, Reference]:
-    """Parse options --reference NAME=NUMBER[UNIT] to references by name. Raises ConfigError for other texts."""
+    """Parse options --reference NAME=NUMBER[UNIT] into references by name. Raises ConfigError for other texts."""
     found: dict[str, Reference] = {}
     for text in texts:
         option = f"--reference {text}"
@@ -212,7 +212,7 @@ def reference_of(name: str, layout: SensorLayout, references: Mapping[str, Refer
 def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
-    """Return, by the data set's names, the names in this file that differ from them; a unit in brackets is also a
+    """Return the names that differ in this file, by the data set's names; a unit in brackets also counts as a
     difference. Raises DatasetError for a renamed array that is in the file under neither name, because a series such as
     t would otherwise be ignored silently."""
     plain = {split_unit(column)[0]: column for column in there}

@@ -30,7 +30,7 @@ class Stored:
 
     Attributes:
         values: array as the file stores it.
-        attributes: metadata of the array, by name. This class uses CF's attributes: scale_factor, add_offset,
+        attributes: metadata of the array, by name. This class evaluates those of CF: scale_factor, add_offset,
             _FillValue, missing_value, valid_min, valid_max, valid_range, units, and netCDF's _Unsigned.
         netcdf: whether the file is a netCDF file, whose default fill values apply if the array states no fill value.
     """
@@ -232,7 +232,8 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Return the arrays of nested structures; a name joins the names of the structures by slashes, as in HDF5."""
+    """Yield the arrays of nested structures; an array's name begins with the structures' names, joined by slashes as in
+    HDF5."""
     for name, values in found.items():
         if name in _TABLES:
             yield "a MATLAB table or object, whose columns only MATLAB can read: save them as variables", None
