@@ -60,7 +60,7 @@ def trailers() -> str:
 
 
 def values() -> str:
-    """Return the names of the numbers of modes and reasons."""
+    """Return a list of the numbers of modes and reasons, with their names."""
     places = {"Mode": _messages()[2][0], "Reason": _messages()[3][0]}
     return "\n\n".join(f"`{name}`: {_choices(one.get_signal_by_name(name))}." for name, one in places.items())
 
@@ -70,7 +70,7 @@ def _choices(signal: Signal) -> str:
 
 
 def _rows(twins: tuple[Message, ...], names: Iterable[str]) -> Iterable[tuple[str, ...]]:
-    """Return a row for each signal; signals whose names differ only in a number share a row."""
+    """Return a table row for each signal; signals whose names differ only in a number share a row."""
     for _, group in groupby(names, key=lambda name: name.rstrip("0123456789")):
         same = list(group)
         fd, classic = ([one for one in message.signals if one.name in same] for message in twins[:2])
@@ -79,7 +79,7 @@ def _rows(twins: tuple[Message, ...], names: Iterable[str]) -> Iterable[tuple[st
 
 
 def _place(found: list[Signal]) -> str:
-    """Return the first bits of signals of one kind, their type and their resolution."""
+    """Return the first bits of signals that share a row, and their common type and resolution."""
     one = found[0]
     step = f", {one.scale:g} {one.unit or ''}".rstrip() if one.unit or one.scale != 1 else ""
     return f"{'/'.join(str(signal.start) for signal in found)}, {_type(one)}{step}"
@@ -91,7 +91,8 @@ def _type(one: Signal) -> str:
 
 
 def _meaning(fd: list[Signal], classic: list[Signal]) -> str:
-    """Return the comment in the DBC, and the further parts of the classic signal's comment."""
+    """Return the comment on the CAN FD signal in the DBC, and those parts of the classic signal's comment that
+    differ."""
     text, other = (_comment(found) for found in (fd, classic or fd))
     added = [part for part in re.split(r"(?<=[.;,]) ", other) if part.rstrip(".;,") not in text]
     return f"{text} Classic: {' '.join(added)}" if added else text

@@ -13,10 +13,10 @@ import typer
 from stillwake.__main__ import PANELS, app
 
 WORDS: Final = {Path: "PATH", str: "TEXT", float: "NUMBER", int: "INTEGER"}
-"""Words for the value of an option without a word of its own, by the value's type."""
+"""Words that stand for the values of options, by the value's type; an option may define its own word."""
 
 _STATED: Final = re.compile(r"\bstatus\b|\bEnds with\b")
-"""A pattern of paragraphs about exit statuses, which the page repeats."""
+"""A pattern that finds the help's paragraphs about exit statuses, which the page contains, too."""
 _CODE: Final = re.compile(r"(`[^`]*`)")
 _PAGE: Final = re.compile(r"\bdocs/([\w-]+)/([\w-]+)\.md")
 _WORD: Final = re.compile(r"(?<!\S)((?:--set )?[^\s(`]*=[^\s,;)]*[^\s,;).:]|--[a-z][\w-]*)")
@@ -55,7 +55,7 @@ def common_options() -> str:
 
 
 def sections() -> str:
-    """Return a section for every panel of the help, with a section for each of its commands."""
+    """Return a section for every panel of the help, with a subsection for each command in the panel."""
     root: Any = typer.main.get_command(app)
     parts = []
     for panel in PANELS:
@@ -89,7 +89,8 @@ def _sections(name: str, command: Any) -> Iterator[str]:
 
 
 def _explained(command: Any) -> str:
-    """Return the help's first paragraph, its paragraphs on exit statuses, and links of the other paragraphs."""
+    """Return the first paragraph of a command's help, the paragraphs on exit statuses, and the links in the other
+    paragraphs."""
     first, *others = command.help.split("\n\n")
     stated = [text for text in others if _STATED.search(text)]
     pages = sorted({found[0] for text in others if text not in stated for found in _PAGE.finditer(text)})
@@ -97,7 +98,7 @@ def _explained(command: Any) -> str:
 
 
 def _options(command: Any) -> Iterator[tuple[_Option, str]]:
-    """Return every argument and option, with its default."""
+    """Yield every argument and option of a command, each with its default."""
     types = get_type_hints(command.callback)
     for one in command.params:
         takes = _takes(one, types[one.name])
@@ -107,7 +108,7 @@ def _options(command: Any) -> Iterator[tuple[_Option, str]]:
 
 
 def _help(parameter: Any) -> str:
-    """Return a parameter's help; the page does not have the text to which "see above" refers in a terminal."""
+    """Return a parameter's help, with "see `--help`" in place of "see above", because the page lacks the text above."""
     return (parameter.help or "").replace("see above", "see `--help`")
 
 
@@ -140,7 +141,7 @@ def _default(parameter: Any) -> str:
 
 
 def _marked(text: str) -> str:
-    """Return a text with options and NAME=VALUE in code style, and with links to pages of these documents."""
+    """Return a text in which options and NAME=VALUE are in code style, and the names of pages are links."""
     return "".join(map(_marked_piece, _CODE.split(text)))
 
 

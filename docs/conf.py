@@ -24,7 +24,7 @@ extensions = [
     "docs.site.browser_ecu",
 ]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".markdown": "markdown"}
-# The first page already contains the list of documents of docs/README.md.
+# The site's first page already contains the list of documents that docs/README.md has.
 exclude_patterns = ["README.md"]
 # Otherwise Sphinx would change the two hyphens of options to a dash.
 smartquotes = False
@@ -53,7 +53,7 @@ if has_gallery():
     sphinx_gallery_conf = {
         "examples_dirs": "../examples/gallery",
         "gallery_dirs": "generated/gallery",
-        # Every changed script runs; an error in a script ends the build.
+        # The build runs every script that was changed; an error in a script ends the build.
         "filename_pattern": r"\.py$",
         "abort_on_example_error": True,
         "within_subsection_order": "docs.site.pages.place_in_gallery",

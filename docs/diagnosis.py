@@ -119,7 +119,7 @@ NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.SERVICE_NOT_IN_SESSION: "",
 }
 UNSENT: Final = frozenset({Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED})
-"""Codes that only the tester's code has, because the ECU never sends them."""
+"""Codes that only the tester's code contains, because the ECU never sends them."""
 SNAPSHOT_TEXTS: Final[Mapping[Snapshot, str]] = {
     Snapshot.TIME_MS: "milliseconds since power-on",
     Snapshot.MODE_BEFORE: "mode of EcuStatus in the previous control period",

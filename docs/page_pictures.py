@@ -35,12 +35,13 @@ PICTURES: Final[dict[Path, tuple[tuple[int, int], Scheme]]] = {
     DOCS / "pictures" / "live_page_light.webp": (WIDE, "light"),
     DOCS / "pictures" / "live_page_phone.webp": (NARROW, "dark"),
 }
-"""Size of the window in pixels, and colour scheme, by the picture's file."""
+"""Size of the browser's window in pixels and colour scheme for each picture's file."""
 QUALITY: Final = 82
 MOST_BYTES: Final = 300_000
 DEAD: Final = "base_9"
 DIES, TAKEN = 42.0, 59.2
-"""Times in t_c at which the sensor dies, and at which the pictures are taken: the ECU has set this sensor aside."""
+"""Time in t_c at which the sensor dies; time in t_c at which the pictures are taken, when the ECU has set the sensor
+aside."""
 PATIENCE_S: Final = 1800.0
 _ARGUMENTS: Final = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 
@@ -100,7 +101,7 @@ def write(path: Path, png: bytes) -> None:
 
 @contextmanager
 def _server() -> Iterator[str]:
-    """Run the server, and return the page's address."""
+    """Run the server inside the block, and yield the page's address."""
     command = [sys.executable, "-m", "stillwake", "live", "--port", "0", "--fast"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
@@ -116,7 +117,8 @@ def _server() -> Iterator[str]:
 
 
 def note(pictures: Iterable[Path]) -> None:
-    """Record the pictures' hashes. Raises StillwakeError if the record is of another bundle than the shipped one."""
+    """Record the pictures' hashes. Raises StillwakeError if the record is for a bundle other than the shipped
+    bundle."""
     content = json.loads(PROVENANCE.read_text(encoding="utf-8"))
     shipped = bundle.load(BUNDLE).digest
     if content["bundle"] != shipped:

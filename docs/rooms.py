@@ -1,8 +1,9 @@
 """Draw `docs/rooms.svg` from the imports in the source: `make generated`.
 
-A room is a top-level package, and a chip is one of its folders. An arrow between two rooms is an import; its number
-counts the modules of the lower room that the upper room uses. Each room is on the lowest floor from which all its
-imports point down, so circular imports are an error. The boxes leave gaps in which every arrow is a straight line.
+The picture has a box for each top-level package (room), and in it a label (chip) for each of the package's folders. An
+arrow between two rooms is an import; its number counts the modules of the lower room that the upper room uses. Each
+room is on the lowest row (floor) from which all its imports point down, so circular imports are an error. The boxes
+leave gaps in which every arrow is a straight line.
 """
 
 import ast
@@ -29,20 +30,20 @@ ROOMS: Final = {
     "export": (3, 3, "from the model to ONNX, C and bundle"),
     "contract": (0, 3, "data and formats that packages share: geometry, sensors, units, errors, the DBC"),
 }
-"""First and last of the four columns that a room's box covers, and a text about the room's content."""
+"""First and last of the four columns that a room's box covers, and a text about the room's content, by room."""
 TOP: Final = "stillwake"
 """The room whose arrows are not drawn, because it has an arrow to every other room."""
 
 Uses = Mapping[tuple[str, str], int]
-"""Number of the second room's modules that the first room uses, by the two rooms."""
+"""Number of the second room's modules that the first room imports, by the names of both rooms."""
 
 WIDTH, MARGIN, GAP, FLOOR = 960, 20, 44, 60
 CHANNEL, APART = 34, 26
-"""Width at each side of a box that is left free for arrows past the box; smallest distance between two arrows."""
+"""Free width in px at each side of a box, for arrows past the box; smallest distance in px between two arrows."""
 FILL: Final = ("#e6edf6", "#eef4e8", "#fdf2df", "#f2ecf7", "#f7e9e9")
 """Colours of the floors, from the lowest up."""
 LETTER = 8.2
-"""Width of a letter at 14 px, in px; the average letter of usual fonts is not wider."""
+"""Assumed width of a letter in px, for text of 14 px; in usual fonts the average letter is not wider."""
 INK, LINE = "#17202b", "#5b6b7d"
 
 
@@ -147,7 +148,7 @@ def _boxes(root: Path, floor: Mapping[str, int]) -> tuple[dict[str, Box], float]
 
 
 def _chips(names: list[str], width: float) -> list[list[tuple[str, float]]]:
-    """Return rows of chips, each with its name and width."""
+    """Return rows of labels that fit into the width, each label with its text and width."""
     rows: list[list[tuple[str, float]]] = []
     used = width
     for name in names:
@@ -161,7 +162,7 @@ def _chips(names: list[str], width: float) -> list[list[tuple[str, float]]]:
 
 
 def _lines(room: str, width: float) -> list[str]:
-    """Return the text about a room, wrapped to its box."""
+    """Return the lines of the text about a room, wrapped to the width of the room's box."""
     return wrap(ROOMS[room][2], int((width - 20) / LETTER))
 
 
@@ -189,7 +190,7 @@ def _room(root: Path, room: str, box: Box, fill: str) -> str:
 
 
 def _free(boxes: Mapping[str, Box], upper: str, lower: str, taken: list[tuple[float, float, float]]) -> float:
-    """Return the middle of the widest gap that a straight arrow can use.
+    """Return the middle of the widest gap for a straight arrow between two boxes, beside other boxes and arrows.
 
     Raises:
         ValueError: if there is no such gap.

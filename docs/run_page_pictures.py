@@ -30,7 +30,8 @@ _DRAWN_MS: Final = 2000
 
 
 def main(folders: list[RunFolder]) -> None:
-    """Write both pages and take their pictures. Raises StillwakeError without a browser, or for no run's folder."""
+    """Write both pages and take their pictures. Raises StillwakeError without a browser, or if a folder is not a run's
+    folder."""
     with tempfile.TemporaryDirectory() as place, chromium() as browser:
         _take(browser, write_report(folders[0], Path(place) / "run.html"), "dark", RUN)
         _take(browser, write_comparison(folders, Path(place) / "compare.html"), "light", COMPARED)

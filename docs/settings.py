@@ -11,9 +11,9 @@ from contract.config.loading import load_config
 from contract.config.rules import Source
 
 _SIGNS: Final = {"at least ": "≥", "positive": "", "non-negative": "≥0", "in ": ""}
-"""Short forms of the beginnings of bounds; the page leaves out "positive"."""
+"""Short forms for the first words of a bound; the page leaves out "positive"."""
 _LONGEST: Final = 6
-"""Largest number of words of a bound on the page; the section's text states a longer bound."""
+"""Largest number of words of a bound that the page repeats; a longer bound is in the text of the section."""
 
 
 def lists() -> str:
@@ -40,7 +40,8 @@ def _line(one: Setting, common: str) -> str:
 
 
 def _bounds(one: Setting) -> str:
-    """Return a bound without its reason, which the error message states; "" for positive numbers and for text."""
+    """Return a setting's bound without the reason that its error message states; "" for positive numbers and for
+    text."""
     bounds = one.bounds.partition(":")[0].partition(", for ")[0]
     if not bounds and isinstance(one.value, int) and not isinstance(one.value, bool):
         return "with others"

@@ -1,7 +1,7 @@
 """The tables of `docs/reference/states.md` from the ECU's table of transitions, and its picture: `make generated`.
 
-This module has the places of boxes and lines; the numbers on the lines are the numbers of the table's rows. A
-transition without a line, or a line without a transition, is an error.
+This module has the positions of the picture's boxes and lines; the numbers on the lines are the numbers of the table's
+rows. A transition without a line, or a line without a transition, is an error.
 """
 
 import ast
@@ -39,7 +39,8 @@ GROUPS: Final = (
     ("accepted request", (330, 40, 615, 360), "#e6edf6"),
     ("jets may run", (700, 70, 225, 325), "#fdf2df"),
 )
-"""Rectangles (x, y, width, height) behind the states; a line from an edge leads from all states inside."""
+"""Rectangles (x, y, width, height) around several states; a line from a rectangle's edge leads from all states
+inside."""
 UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
 """Middle of the diamond, which is not a state: lines from ARMED and from an accepted request branch there."""
@@ -48,7 +49,7 @@ _FEW: Final = 3
 
 
 class Line(NamedTuple):
-    """A line from the states in one text to a state, with its corners and the middle of its label."""
+    """A line from one or several states to a state, with its corners and the middle of its label."""
 
     start: str
     to: str
@@ -94,7 +95,7 @@ def transitions() -> str:
 
 
 def _names(start: frozenset[OperatingMode]) -> str:
-    """Return the states in the order of their definition, or "all but" the missing states if these are few."""
+    """Return the names of states in the order of their definition, or "all but" the missing states if these are few."""
     names, others = ([mode.name for mode in OperatingMode if (mode in start) is inside] for inside in (True, False))
     return f"all but {', '.join(others)}" if len(others) <= _FEW < len(names) else ", ".join(names)
 
