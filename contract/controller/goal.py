@@ -76,7 +76,7 @@ def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
 
 def of_two_speeds(parts: Array) -> Array:
     """Return a prior's scheduled weights with two variables for the speed (`SCHEDULED`, first axis). If they have one
-    variable, as until version 1.1, its weights are used for both; otherwise the weights are unchanged."""
+    variable, as in `truck-wake-13`, its weights are used for both; otherwise the weights are unchanged."""
     below, above = SPEED_PLACES
     return np.insert(parts, above, parts[below], axis=0) if len(parts) == len(SCHEDULED) - 1 else parts
 

@@ -233,7 +233,7 @@ def program_sha256(program: ControllerProgram) -> str:
 
 def _as_trained(prior: PriorWeights) -> dict[str, Array]:
     """Return the scheduled weights of a prior, with one variable for the speed if its two have equal weights. So a
-    model until version 1.1 keeps its hash, and its bundles stay valid."""
+    model that was trained with one variable keeps its hash, and its bundles stay valid."""
     first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
     if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
         first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)
