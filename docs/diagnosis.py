@@ -125,7 +125,7 @@ SNAPSHOT_TEXTS: Final[Mapping[Snapshot, str]] = {
     Snapshot.MODE_BEFORE: "mode of EcuStatus in the previous control period",
     Snapshot.MISSED: "number of control periods without usable pressures since power-on",
     Snapshot.OVERRUNS: "number of skipped control periods since power-on",
-    Snapshot.PRESSURES_CP: "the newest pressure coefficients before the fault's period, as float32; 0 if there are none",
+    Snapshot.PRESSURES_CP: "newest pressure coefficients before the fault's period, as float32; 0 if there are none",
 }
 STATUS_TEXTS: Final[Mapping[Status, str]] = {
     Status.TEST_FAILED: "the fault is present; this bit is cleared when control runs",
