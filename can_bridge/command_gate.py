@@ -51,9 +51,9 @@ class GateLimits:
     def from_config(cls, config: Config) -> Self:
         """Return the limits of a vehicle.
 
-        The range ends on a multiple of the message's resolution, so that rounding cannot exceed the range. The ages
-        allow the commands that the fail-safe sends while it holds the last command and lets it decay, and no later
-        command. Raises ConfigError if the action limit at this operating point exceeds the message's range.
+        `flow_m2_per_s` is a multiple of the message's resolution, so that no rounded command is larger. `held_age_ns`
+        is the pressures' greatest age while the fail-safe holds the last command and lets it decay; `fresh_age_ns` is
+        never larger. Raises ConfigError if the action limit at this operating point exceeds the message's range.
         """
         scale = config.operating_point.flow_rate_scale
         limit = config.flow.action_limit * scale

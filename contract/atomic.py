@@ -71,15 +71,15 @@ def _check_file(path: Path, there: os.stat_result) -> None:
 
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
-    """Yield a temporary path next to the target of `path`; move it to the target if the block succeeds, remove it
-    otherwise. Links remain and lead to the new content, which gets the mode of the old content.
+    """Yield a temporary path in the same folder as the target. The block writes a file or a directory there, which
+    replaces the target if the block succeeds, and is removed otherwise.
 
-    With `keep`, the files of a new directory are moved into the old directory, whose other files remain.
+    The target is `path`, or the place to which `path` leads if it contains symbolic links; the links remain. The new
+    content gets the mode of the old content. An old directory remains until the new directory has replaced it. With
+    `keep`, the files of a new directory are instead moved into the old directory, whose other files remain.
 
-    Missing folders are created, and removed again if the block fails. The result is a file or a directory; an old
-    directory remains until the new directory has replaced it.
-
-    Raises StillwakeError if the target cannot be written.
+    Missing parent folders of the target are created, and removed again if the block fails. Raises StillwakeError if the
+    target cannot be written.
     """
     place = leads_to(path)
     temporary, aside = _temporary(place, "part"), _temporary(place, "old")

@@ -106,17 +106,17 @@ def main(
 
 
 def _floors(program: ControllerProgram, compiler: Sequence[str], figures: Mapping[str, float]) -> dict[str, Any]:
-    """Return the measured limits of this core, and the ratio of each median to the lower limit that follows from
-    them."""
+    """Return the measured rates of this core, and the result of `over_floors` with these rates."""
     core = measure_core(sum(matrix.size for matrix in matrices(program).values()), compiler)
     return {"core": asdict(core)} | over_floors(core, Work.of(program), figures)
 
 
 def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return each implementation's lower limit in ms, and the ratio of its median to this limit.
+    """Return, for each implementation, the lower limit of a control step's time in ms, and the ratio of the median time
+    to this limit.
 
-    With int8 weights ONNX Runtime still computes in float32; it converts the weights to float32 once per step. The int8
-    library reads one byte per weight.
+    The int8 graph has the limit of float32, because ONNX Runtime computes it in float32: it converts the weights once
+    per step. The limit of the int8 library counts integer operations, and one byte read per weight.
     """
     in_float = work.floor_ms(core.float_macs_per_s, 4, core.bytes_per_s)
     floors = dict.fromkeys(("eager_ms", "onnx_ms", "onnx_int8_ms", "c_ms"), in_float)

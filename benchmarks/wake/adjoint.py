@@ -34,7 +34,7 @@ WINDOW, ROUNDS, STEP = 20, 5, 1e-5
 """Number of control periods of a window, number of timed windows, and the amount by which an action is raised and
 lowered for finite differences."""
 LONG: Final = 500
-"""Number of control periods without jets; in both precisions, the drag is averaged over the last half of them."""
+"""Number of control periods of the run without jets in each precision; the drag is averaged over their last half."""
 PRECISIONS: Final = {"double": np.float64, "single": np.float32}
 
 

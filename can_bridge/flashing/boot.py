@@ -74,7 +74,7 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
                 return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=BootReason.TRIAL, boots_left=left)
         remembered.keep_slot(slot, replace(standing, phase=SlotPhase.BAD, boots_left=0))
     except MediumError:
-        # A trial that cannot be counted would never end, so the image is not run.
+        # If the boot cannot be counted, the image is not run, because the trial would never end.
         verdicts.setdefault(slot, Verdict.UNREADABLE)
     return None
 

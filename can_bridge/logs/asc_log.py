@@ -145,9 +145,9 @@ class _Clock:
         return self._sum_s if is_relative else time_s
 
     def place(self, time_s: float, *, is_relative: bool) -> None:
-        """Set the clock so that a block's first frame is not earlier than the frames of earlier blocks. If the frame's
-        time is too early for that, the block's times count from the block's own date. Raises ValueError if the date
-        does not give a later time either."""
+        """Note a frame's time. If a block's first frame has an absolute time that would be earlier than a frame of an
+        earlier block, the block's times count from the block's own date: `offset_s` is then the time from the first
+        block's date to this date. Raises ValueError if a date is unreadable, or the frame would still be earlier."""
         if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:

@@ -278,8 +278,8 @@ def _readings(
             here = table[:, k] == extreme
             starts, lengths = _runs(here)
             clipped = int(lengths[lengths >= 3].sum())
-            # In some rows a sine is within four steps of resolution of its peak; the bound is twice the share of these
-            # rows.
+            # `usual` is the share of rows in which a sine is within four resolution steps of its peak: twice the share
+            # within one step.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue

@@ -254,8 +254,8 @@ typedef struct {
 typedef struct {
     uint8_t key[SW_AES_BYTES];
     uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
-    uint64_t heard_pressure; /* freshness value of a Pressure accepted in earlier power cycles; 0 if there is none */
-    uint64_t heard_speed;    /* freshness value of a VehicleSpeed, likewise; used if the release needs it */
+    uint64_t heard_pressure; /* last stored freshness value of a Pressure accepted in an earlier power cycle, or 0 */
+    uint64_t heard_speed;    /* the same of a VehicleSpeed; used only if the release needs the speed */
 } sw_authentication;
 #endif
 
@@ -281,7 +281,7 @@ typedef union {
 } sw_ecu_work;
 
 typedef struct {
-    sw_ecu_state state; /* the first member, so that it can be saved and compared by itself */
+    sw_ecu_state state; /* the part that is saved, compared as bytes, and restored by sw_ecu_restore */
     sw_surroundings surroundings;
     sw_calibration calibration; /* values in force; only sw_ecu_calibrate changes these values */
     sw_gate_limits limits;      /* bounds of the gate that follow from the calibration */

@@ -1,7 +1,7 @@
 /* The receiver of a protected message (PRS_E2EProtocol: profile check, then state machine).
  *
- * Each frame gets a check from its CRC and counter. The period gets the check that has the highest priority among them,
- * and the checks of the latest periods decide whether the stream is trusted.
+ * Each frame gets a result (sw_check) from its CRC and counter. The period gets the result with the highest priority
+ * among its frames' results, and the results of the latest periods decide whether the stream is trusted.
  */
 #include "sw_ecu_parts.h"
 
@@ -29,7 +29,7 @@ static sw_check checked(sw_receiver *receiver, const sw_message *message, const 
     return delta <= (uint32_t)SW_E2E_MAX_DELTA ? SW_CHECK_OK_SOME_LOST : SW_CHECK_WRONG_SEQUENCE;
 }
 
-/* Returns the check that represents a period; `found` has a bit for each check of its frames. */
+/* Returns a period's result: the first in `order` whose bit is set in `found`, which has the results of its frames. */
 static sw_check of_period(uint32_t found)
 {
     static const sw_check order[] = {SW_CHECK_ERROR, SW_CHECK_OK, SW_CHECK_OK_SOME_LOST, SW_CHECK_WRONG_SEQUENCE,
@@ -45,7 +45,7 @@ static void counted(sw_receiver *receiver, sw_check check)
     if (receiver->counts[check] < UINT32_MAX) receiver->counts[check]++;
 }
 
-/* Adds a check to the window. */
+/* Adds a period's result to the window. */
 static void remember(sw_receiver *receiver, sw_check period)
 {
     if (receiver->checks == SW_E2E_WINDOW) {
@@ -63,7 +63,7 @@ static int count_of(const sw_receiver *receiver, sw_check check)
     return count;
 }
 
-/* Updates the stream's state and the window with one period's check. */
+/* Updates the stream's state and the window with one period's result. */
 static void advance(sw_receiver *receiver, sw_check period)
 {
     if (receiver->stream == SW_NODATA) {

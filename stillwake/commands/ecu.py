@@ -91,11 +91,11 @@ def run(
     """Run the ECU on a real CAN bus: read pressures and send a jet command in each control period, until the command is
     stopped.
 
-    The jets stay shut until the vehicle raises its enable request while the ECU is present. In three cases the ECU
-    sends commands that shut the jets: the program ends, also by Ctrl-C or SIGTERM; the bus was lost, and the ECU has
-    opened it again; or another ECU sends commands on the bus. Real-time privileges are used if the system grants them;
-    otherwise a message reports the missing ones. --freshness is needed with bus.key; the default is a file in systemd's
-    state directory.
+    The jets stay shut until the ECU has received a low enable request from the vehicle, and then a high request. In
+    three cases the ECU sends commands that shut the jets: the program ends, also by Ctrl-C or SIGTERM; the bus was
+    lost, and the ECU has opened it again; or another ECU sends commands on the bus. Real-time privileges are used if
+    the system grants them; otherwise a message reports the missing privileges. With bus.key, --freshness is required,
+    except for a systemd service with a state directory: the default is a file there.
 
     With --slots the command runs the release in a folder. `stillwake ecu provision` makes the folder, `stillwake flash`
     replaces the release over the same bus, and `stillwake calibrate` changes its goal and limits. With --mcu the

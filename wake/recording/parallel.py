@@ -15,12 +15,12 @@ def run_parallel(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> None:
-    """Record the jobs, the longest first, one per worker at a time; an episode whose worker dies continues from its
-    last block. The other arguments and the errors are those of `contract.side_by_side.spread`.
+    """Record the jobs' episodes, one per worker at a time, the one with the most missing steps first. An episode whose
+    worker dies continues from its last block. `contract.side_by_side.spread` explains the other arguments and errors.
 
     Args:
-        progress: called for every episode with new steps.
-        notice: called with a line when a worker was lost or joined.
+        progress: called for each episode whose number of recorded steps has changed since the last poll.
+        notice: called with a line of text when a worker was lost or has joined.
     """
     done = {job.plan.name: job.blocks.finished for job in jobs}
     present: set[str] = set()

@@ -108,7 +108,7 @@ def record(
         scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at the same
             path.
         progress: called for every episode at first, and then after each of its blocks.
-        notice: called with a line when a worker was lost or joined.
+        notice: called with a line of text when a worker was lost or has joined.
         block_steps: number of control steps between two writes to disk.
         start: file of the flow state in which episodes begin; the shipped state if None. Workers read it at this path.
         overwrite: whether an existing file is replaced, once the new file is complete.

@@ -98,5 +98,5 @@ class Flow:
 
     @property
     def velocities(self) -> Array:
-        """u and v of the buffer without p, padding included, as a flat array; a view."""
+        """A flat view of the part of the buffer that holds u and v, with their padding but without p."""
         return self.flat[: self.u.size + self.v.size]

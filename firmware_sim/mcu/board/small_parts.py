@@ -15,7 +15,7 @@ class SystemReset(Exception):  # noqa: N818
 
 class Counter:
     """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, and after it a compare register. The core's sleep ends when
-    the counter reaches the compare value.
+    the counter reaches the compare value. The counter and the compare value have two words each, the low word first.
 
     Attributes:
         now_ns, compare_ns: values of the counter and of the compare register.
@@ -25,14 +25,14 @@ class Counter:
         self.now_ns, self.compare_ns = now_ns, 0
 
     def read(self, offset: int) -> int:
-        """Read half of the counter or of the compare value; raises McuError for another register."""
+        """Read a word of the counter (offset 0, 4) or the compare value (8, 12); raises McuError for other offsets."""
         if offset not in (0, 4, 8, 12):
             raise McuError(f"counter: no register at {offset:#x}")
         value = self.now_ns if offset < 8 else self.compare_ns
         return value >> 8 * (offset & 4) & 0xFFFF_FFFF
 
     def write(self, offset: int, value: int) -> None:
-        """Write half of the compare value; raises McuError for another register."""
+        """Write a word of the compare value (offset 8, 12); raises McuError for other offsets."""
         if offset not in (8, 12):
             raise McuError(f"counter: no register to write at {offset:#x}")
         shift = 8 * (offset & 4)

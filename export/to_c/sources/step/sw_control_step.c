@@ -66,7 +66,7 @@ static int asked_of_iterations(float asked[SW_TERMS], const float weights[SW_TER
 #endif
     for (int i = 0; i < SW_TERMS; i++) any |= asked[i] > 0.0f || asked[i] < 0.0f;
 #else
-    any = 1; /* without a prior, the initial plan may exceed the limit; iterations reduce it */
+    any = 1; /* without a prior, the initial plan may exceed the action limit; the iterations clip its free actions */
 #endif
     return any;
 }
