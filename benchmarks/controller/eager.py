@@ -89,7 +89,8 @@ class EagerController:
         # 1 at half of the limit.
         prices = torch.sqrt(w[[5, 2]] / (w[0] * self._tensor([DEAREST_EFFORT, DEAREST_LIFT])))
         share = limit / self._program.action_limit
-        parts = [1.0, 2.5 * (speed - 1.0), *prices.clamp(max=1.0), min(1.0, 2.0 - 2.0 * share)]
+        slower, faster = min(0.0, 2.5 * (speed - 1.0)), max(0.0, 2.5 * (speed - 1.0))
+        parts = [1.0, slower, faster, *prices.clamp(max=1.0), min(1.0, 2.0 - 2.0 * share)]
         hidden = sum(part * self._tensor(each) for part, each in zip(parts, prior.first, strict=True))
         by_sums = nn.functional.linear((filters.T @ sums).flatten(), self._tensor(prior.sums).flatten(1))
         output = output * (1.0 + torch.tanh(self._tensor(prior.gate) @ self._tensor(parts) + by_sums))

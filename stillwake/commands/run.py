@@ -92,8 +92,7 @@ def run(
     run. The kinds are noise, bias, drift, stuck, dead, swap, quantise, wire_errors, reset, clock, no_request, reynolds,
     body, gust, operating_point, action_limit, stuck_jets, speed_scale, speed_late, speed_frozen, no_speed and density
     (docs/reference/disturbances.md). Faults of one node are written with vehicle: or ecu: before their kind: drop,
-    burst_loss, duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer or clock_drift (the
-    same page).
+    burst_loss, duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer or clock_drift.
 
     --drive gives the vehicle a varying speed, and first runs the drive without control, to compare the energy:
     steady-60 to steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV

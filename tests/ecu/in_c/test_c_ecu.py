@@ -128,9 +128,10 @@ def test_every_value_is_calibrated_while_it_runs_as_in_python(c, python):
         if period >= INTO_CONTROL:
             since = max(start for start in changes if start <= period)
             furthest[since] = max(furthest[since], np.abs(c.state.memory.plan[3:]).max())
-    # Only actions under way may be beyond a narrowed limit; the others go as far as it.
+    # Only actions under way may be beyond a narrowed limit; the others go as far as it, less a
+    # step of the iterations.
     assert [value > np.float32(0.01) for value in furthest.values()] == [True, False, True, True]
-    assert furthest[INTO_CONTROL + 3] == np.float32(0.01)
+    assert 0.009 < furthest[INTO_CONTROL + 3] <= np.float32(0.01)
     with pytest.raises(ValueError, match="calibration"):
         c.restore(replace(python.state, memory=python.state.memory.with_delay(3)))
     # Damaged bytes are refused at the door, and nothing is changed; `twin_replay.c` damages each byte.

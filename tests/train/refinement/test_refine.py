@@ -147,7 +147,8 @@ def test_stretches_side_by_side_are_those_one_after_the_other():
     alone = refine(*given, seed=3)
     with side_by_side(2, Oscillator) as run:
         shared = refine(*given, seed=3, side_by_side=run)
-    assert shared.periods == alone.periods == 2 * (12 + 17 + 20)
+    # The first stream stays at the design speed; the other has equal convective times.
+    assert shared.periods == alone.periods and 1.0 / 1.2 <= alone.periods / (12 + 17 + 20) - 1.0 <= 1.0 / 0.8
     # The predictor is fitted near the design speed; three stretches of six go farther from it.
     assert len(alone.stretches) == 3
     for one, other in zip(shared.feedback.parameters(), alone.feedback.parameters(), strict=True):
