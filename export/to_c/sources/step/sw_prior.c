@@ -104,8 +104,11 @@ static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float
         }
     }
     filter_past(prior, w, 0, SW_PRIOR_ROW - 1);
+    const int speed = prior->schedule[FASTER] > 0.0f ? FASTER : SLOWER; /* the other of the two is zero */
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
-        const float gate = product(w->prior_gate[u], prior->schedule, 1, SW_SCHEDULED);
+        const float *of = w->prior_gate[u], *s = prior->schedule;
+        const float gate = of[ONE] * s[ONE] + of[EFFORT] * s[EFFORT] + of[LIMIT] * s[LIMIT]
+            + (of[speed] * s[speed] + of[LIFT] * s[LIFT]);
         float by_sums = 0.0f;
         for (int i = 0; i < SW_PRIOR_SUMS; i++) by_sums += (float)w->prior_sums[u][i] * prior->inputs[i];
         prior->gated[u] = w->prior_output[u] * (1.0f + sw_tanh(gate + w->prior_sums_scale[u] * by_sums));
