@@ -17,11 +17,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 67_060, "benchmarks": 5_672, "tests": 57_216, "own C": 15_488, "JavaScript": 2_746, "docs": 2_286,
+    "source": 67_060, "benchmarks": 5_672, "tests": 57_217, "own C": 15_493, "JavaScript": 2_746, "docs": 2_286,
     "examples": 2_030,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 70_141
+MOST_WORDS = 70_159
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Episode Freshness Key

@@ -25,8 +25,8 @@ SPEED_SCALE: Final = 0.4
 """Relative difference of a vehicle's speed from the design speed that is scaled to 1."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
 """Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
-above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the
-pressures of mirrored sensors."""
+above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the pressures of
+mirrored sensors."""
 SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
 """Indices of the two speed variables in `SCHEDULED`. With one variable for all speeds, more training at high speeds
 made a prior worse at low speeds."""

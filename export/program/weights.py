@@ -205,8 +205,8 @@ class PriorWeights:
 
         In a model of version 1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and
         "slope", both (n, F, p + 1); "slope" is the change of "first" if the speed rises by the design speed. Or the
-        model has "hidden", (n, M, p + 1), in place of filters, first and slope. A model from before `of_two_speeds`
-        has one variable for the speed.
+        model has "hidden", (n, M, p + 1), in place of filters, first and slope. `of_two_speeds` converts a model
+        with one variable for the speed.
         """
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:

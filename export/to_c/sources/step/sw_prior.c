@@ -33,11 +33,16 @@ static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work
     schedule[LIMIT] = sw_min(sw_max((1.0f - share) / (1.0f - SW_NARROWEST), 0.0f), 1.0f);
 }
 
+/* Returns the speed variable that is not zero, if there is one. */
+static int speed_in(const float schedule[SW_SCHEDULED])
+{
+    return schedule[FASTER] > 0.0f ? FASTER : SLOWER;
+}
+
 /* Computes, for the present speed and goal, the weights by which the units multiply their inputs. */
 static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
 {
-    /* One of FASTER and SLOWER is zero. */
-    const int speed = prior->schedule[FASTER] > 0.0f ? FASTER : SLOWER;
+    const int speed = speed_in(prior->schedule);
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) prior->weight[SW_PRIOR_INPUTS][u] = 0.0f;
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
         float s[SW_SCHEDULED];
@@ -104,7 +109,7 @@ static void take_gates(sw_prior_scratch *prior, const sw_weights *w, const float
         }
     }
     filter_past(prior, w, 0, SW_PRIOR_ROW - 1);
-    const int speed = prior->schedule[FASTER] > 0.0f ? FASTER : SLOWER; /* the other of the two is zero */
+    const int speed = speed_in(prior->schedule);
     for (int u = 0; u < SW_PRIOR_OUTPUTS; u++) {
         const float *of = w->prior_gate[u], *s = prior->schedule;
         const float gate = of[ONE] * s[ONE] + of[EFFORT] * s[EFFORT] + of[LIMIT] * s[LIMIT]
