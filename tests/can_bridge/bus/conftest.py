@@ -1,4 +1,4 @@
-"""A bus of python-can inside this process for each test."""
+"""A bus of python-can inside this process for each test, and a simulated one."""
 
 from collections.abc import Iterator
 from itertools import count
@@ -7,6 +7,7 @@ import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from contract.config.vehicle import BusConfig
+from tests.can_bridge.bus.faults.links import Link, simulated_link
 
 CHANNELS = count()
 
@@ -22,3 +23,8 @@ def pair(config: BusConfig) -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
     """Two nodes on it."""
     with PythonCanBus.open(config) as one, PythonCanBus.open(config) as other:
         yield one, other
+
+
+@pytest.fixture
+def link() -> Link:
+    return simulated_link()

@@ -1,38 +1,168 @@
+"""The receiver: its state machine against the standard's (AUTOSAR PRS_E2EProtocol, "E2E state machine"), each check of
+a frame, and the sender's counter.
+
+O is an OK check, L an OK with some lost, R a repeated one, W a wrong sequence, E an error, - a period without a frame.
+"""
+
 import pickle
 from dataclasses import replace
 from itertools import product
+from typing import Final
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import PROFILE_5, profile_of
-from can_bridge.e2e.receiver import E2eReceiver, FrameCheck, StreamState, receive
+from can_bridge.e2e.receiver import E2eReceiver, FrameCheck, ReceiverState, StreamState, receive
 from can_bridge.e2e.sender import E2eSender, SenderState
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, PRESSURE_CLASSIC, MessageSpec
-from contract.config.vehicle import E2eConfig
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED, MessageSpec
+from contract.config.vehicle import BusConfig, E2eConfig
+from contract.errors import ConfigError
 
-CONFIG = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
+CONFIG: Final = E2eConfig(max_delta=4, window=5, min_ok=2, max_errors=2)
+LETTERS: Final = {
+    "O": FrameCheck.OK,
+    "L": FrameCheck.OK_SOME_LOST,
+    "R": FrameCheck.REPEATED,
+    "W": FrameCheck.WRONG_SEQUENCE,
+    "E": FrameCheck.ERROR,
+    "-": FrameCheck.NO_NEW_DATA,
+}
+STEPS: Final = {"O": 1, "L": 2, "R": 0, "W": 100}
+NODATA, INIT, VALID, INVALID = StreamState
 
 
-def good(counter: int, time_ns: int = 0, spec: MessageSpec = PRESSURE) -> Frame:
+def frame(counter: int, spec: MessageSpec = PRESSURE, *, good=True, time_ns: int = 0) -> Frame:
     profile = profile_of(spec)
-    data = profile.protect(bytes(spec.length), data_id=spec.data_id, counter=counter % profile.counter_period)
-    return Frame(frame_id=spec.frame_id, data=data, timestamp_ns=time_ns, is_fd=spec.is_fd)
+    data = profile.protect(bytes(spec.protected), data_id=spec.data_id, counter=counter % profile.counter_period)
+    if not good:
+        data = data[:-1] + bytes([data[-1] ^ 1])
+    return Frame(frame_id=spec.frame_id, data=data.ljust(spec.length, b"\0"), timestamp_ns=time_ns, is_fd=spec.is_fd)
 
 
-def corrupt(counter: int) -> Frame:
-    frame = good(counter)
-    return replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1]))
+def frames_for(letters: str, last: int) -> list[Frame]:
+    """One period's frames with these checks, after a frame with the counter `last`."""
+    made = []
+    for letter in letters:
+        if letter == "E":
+            made.append(frame(last + 1, good=False))
+        elif letter != "-":
+            last += STEPS[letter]
+            made.append(frame(last))
+    return made
+
+
+def at(stream: StreamState, window: str) -> ReceiverState:
+    checks = tuple(LETTERS[letter] for letter in window)
+    return ReceiverState(stream=stream, last_counter=None if stream is NODATA else 9, window=checks)
+
+
+class AutosarMachine:
+    """The standard's own terms: a ring of states, and counts over it; the first check is added when INIT begins."""
+
+    def __init__(self, size: int, min_ok: int, max_error: int) -> None:
+        self.ring, self.top = ["NOTAVAILABLE"] * size, 0
+        self.min_ok = {"INIT": min_ok, "VALID": 1, "INVALID": min_ok}
+        self.max_error = max_error
+        self.state = "NODATA"
+
+    def check(self, status: str) -> str:
+        if self.state == "NODATA":
+            if status not in ("ERROR", "NONEWDATA"):
+                self.state = "INIT"
+                self._add(status)
+            return self.state
+        self._add(status)
+        oks, errors = self.ring.count("OK"), self.ring.count("ERROR")
+        if errors <= self.max_error and oks >= self.min_ok[self.state]:
+            self.state = "VALID"
+        elif self.state == "VALID" or errors > self.max_error:
+            self.state = "INVALID"
+        return self.state
+
+    def _add(self, status: str) -> None:
+        self.ring[self.top] = status
+        self.top = (self.top + 1) % len(self.ring)
+
+
+GENERIC: Final = {"O": "OK", "L": "OK", "R": "REPEATED", "W": "WRONGSEQUENCE", "E": "ERROR", "-": "NONEWDATA"}
+"""How the standard maps a profile's checks to the machine's (E2E_P05MapStatusToSM)."""
+
+
+@given(
+    letters=st.text("OOOLRWE-", max_size=60),
+    sizes=st.integers(1, 8).flatmap(
+        lambda window: st.tuples(st.just(window), st.integers(1, window), st.integers(0, window - 1))
+    ),
+)
+def test_any_story_is_the_standards(letters, sizes):
+    window, min_ok, max_errors = sizes
+    made = E2eReceiver(PRESSURE, E2eConfig(window=window, min_ok=min_ok, max_errors=max_errors))
+    standard = AutosarMachine(window, min_ok, max_errors)
+    for letter in letters:
+        last = made.state.last_counter
+        if last is None and letter in "LRW":
+            letter = "O"  # the first frame has nothing to be compared with
+        reception = made.tick(frames_for(letter, 255 if last is None else last))
+        assert reception.checks == (LETTERS[letter],)
+        assert made.state.stream.name == standard.check(GENERIC[letter])
+
+
+SAME_PERIOD: Final = "OE>E EO>E OEO>E EEO>E RE>E WE>E OR>O OO>O LO>O LR>L WO>O OW>O RR>R RW>W WR>W"
+
+
+def test_a_period_is_one_check():
+    """An error counts whatever else came; a good one otherwise; in any order."""
+    for case in SAME_PERIOD.split():
+        letters, counts_as = case.split(">")
+        state, reception = receive(at(VALID, "OOO"), frames_for(letters, 9), spec=PRESSURE, config=CONFIG)
+        assert len(reception.checks) == len(letters), case
+        assert state.window == (*at(VALID, "OOO").window, LETTERS[counts_as]), case
+        # Each frame is counted all the same.
+        assert sum(state.counts) == len(letters), case
+
+
+def test_a_step_of_more_than_half_the_four_bit_counter_cannot_be_allowed():
+    assert BusConfig(frames="classic", e2e=E2eConfig(max_delta=7)).e2e.max_delta == 7
+    with pytest.raises(ConfigError, match=r"bus\.e2e\.max_delta.*1\.\.7"):
+        BusConfig(frames="classic", e2e=E2eConfig(max_delta=8))
+
+
+def test_restarted_sender_is_followed_from_its_second_frame():
+    for spec in [PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED]:
+        made = E2eReceiver(spec, CONFIG)
+        for counter in range(9):
+            made.tick([frame(counter, spec)])
+        first, second = made.tick([frame(0, spec)]), made.tick([frame(1, spec)])
+        assert (first.checks, first.stream, first.live) == ((FrameCheck.WRONG_SEQUENCE,), VALID, None), spec
+        assert (second.checks, second.live) == ((FrameCheck.OK,), frame(1, spec)), spec
+
+
+def test_extended_identifier_of_the_same_number_is_another_message():
+    other = Frame(frame_id=PRESSURE.frame_id, data=frame(0).data, is_extended=True)
+    assert E2eReceiver(PRESSURE, CONFIG).tick([other]).checks == (FrameCheck.NO_NEW_DATA,)
+
+
+def test_secured_message_is_checked_up_to_its_authentication():
+    """A secured message is checked in full length only; what stands behind the protected part is not E2E's."""
+    sound = frame(3, PRESSURE_SECURED)
+    made = E2eReceiver(PRESSURE_SECURED, CONFIG)
+    cut = Frame(frame_id=sound.frame_id, data=sound.data[: PRESSURE_SECURED.protected])
+    assert made.tick([cut]).checks == (FrameCheck.ERROR,)
+    behind = Frame(frame_id=sound.frame_id, data=sound.data[:16] + b"\xff" * 16)
+    assert made.tick([behind]).accepted == behind
 
 
 def receiver(**changes: int) -> E2eReceiver:
     return E2eReceiver(PRESSURE, replace(CONFIG, **changes))
 
 
-def valid_receiver(last: int = 9) -> E2eReceiver:
+def valid_receiver() -> E2eReceiver:
     made = receiver()
-    for counter in range(last - 5, last + 1):
-        made.tick([good(counter)])
+    for counter in range(4, 10):
+        made.tick([frame(counter)])
     assert made.state.stream is StreamState.VALID
     return made
 
@@ -49,34 +179,34 @@ def test_every_counter_step_gets_its_check():
         )
         for last, step in product(lasts, range(period)):
             made = E2eReceiver(spec, replace(CONFIG, max_delta=most))
-            assert made.tick([good(last, spec=spec)]).checks == (FrameCheck.OK,)
-            reception = made.tick([good(last + step, step, spec)])
+            assert made.tick([frame(last, spec)]).checks == (FrameCheck.OK,)
+            reception = made.tick([frame(last + step, spec, time_ns=step)])
             assert reception.checks == (expected.get(step, FrameCheck.WRONG_SEQUENCE),), (spec.name, last, step)
             assert (reception.accepted is not None) == (1 <= step <= most), (spec.name, last, step)
 
 
 def test_frame_that_fails_is_an_error_and_changes_no_counter():
-    for frame in [
-        corrupt(1),
-        replace(good(1), data=good(1).data[:8]),
-        replace(good(1), data=b""),
-        replace(good(1), data=PROFILE_5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
+    for failing in [
+        frame(1, good=False),
+        replace(frame(1), data=frame(1).data[:8]),
+        replace(frame(1), data=b""),
+        replace(frame(1), data=PROFILE_5.protect(bytes(16), data_id=JET_COMMAND.data_id, counter=1)),
     ]:
         made = receiver()
-        made.tick([good(7)])
-        reception = made.tick([frame])
-        assert (reception.checks, reception.accepted) == ((FrameCheck.ERROR,), None), frame
-        assert made.state.last_counter == 7, frame
+        made.tick([frame(7)])
+        reception = made.tick([failing])
+        assert (reception.checks, reception.accepted) == ((FrameCheck.ERROR,), None), failing
+        assert made.state.last_counter == 7, failing
 
 
 def test_several_frames_in_a_period_are_all_checked_and_the_newest_good_one_counts():
-    made = valid_receiver(last=9)
-    reception = made.tick([good(10), good(11, time_ns=1), good(11, time_ns=2), corrupt(12)])
+    made = valid_receiver()
+    reception = made.tick([frame(10), frame(11, time_ns=1), frame(11, time_ns=2), frame(12, good=False)])
     assert reception.checks == (FrameCheck.OK, FrameCheck.OK, FrameCheck.REPEATED, FrameCheck.ERROR)
-    assert reception.live == good(11, time_ns=1)
+    assert reception.live == frame(11, time_ns=1)
     # Rejected are periods with frames of which none was good.
-    made = valid_receiver(last=9)
-    for frames in ([corrupt(10)], [good(10), good(10)], [], [good(12)], [good(50)]):
+    made = valid_receiver()
+    for frames in ([frame(10, good=False)], [frame(10), frame(10)], [], [frame(12)], [frame(50)]):
         made.tick(frames)
     assert (made.state.frames_rejected, made.state.count(FrameCheck.ERROR)) == (3, 1)
 
@@ -84,7 +214,8 @@ def test_several_frames_in_a_period_are_all_checked_and_the_newest_good_one_coun
 def test_a_state_is_a_value():
     """Every mixture of frames leads on from a saved state as from the receiver itself."""
     made = receiver()
-    for frames in ([], [good(1)], [corrupt(2)], [good(2), good(5)], [good(5)], [good(90)], [good(91)], [], []):
+    rest = ([frame(counter) for counter in some] for some in ((2, 5), (5,), (90,), (91,), (), ()))
+    for frames in ([], [frame(1)], [frame(2, good=False)], *rest):
         before = made.state
         saved = pickle.loads(pickle.dumps(before))
         reception = made.tick(frames)
@@ -96,9 +227,9 @@ def test_a_state_is_a_value():
 def test_sender_and_receiver_agree_over_several_wraps():
     made, sender = receiver(), E2eSender(PRESSURE)
     for step in range(600):
-        frame = sender.frame(bytes(PRESSURE.length), now_ns=step)
-        assert (frame.timestamp_ns, frame.is_fd, frame.frame_id) == (step, True, PRESSURE.frame_id)
-        assert made.tick([frame]).checks == (FrameCheck.OK,)
+        sent = sender.frame(bytes(PRESSURE.length), now_ns=step)
+        assert (sent.timestamp_ns, sent.is_fd, sent.frame_id) == (step, True, PRESSURE.frame_id)
+        assert made.tick([sent]).checks == (FrameCheck.OK,)
     assert sender.state == SenderState(counter=600 % 256)
 
 

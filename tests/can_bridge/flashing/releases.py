@@ -5,8 +5,10 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, TypeVar
 
+import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+from can_bridge.flashing import checking
 from can_bridge.flashing.backing import Backing, Slot, at_once
 from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.state import SlotPhase
@@ -98,6 +100,11 @@ def booted(backing: Backing) -> tuple[Store, Boot]:
     """Power on, and boot."""
     store = store_on(backing)
     return store, store.boot()
+
+
+def judge_once(patch: pytest.MonkeyPatch) -> None:
+    """The same images recur thousands of times; a verdict depends on nothing but its arguments."""
+    patch.setitem(Store.__init__.__kwdefaults__, "check", cache(checking.check))
 
 
 def transfer(store: Store, new: bytes, *, until: int | None = None) -> int:

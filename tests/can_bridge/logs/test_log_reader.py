@@ -45,7 +45,7 @@ def expected(suffix: str, log: list[can.Message]) -> list[can.Message]:
     return kept
 
 
-@examples(40, suppress_health_check=list(HealthCheck))
+@examples(20, suppress_health_check=list(HealthCheck))
 @given(log=logs())
 @pytest.mark.slow
 def test_what_python_can_writes_is_read_back(tmp_path_factory, log):

@@ -64,13 +64,6 @@ def test_blocks_arrive_once_whatever_is_repeated(blocks, repeats):
     assert bench.ecu.calls.count(("exit",)) == 1
 
 
-def test_counter_goes_from_255_to_0(bench):
-    bench.talk(f"{asking(600)} > ok")
-    for number in range(1, 601):
-        assert bench.ask(0x36, number % 256, number % 251) == bytes([0x76, number % 256])
-    assert written(bench) == bytes(number % 251 for number in range(1, 601))
-
-
 def test_blocks_out_of_order_and_of_another_length(bench):
     bench.talk(
         f"""

@@ -7,7 +7,6 @@ periods on one process as on many.
 """
 
 from collections import Counter
-from collections.abc import Iterator
 from functools import partial
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -61,11 +60,6 @@ def stretch(number: int, *, seed: int, periods: int = STRETCH) -> Stretch:
     return Stretch(periods, broken, modes, driven, first[:3], max_rss_kib())
 
 
-def stretches(steps: int, *, seed: int, processes: int) -> Iterator[Stretch]:
-    """All of them, in order."""
-    yield from in_parts(partial(_stretch, seed=seed), steps, STRETCH, processes, "hostile")
-
-
 def _stretch(part: range, *, seed: int) -> Stretch:
     return stretch(part.start // STRETCH, seed=seed, periods=len(part))
 
@@ -77,7 +71,7 @@ def main(
     json_file: JsonFile = None,
 ) -> None:
     """Run an ECU and a vehicle against a hostile bus, clock and controller, and judge every period from outside."""
-    figures = summed(list(stretches(steps, seed=seed, processes=processes)))
+    figures = summed(list(in_parts(partial(_stretch, seed=seed), steps, STRETCH, processes, "hostile")))
     packages = ("cantools", "autosar-e2e", "numpy")
     report(json_file, "hostile", figures, packages=packages, seed=seed, settings=list(SETTINGS))
     if figures["violations"]:

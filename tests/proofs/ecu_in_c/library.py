@@ -8,9 +8,9 @@ from contract.config.tree import Config
 from contract.controller.c_folder import settings_header
 from contract.controller.interface import TERMS
 from ecu.c import sources as c_sources
+from ecu.in_c import compiler
 from ecu.in_c.c_settings import HEADER, ecu_settings
 from ecu.in_c.c_structs import Structs
-from ecu.in_c.compiler import compile_c, host_compiler
 from export.to_c import library
 from tests.proofs.ecu_in_c.variants import bundle_of
 
@@ -67,7 +67,7 @@ class Layout:
     """
 
     def __init__(self, contents: Mapping[str, bytes]) -> None:
-        self.structs = Structs(contents, host_compiler(), header=TWIN)
+        self.structs = Structs(contents, compiler.host_compiler(), header=TWIN)
         self.ffi = self.structs.ffi
         self.leaves = list(self._leaves(self.ffi.typeof("twin_response"), "", 0))
         compared = bytearray(self.ffi.sizeof("twin_response"))
@@ -121,7 +121,7 @@ class Library:
     """
 
     def __init__(self, contents: Mapping[str, bytes], output: Path, *, flags: Sequence[str] = SHARED) -> None:
-        compile_c(contents, output, compiler=host_compiler(), flags=flags)
+        compiler.compile_c(contents, output, compiler=compiler.host_compiler(), flags=flags)
         self.layout = Layout(contents)
         ffi = self.layout.ffi
         self.c = ffi.dlopen(str(output))

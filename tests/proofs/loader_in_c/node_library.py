@@ -8,11 +8,10 @@ from typing import Any, Final
 
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
-from contract.errors import LibraryError
 from contract.release.checks import Bundle
 from ecu.c.sources import loader_sources
+from ecu.in_c import compiler
 from ecu.in_c.c_structs import Structs
-from ecu.in_c.compiler import STANDARD, host_compiler
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from tests.proofs.ecu_in_c import library
 
@@ -20,7 +19,9 @@ GEOMETRY: Final = ("-ffp-contract=off", "-DSW_FLASH_SECTOR=16384u", "-DSW_SLOT_S
 """A small flash memory, so that its sectors are often full."""
 SLOT_BYTES: Final = 3 * 16384
 QUICK: Final = ("-O0", *GEOMETRY)
-_STUBS: Final = ("node_host.c", "node_host.h", "node_fuzz.c", "sw_image.h")
+_FUZZ: Final = "node_fuzz.c"
+"""A program of its own, and no part of the library."""
+_STUBS: Final = ("node_host.c", "node_host.h", _FUZZ, "sw_image.h")
 _OTHERS: Final = ("twin.c", "twin.h", "sw_image.c", "sw_own_ecu.c", "sw_own_layout.c")
 _DECLARED: Final = re.compile(r"^[\w ]+ \*?host_\w+\([^)]*\);", re.MULTILINE)
 BUSY, WANTS_RESET, NEEDS_RESET, SESSION, UNLOCKED, REASON, RUNNING, WORST_WRITES, WAITS, DRIVES_JETS, WRITES = range(11)
@@ -39,39 +40,33 @@ def sources(config: Config) -> dict[str, bytes]:
 
 
 def build(contents: Mapping[str, bytes], folder: Path, output: str, flags: Sequence[str] = QUICK) -> Path:
-    """A shared library, or a program if `output` is one of the sources; what stands in the folder is not built again.
+    """A shared library, or a program if `output` is one of the sources; with `--coverage` it is compiled in the folder,
+    where its branches are counted then.
 
     Raises:
         LibraryError: the compiler does not take it.
     """
     folder.mkdir(exist_ok=True)
-    changed = [name for name, content in contents.items() if _differs(folder / name, content)]
-    for name in changed:
-        (folder / name).write_bytes(contents[name])
-    everything = any(name.endswith(".h") for name in changed)
-    mains = {"node_fuzz.c"} - {output}
-    compiled = sorted(name for name in contents if name.endswith(".c") and name not in mains)
-    new = [name for name in compiled if everything or name in changed or not (folder / name).with_suffix(".o").exists()]
-    path = folder / (output.removesuffix(".c") if output.endswith(".c") else output)
-    link = [] if output.endswith(".c") else ["-shared"]
-    objects = [str(Path(name).with_suffix(".o")) for name in compiled]
-    for arguments in (["-fPIC", "-c", *new] if new else [], [*link, "-o", path.name, *objects]):
-        command = [*host_compiler(), *STANDARD, "-Werror", *flags, *arguments]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False) if arguments else None
-        if done is not None and done.returncode:
-            raise LibraryError(f"{command[0]}: {done.stderr[:500]}")
+    path, kept = folder / output.removesuffix(".c"), {**contents}
+    if output != _FUZZ:
+        kept.pop(_FUZZ, None)
+        flags = (*flags, "-shared", "-fPIC")
+    if "--coverage" not in flags:
+        compiler.compile_c(kept, path, compiler=compiler.host_compiler(), flags=flags)
+        return path
+    for name, content in kept.items():
+        (folder / name).write_bytes(content)
+    sources_of = sorted(name for name in kept if name.endswith(".c"))
+    command = [*compiler.host_compiler(), *compiler.STANDARD, *flags, *sources_of, "-o", path.name]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return path
-
-
-def _differs(file: Path, content: bytes) -> bool:
-    return not file.exists() or file.read_bytes() != content
 
 
 class Library:
     """One that was built, loaded."""
 
     def __init__(self, contents: Mapping[str, bytes], path: Path) -> None:
-        self.structs = Structs(contents, host_compiler())
+        self.structs = Structs(contents, compiler.host_compiler())
         self.ffi = self.structs.ffi
         for found in _DECLARED.findall(contents["node_host.h"].decode()):
             self.ffi.cdef(re.sub(r"(const )?host (?=\*)", "void ", found.replace("const sw_rules", "const uint8_t")))

@@ -1,6 +1,5 @@
 """What testers want besides the plans of `node_requests`: calibrations, odd lengths, control, failing parts."""
 
-import hashlib
 import struct
 from collections.abc import Callable, Generator
 from random import Random
@@ -9,7 +8,7 @@ from typing import Any, Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.services import Did, Routine
 from contract.controller.calibration import PACKED_BYTES
-from tests.proofs.loader_in_c.node_requests import any_plan, routine, unlocking, write
+from tests.proofs.loader_in_c.node_requests import announced, any_plan, blocks, routine, unlocking, write
 from tests.proofs.loader_in_c.node_twin import MS, World
 
 Step = bytes | Callable[[Any], None]
@@ -52,11 +51,7 @@ def story(rng: Random, of: World, steps: int) -> Plan:
     yield from unlocking(Level.PROGRAMMING)
     if rng.random() < 0.3:
         yield from each(*(2 * [write(Did.KEY_LIST, rng.choice(of.pool.key_lists[:3]))]))
-    sha256 = hashlib.sha256(image).digest()
-    answer = yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + sha256)
-    at = int.from_bytes(answer[4:8], "big") if answer is not None and answer[0] == 0x71 else 0
-    if at < len(image):
-        yield b"\x34\x00\x44" + at.to_bytes(4, "big") + (len(image) - at).to_bytes(4, "big")
+    at = yield from announced(image)
     for number, start in enumerate(range(at, len(image), 4078), start=1):
         yield bytes([0x36, number]) + image[start : start + 4078]
         if rng.random() < 0.05:
@@ -96,10 +91,7 @@ def flashed(of: World, name: str) -> Plan:
     """An image, up to its activation."""
     image = of.pool.images[name]
     yield from unlocking(Level.PROGRAMMING)
-    yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
-    yield b"\x34\x00\x44" + bytes(4) + len(image).to_bytes(4, "big")
-    for number, at in enumerate(range(0, len(image), 400), start=1):
-        yield bytes([0x36, number]) + image[at : at + 400]
+    yield from blocks(image, (yield from announced(image)), 400)
     yield from each(b"\x37", routine(Routine.CHECK), routine(Routine.ACTIVATE))
 
 

@@ -180,10 +180,12 @@ class Program:
         return Frame(frame_id=number, data=data, timestamp_ns=now_ns, is_fd=is_fd, is_extended=is_extended)
 
 
-def play(of: World, seed: int | str, requests: int, *, trouble: float = 0.02) -> Twins:
-    """Both ECUs after a program."""
+def play(of: World, seed: int, requests: int = 60, *, drawn_by: str = "") -> Twins:
+    """Both ECUs after a program, with more trouble from one seed to the next, and then little again."""
     with as_in_c(of):
-        return Program(of, seed, trouble=trouble).run(requests)
+        return Program(of, f"{drawn_by} {seed}" if drawn_by else seed, trouble=(0.001, 0.02, 0.1)[seed % 3]).run(
+            requests
+        )
 
 
 def play_plan(of: World, plan: Plan) -> Twins:

@@ -36,6 +36,21 @@ def write(did: Did, content: bytes) -> bytes:
     return bytes([Service.WRITE]) + did.to_bytes(2, "big") + content
 
 
+def announced(image: bytes) -> Generator[bytes, bytes | None, int]:
+    """The announcement of an image, and the request for what is missing; returns the offset of that."""
+    answer = yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
+    at = int.from_bytes(answer[4:8], "big") if answer is not None and answer[0] == 0x71 else 0
+    if at < len(image):
+        yield bytes([Service.DOWNLOAD, 0x00, 0x44]) + at.to_bytes(4, "big") + (len(image) - at).to_bytes(4, "big")
+    return at
+
+
+def blocks(image: bytes, at: int, size: int, most: int = 1 << 16) -> Plan:
+    """So many blocks of an image from an offset on."""
+    for number, start in enumerate(range(at, len(image), size)[:most], start=1):
+        yield bytes([Service.TRANSFER, number % 256]) + image[start : start + size]
+
+
 def any_plan(rng: Random, of: World) -> Plan:
     """What a tester may want."""
     return rng.choice((*5 * [flashing], choosing, keys, calibrating, reading, guessing, *3 * [faults]))(rng, of)
@@ -47,14 +62,9 @@ def flashing(rng: Random, of: World) -> Plan:
     yield _EXTENDED
     yield routine(Routine.PRECONDITIONS)
     yield from unlocking(Level.PROGRAMMING)
-    answer = yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
-    offset = int.from_bytes(answer[4:8], "big") if answer is not None and answer[0] == 0x71 else 0
-    if offset < len(image):
-        missing = len(image) - offset
-        yield bytes([Service.DOWNLOAD, 0x00, 0x44]) + offset.to_bytes(4, "big") + missing.to_bytes(4, "big")
-        size = rng.choice(_BLOCK_LENGTHS)
-        for number, at in enumerate(range(offset, len(image), size), start=1):
-            yield bytes([Service.TRANSFER, number % 256]) + image[at : at + size]
+    at = yield from announced(image)
+    if at < len(image):
+        yield from blocks(image, at, rng.choice(_BLOCK_LENGTHS))
         yield _EXIT
     if rng.random() < 0.9:
         yield routine(Routine.CHECK)

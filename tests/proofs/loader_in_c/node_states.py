@@ -7,7 +7,6 @@ what there is and is not, mostly for what leaves the state as it is.
     python -m tests.proofs.loader_in_c.node_states --json results/uds_states.json
 """
 
-import hashlib
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -27,7 +26,7 @@ from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, repor
 from tests.proofs.loader_in_c.node_library import GEOMETRY, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import Plan, each, story
 from tests.proofs.loader_in_c.node_program import Program
-from tests.proofs.loader_in_c.node_requests import any_noise, flashing, routine, unlocking
+from tests.proofs.loader_in_c.node_requests import announced, any_noise, blocks, flashing, routine, unlocking
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, OTHERS, Twins, World, as_in_c, world
 
 REQUESTS: Final = 2_000
@@ -48,26 +47,17 @@ _BAD: Final = (
 )
 
 
-def _announced(rng: Random, of: World, blocks: int) -> Plan:
+def _announced(rng: Random, of: World, most: int) -> Plan:
     """A transfer after so many blocks; 0: after the request for it."""
     image = of.pool.images[rng.choice(("newest", "for this hardware"))]
     yield from unlocking(Level.PROGRAMMING)
-    answer = yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
-    at = int.from_bytes(answer[4:8], "big") if answer is not None and answer[0] == 0x71 else 0
-    if at < len(image):
-        yield b"\x34\x00\x44" + at.to_bytes(4, "big") + (len(image) - at).to_bytes(4, "big")
-        for number in range(1, blocks + 1):
-            yield bytes([0x36, number]) + image[at : at + 2000]
-            at += 2000
+    yield from blocks(image, (yield from announced(image)), 2000, most)
 
 
 def _refused(rng: Random, of: World, _: int = 0) -> Plan:
     image = of.pool.images[rng.choice(_BAD)]
     yield from unlocking(Level.PROGRAMMING)
-    yield routine(Routine.ERASE, len(image).to_bytes(4, "big") + hashlib.sha256(image).digest())
-    yield b"\x34\x00\x44" + bytes(4) + len(image).to_bytes(4, "big")
-    for number, at in enumerate(range(0, len(image), 4000), start=1):
-        yield bytes([0x36, number]) + image[at : at + 4000]
+    yield from blocks(image, (yield from announced(image)), 4000)
     yield from each(b"\x37", routine(Routine.CHECK))
 
 

@@ -23,8 +23,6 @@ from tests.proofs.loader_in_c.node_sizes import sizes
 from tests.proofs.loader_in_c.node_twin import CONFIGS, world
 from tests.proofs.loader_in_c.store_proof import storage_figures
 
-REQUESTS: Final = 60
-"""Of one program."""
 _WRONG: Final = ("first_findings", "planted_missed", "branches_missed")
 
 
@@ -72,7 +70,7 @@ def main(
 def _played(kind: str, folder: Path, seed: int, numbers: range) -> tuple[list[str], int]:
     """What differed, and how many calls were compared."""
     of = world(kind, Library(sources(CONFIGS[kind]), folder / kind / f"{kind}.so"))
-    played = [play(of, f"{seed} {number}", REQUESTS, trouble=(0.001, 0.02, 0.1)[number % 3]) for number in numbers]
+    played = [play(of, number, drawn_by=str(seed)) for number in numbers]
     found = [f"{kind} {seed} {number}: {text}" for number, twins in zip(numbers, played, strict=True)
              for text in twins.differences]  # fmt: skip
     return found, sum(twins.compared for twins in played)

@@ -17,7 +17,7 @@ from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
-from ecu.in_c.compiler import compile_c, host_compiler
+from ecu.in_c import compiler
 from tests.proofs.ecu_in_c import library
 from tests.proofs.ecu_in_c.variants import UNCHECKED
 
@@ -117,7 +117,7 @@ class Pair:
         kept |= {SOURCE: text.encode(), STEP: Path(__file__).with_name("c").joinpath(STEP).read_bytes()}
         # A path that was loaded before would give the library that was there.
         path = Path(mkdtemp(dir=folder), "fail_safe.so")
-        compile_c(kept, path, compiler=host_compiler(), flags=(*library.SHARED, "-w"))
+        compiler.compile_c(kept, path, compiler=compiler.host_compiler(), flags=(*library.SHARED, "-w"))
         self._ffi = cffi.FFI()
         self._ffi.cdef("void fail_safe_step(const uint64_t *, const uint8_t *, int, uint64_t *);")
         self._c = self._ffi.dlopen(str(path))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from ecu.c.sources import loader_sources
-from ecu.in_c.compiler import compile_c, host_compiler
+from ecu.in_c import compiler
 
 _COMPILED: Final = (
     "sw_hashes.c", "sw_records.c", "sw_release.c", "sw_store.c", "sw_store_judge.c", "sw_store_kept.c",
@@ -38,7 +38,8 @@ def sources() -> dict[str, bytes]:
 def explored(folder: Path, most: int = ENDLESS, contents: Mapping[str, bytes] | None = None) -> dict[str, int]:
     """What the program counted in at most so many states; raises FoundError for what is not allowed."""
     program = folder / "store_states"
-    compile_c(sources() if contents is None else contents, program, compiler=host_compiler(), flags=_FLAGS)
+    made_from = sources() if contents is None else contents
+    compiler.compile_c(made_from, program, compiler=compiler.host_compiler(), flags=_FLAGS)
     done = subprocess.run([str(program), str(most)], stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode == 1:
         raise FoundError(done.stdout)

@@ -7,7 +7,7 @@ import pytest
 from contract.errors import BundleError
 from tests.proofs.release.bundle_fuzz import KINDS, FuzzError, Sound, Tally, run_case
 
-CASES = 600
+CASES = 300
 
 
 @pytest.fixture(scope="module")
