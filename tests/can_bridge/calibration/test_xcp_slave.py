@@ -359,7 +359,7 @@ def test_a_request_to_store_means_the_values_of_its_moment_and_ends_with_its_con
     assert slave.stored() == []
 
 
-@examples(300)
+@examples(150)
 @given(
     unlocks=st.booleans(),
     packets=st.lists(

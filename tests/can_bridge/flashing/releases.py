@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import cache
 from typing import Any, TypeVar
 
-import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.flashing import checking
@@ -79,10 +78,16 @@ def fits(bundle: Bundle) -> Verdict:
     return Verdict.GOOD if bundle.manifest.operating_point.speed == 25.0 else Verdict.WRONG_VEHICLE
 
 
+RULES: dict[str, Any] = {
+    "root": public_key(ROOT), "hardware": HARDWARE, "fits": fits, "check": cache(checking.check),
+}  # fmt: skip
+"""Of an ECU's store. Equal bytes, which recur thousands of times, are checked once: a verdict depends on nothing else
+than the arguments."""
+
+
 def provision(backing: B, first: bytes | None, **changes: Any) -> B:
     """Fill a memory as production does."""
-    given = {"root": public_key(ROOT), "keys": keys(), "image": first, "hardware": HARDWARE, "fits": fits}
-    Store.provision(backing, **{**given, **changes})
+    Store.provision(backing, **{"keys": keys(), "image": first, **RULES, **changes})
     return backing
 
 
@@ -93,18 +98,13 @@ def provisioned(backing: PlainBacking | None = None) -> PlainBacking:
 
 def store_on(backing: Backing, **changes: Any) -> Store:
     """Power on."""
-    return Store(backing, **{"root": public_key(ROOT), "hardware": HARDWARE, "fits": fits, **changes})
+    return Store(backing, **{**RULES, **changes})
 
 
 def booted(backing: Backing) -> tuple[Store, Boot]:
     """Power on, and boot."""
     store = store_on(backing)
     return store, store.boot()
-
-
-def judge_once(patch: pytest.MonkeyPatch) -> None:
-    """The same images recur thousands of times; a verdict depends on nothing but its arguments."""
-    patch.setitem(Store.__init__.__kwdefaults__, "check", cache(checking.check))
 
 
 def transfer(store: Store, new: bytes, *, until: int | None = None) -> int:

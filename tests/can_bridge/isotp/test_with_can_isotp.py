@@ -107,7 +107,7 @@ def test_each_side_hears_the_others_overflow():
     assert connection.ecu.take() == []
 
 
-@examples(200)
+@examples(100)
 @given(
     settings=st.sampled_from(SETTINGS),
     lengths=st.lists(st.integers(1, 400), min_size=1, max_size=4),

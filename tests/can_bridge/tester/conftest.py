@@ -1,13 +1,7 @@
 import pytest
 
-from tests.can_bridge.flashing.releases import judge_once
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.line import Line
-
-
-@pytest.fixture(autouse=True)
-def _judged_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    judge_once(monkeypatch)
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ def test_everything_named_is_lost_in_the_span_and_nothing_else():
 
 
 def test_as_many_are_lost_as_the_probability_says(link):
-    n, p = 4000, 0.3
+    n, p = 2000, 0.3
     faulty = link.wrapped(link.one, Drop(probability=p))
     received = numbers(link.stream(faulty, link.other, n))
     # Five standard deviations of a binomial number.
@@ -38,7 +38,7 @@ def test_as_many_are_lost_as_the_probability_says(link):
 def test_bursts_have_the_stated_share_and_length():
     for loss, mean_burst in ((0.1, 4.0), (0.02, 1.0), (0.8, 10.0)):
         link = simulated_link()
-        n = 3000
+        n = 2000
         faulty = link.wrapped(link.one, BurstLoss(loss=loss, mean_burst=mean_burst))
         gone = [not frames for frames in link.stream(faulty, link.other, n)]
         to_good = 1 / mean_burst
