@@ -2,18 +2,18 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
 import can
-import cantools
 import numpy as np
 import numpy.typing as npt
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 from e2e.p02 import e2e_p02_protect
 from e2e.p05 import e2e_p05_protect
+
+from tests.can_bridge.wire import described
 
 Array = npt.NDArray[np.float64]
 
@@ -35,7 +35,7 @@ DATA_IDS: Final = {
 MODULUS: Final = {"fd": 256, "classic": 16, "secured": 256}
 KEY: Final = bytes(range(1, 17))
 
-DBC: Final[Any] = cantools.database.load_file(str(files("contract") / "stillwake.dbc"))
+DBC: Final[Any] = described.DBC
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,10 @@
 from functools import cache
 from typing import Any, Final
 
-from cantools.database import Database
 from e2e.p05 import e2e_p05_check
 
 from can_bridge.wire.frame import Frame
-from contract.release.checks import dbc_bytes
+from tests.can_bridge.wire.described import DBC
 
 PRESSURE, COMMAND, STATUS = "Pressure", "JetCommand", "EcuStatus"
 
@@ -15,9 +14,7 @@ PRESSURE, COMMAND, STATUS = "Pressure", "JetCommand", "EcuStatus"
 @cache
 def message(name: str) -> Any:
     """A message of the DBC, as cantools has it."""
-    dbc = Database()
-    dbc.add_dbc_string(dbc_bytes().decode())
-    return dbc.get_message_by_name(name)
+    return DBC.get_message_by_name(name)
 
 
 def is_sound(data: bytes, name: str) -> bool:
