@@ -8,11 +8,10 @@ from typing import Any, Final
 import can
 import numpy as np
 import numpy.typing as npt
-from cryptography.hazmat.primitives.ciphers.algorithms import AES
-from cryptography.hazmat.primitives.cmac import CMAC
 from e2e.p02 import e2e_p02_protect
 from e2e.p05 import e2e_p05_protect
 
+from tests.can_bridge.uds.test_security import cmac
 from tests.can_bridge.wire import described
 
 Array = npt.NDArray[np.float64]
@@ -120,9 +119,7 @@ def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: f
 
 def authentication_code(data_id: int, covered: bytes) -> bytes:
     """The code that ends a secured message."""
-    code = CMAC(AES(KEY))
-    code.update(data_id.to_bytes(2, "big") + covered)
-    return code.finalize()[:8]
+    return cmac(KEY, data_id.to_bytes(2, "big") + covered)[:8]
 
 
 def log_of(

@@ -8,8 +8,6 @@ from importlib.metadata import version
 from typing import Any
 
 import pytest
-from cryptography.hazmat.primitives.ciphers.algorithms import AES
-from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
@@ -30,6 +28,7 @@ from tests.can_bridge.flashing.store_ecu import SECRET
 from tests.can_bridge.uds.scripted_ecu import Bench
 from tests.can_bridge.uds.test_ecu_services import Client
 from tests.can_bridge.uds.test_faults import SNAPSHOT, Memory
+from tests.can_bridge.uds.test_security import cmac
 
 odxtools = pytest.importorskip("odxtools")
 variantmatcher = pytest.importorskip("odxtools.variantmatcher")
@@ -257,9 +256,3 @@ def test_known_answers_of_seed_and_key_are_those_of_another_implementation():
         known = {name: bytes.fromhex(text) for name, text in one["known_answer"].items()}
         assert key_by_json(known["seed"], one["name"], known["access_key"]) == known["key"]
         assert one["request_seed"] == f"27 {Level[one['name'].upper()]:02X}"
-
-
-def cmac(key: bytes, text: bytes) -> bytes:
-    made = CMAC(AES(key))
-    made.update(text)
-    return made.finalize()

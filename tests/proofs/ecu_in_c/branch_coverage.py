@@ -27,14 +27,12 @@ class Coverage(NamedTuple):
 
     Attributes:
         covered, branches: taken, and all of them.
-        missed: places with a branch that is never taken, `file:line: text`.
-        excluded: how many lines of `EXCLUDED` have such a branch; they are not counted.
+        missed: places with a branch that is never taken, `file:line: text`, and what `EXCLUDED` has without need.
     """
 
     covered: int
     branches: int
     missed: list[str]
-    excluded: int
 
     @property
     def percent(self) -> float:
@@ -105,14 +103,16 @@ def branches(root: Path, *options: str) -> Iterator[tuple[str, str, list[int]]]:
 
 
 def _of(found: Iterable[tuple[str, str, list[int]]]) -> Coverage:
-    taken, missed, excluded = list[bool](), set[str](), set[tuple[str, str]]()
-    for file, at, counts in found:
-        reasons = [key for key in EXCLUDED if key[0] == file and key[1] in at]
-        for count in counts:
-            if count == 0 and reasons:
-                excluded.update(reasons)
-                continue
-            taken.append(count > 0)
-            if count == 0:
-                missed.add(f"{file}:{at}")
-    return Coverage(sum(taken), len(taken), sorted(missed), len(excluded))
+    each = [(f"{file}:{at}", count) for file, at, counts in found for count in counts]
+    never = [name for name, count in each if count == 0]
+    others, taken = without_reason(never, EXCLUDED), len(each) - len(never)
+    return Coverage(taken, taken + sum(name in others for name in never), others)
+
+
+def without_reason(never: Iterable[str], reasons: Mapping[tuple[str, str], str]) -> list[str]:
+    """Places of branches that are never taken, `file:line: text`, for which there is no reason by file and text of the
+    line; and reasons for what is taken."""
+    places = set(never)
+    named = {key: {one for one in places if one.startswith(f"{key[0]}:") and key[1] in one} for key in reasons}
+    idle = [f"{key} is taken" for key, found in named.items() if not found]
+    return sorted(places.difference(*named.values())) + idle

@@ -1,6 +1,7 @@
 """Faults that are planted in the C sources, one at a time: the comparison has to notice every one."""
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -21,12 +22,17 @@ class Planted(NamedTuple):
     old: str
     new: str
 
-    def into(self, sources: dict[str, bytes]) -> dict[str, bytes]:
+    def into(self, sources: Mapping[str, bytes]) -> dict[str, bytes]:
         """The sources with it; raises ValueError if they no longer have the place."""
-        before = sources[self.file].decode()
-        if before.count(self.old) != 1:
-            raise ValueError(f"{self.file}: {self.old!r} stands there {before.count(self.old)} times: must be once")
-        return sources | {self.file: before.replace(self.old, self.new).encode()}
+        return changed(sources, self.file, self.old, self.new)
+
+
+def changed(sources: Mapping[str, bytes], file: str, old: str, new: str) -> dict[str, bytes]:
+    """The sources with another text in place of one; raises ValueError if that does not stand there once."""
+    before = sources[file].decode()
+    if before.count(old) != 1:
+        raise ValueError(f"{file}: {old!r} stands there {before.count(old)} times: must be once")
+    return {**sources, file: before.replace(old, new).encode()}
 
 
 PLANTED: Final = tuple(

@@ -17,6 +17,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from benchmarks.common.command_line import track
+from ecu.fail_safe import OperatingMode
 from ecu.in_c.compiler import compiler_version, host_compiler
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
 from tests.proofs.ecu_in_c import branch_coverage, campaign, misra, mutants
@@ -41,11 +42,13 @@ def ecu_in_c(
     """Live through random control periods with both ECUs, and measure how sharp the comparison is."""
     stretches = list(in_parts(partial(_lived_through, seed=seed), steps, STRETCH, processes, "ecu-c"))
     mismatches = [str(one.mismatch) for one in stretches if one.mismatch is not None]
+    modes = sum((one.modes for one in stretches), Counter[str]())
     figures: dict[str, Any] = {
         "steps": sum(one.steps for one in stretches),
         "mismatches": len(mismatches),
         "first_mismatches": mismatches[:10],
-        "modes": dict(sum((one.modes for one in stretches), Counter[str]())),
+        "modes": dict(modes),
+        "modes_missed": sorted({mode.name for mode in OperatingMode} - modes.keys()),
     }
     with tempfile.TemporaryDirectory() as folder:
         figures |= sharpness(Path(folder))
@@ -59,8 +62,8 @@ def ecu_in_c(
         sources_sha256=sources_hash(),
         compiler=compiler_version(host_compiler()),
     )
-    wrong = ("mismatches", "planted_missed", "branches_missed", "survivors_unexplained", "misra_unlisted")
-    if any(figures.get(name) for name in wrong):
+    wrong = ("mismatches", "modes_missed", "planted_missed", "branches_missed", "survivors_unexplained")
+    if any(figures.get(name) for name in (*wrong, "misra_unlisted")):
         raise typer.Exit(1)
 
 

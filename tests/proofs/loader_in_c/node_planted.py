@@ -4,6 +4,7 @@ from itertools import count
 from pathlib import Path
 from typing import Final
 
+from tests.proofs.ecu_in_c.planted import changed
 from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import confirmations
 from tests.proofs.loader_in_c.node_program import play, play_plan
@@ -62,13 +63,8 @@ PLANTED: Final = (
 
 def noticed(fault: tuple[str, str, str], folder: Path) -> bool:
     """Whether the comparison fails with it; raises ValueError if the sources no longer have the place."""
-    file, old, new = fault
     for kind, config in CONFIGS.items():
-        contents = sources(config)
-        before = contents[file].decode()
-        if before.count(old) != 1:
-            raise ValueError(f"{file}: {old!r} stands there {before.count(old)} times: must be once")
-        contents[file] = before.replace(old, new).encode()
+        contents = changed(sources(config), *fault)
         # A library that is loaded stays: each needs a name of its own.
         name = next(name for name in map("{}.so".format, count()) if not (folder / kind / name).exists())
         of = world(kind, Library(contents, build(contents, folder / kind, name, (*QUICK, "-Wno-error"))))

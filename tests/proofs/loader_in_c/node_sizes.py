@@ -31,10 +31,10 @@ _STACK: Final = re.compile(r"sp, (?:sp, )?#(0x[0-9a-f]+|\d+)$")
 def sizes(folder: Path) -> dict[str, Any]:
     """`loader_flash_kib` and `loader_ram_kib` without XCP, `xcp_flash_kib` and `xcp_ram_kib` that it takes besides,
     `stack_b` of both with the functions it is of; by -Os."""
-    flash, ram = memory(linked(folder, xcp=False))
-    image = linked(folder, xcp=True)
-    more_flash, more_ram = memory(image)
-    depth, chain = deepest(image)
+    flash, ram = _memory(_linked(folder, xcp=False))
+    image = _linked(folder, xcp=True)
+    more_flash, more_ram = _memory(image)
+    depth, chain = _deepest(image)
     kib = {
         "loader_flash_kib": flash, "loader_ram_kib": ram, "xcp_flash_kib": more_flash - flash,
         "xcp_ram_kib": more_ram - ram,
@@ -42,7 +42,7 @@ def sizes(folder: Path) -> dict[str, Any]:
     return {name: round(size / 1024, 2) for name, size in kib.items()} | {"stack_b": depth, "stack_of": chain}
 
 
-def memory(image: bytes) -> tuple[int, int]:
+def _memory(image: bytes) -> tuple[int, int]:
     """Bytes of flash and of memory."""
     found = read_elf(image).sections
     elf: Any = ELFFile(io.BytesIO(image))
@@ -51,8 +51,7 @@ def memory(image: bytes) -> tuple[int, int]:
     return sum(found.get(name, 0) for name in (".text", ".rodata", ".data", ".ARM.exidx")), ram
 
 
-def linked(folder: Path, *, xcp: bool) -> bytes:
-    """The loader as a program for a Cortex-M7, with or without XCP."""
+def _linked(folder: Path, *, xcp: bool) -> bytes:
     bus = CONFIGS["fd"].bus
     config = replace(CONFIGS["fd"], bus=replace(bus, diagnosis=replace(bus.diagnosis, xcp=xcp)))
     contents = sources(config)
@@ -63,14 +62,14 @@ def linked(folder: Path, *, xcp: bool) -> bytes:
         (folder / name).write_bytes(content)
     flags = [item for item in BARE if item != "-T"]
     command = [
-        *(zig_compiler() or []), "-Os", "-std=c99", *flags, "-mcpu=cortex_m7", "-Wl,-e,start",
+        *(zig_compiler() or []), "-Os", "-g", "-std=c99", *flags, "-mcpu=cortex_m7", "-Wl,-e,start",
         *sorted(compiled), "node_sizes.c", "-o", "loader.elf",
     ]  # fmt: skip
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return (folder / "loader.elf").read_bytes()
 
 
-def deepest(image: bytes) -> tuple[int, list[str]]:
+def _deepest(image: bytes) -> tuple[int, list[str]]:
     """Bytes of stack at most below `start`, and the chain of functions; what is called of the ECU takes none here."""
     elf: Any = ELFFile(io.BytesIO(image))
     text = elf.get_section_by_name(".text")

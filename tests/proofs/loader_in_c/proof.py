@@ -16,7 +16,7 @@ import typer
 
 from contract.errors import StillwakeError
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
-from tests.proofs.loader_in_c.node_fuzz import SANITISED, VIOLATIONS, corpus, fuzz
+from tests.proofs.loader_in_c.node_fuzz import REACHED, SANITISED, VIOLATIONS, corpus, fuzz
 from tests.proofs.loader_in_c.node_library import Library, build, sources
 from tests.proofs.loader_in_c.node_program import play
 from tests.proofs.loader_in_c.node_sizes import sizes
@@ -32,7 +32,7 @@ def main(
     processes: Processes = 2,
     programs: Annotated[int, typer.Option(help="Testers against both ECUs, for each kind of frames.", min=1)] = 2000,
     fuzz_requests: Annotated[int, typer.Option(help="Hostile requests under sanitisers.", min=1)] = 1_000_000,
-    images: Annotated[int, typer.Option(help="Images that are altered.", min=1)] = 50_000,
+    images: Annotated[int, typer.Option(help="Images that are altered.", min=1)] = 1_000_000,
     calls: Annotated[int, typer.Option(help="Calls of the store, at random.", min=1)] = 20_000,
     records: Annotated[int, typer.Option(help="Forged records, and as many logs of records.", min=1)] = 10_000,
     seconds: Annotated[int, typer.Option(help="Second cuts in the recovery from each first one.", min=0)] = 2,
@@ -63,7 +63,7 @@ def main(
         **sizes_of,
     )  # fmt: skip
     wrong = [*differences, *(one for name in _WRONG for one in storage.get(name, []))]
-    if different or wrong or any(fuzzed[name] for name in VIOLATIONS):
+    if different or wrong or any(fuzzed[name] for name in VIOLATIONS) or not all(fuzzed[name] for name in REACHED):
         raise StillwakeError(f"{different} differ, {fuzzed}: {wrong[:1]}")
 
 

@@ -13,7 +13,7 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import RecordKind, Slot
 from contract.release import signing
 from tests.proofs.command_line import in_parts
-from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
+from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible, without_reason
 from tests.proofs.ecu_in_c.planted import Planted
 from tests.proofs.loader_in_c import node_library
 from tests.proofs.loader_in_c.store_forged import forged, logs
@@ -87,17 +87,17 @@ def storage_figures(
 
 def branch_figures(folder: Path) -> dict[str, Any]:
     """Branches of the store's C: all, those that `exercise` takes, those that `UNREACHED` explains, and the places of
-    the others, `file:line: text`."""
+    the others, `file:line: text`, with what it has without need."""
     flags = ("-O0", "--coverage", "-DTWIN_COVERAGE", *GEOMETRY)
     library = Library(node_library.build(sources(), folder, "store.so", flags))
     exercise(library)
     library.c.twin_dump()
     found = [(file, at, count) for file, at, counts in branches(folder) if file in MEASURED for count in counts]
-    missed = [(file, at) for file, at, count in found if count == 0]
-    others = [(file, at) for file, at in missed if not any(file == name and part in at for name, part in UNREACHED)]
+    missed = [f"{file}:{at}" for file, at, count in found if count == 0]
+    others = without_reason(missed, UNREACHED)
     return {
         "branches": len(found), "branches_taken": len(found) - len(missed),
-        "branches_explained": len(missed) - len(others), "branches_missed": [f"{file}:{at}" for file, at in others],
+        "branches_explained": len(missed) - len(others), "branches_missed": others,
     }  # fmt: skip
 
 

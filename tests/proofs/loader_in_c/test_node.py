@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import chain
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -21,13 +20,12 @@ from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import SecurityAccess
 from can_bridge.uds.services import Session
 from can_bridge.wire.frame import Frame
-from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible
-from tests.proofs.loader_in_c.node_fuzz import REACHED, SANITISED, VIOLATIONS, corpus, fuzz
+from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible, without_reason
 from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import confirmations, overtaken
 from tests.proofs.loader_in_c.node_planted import PLANTED, noticed
 from tests.proofs.loader_in_c.node_program import play, play_plan
-from tests.proofs.loader_in_c.node_sizes import deepest, linked, memory, sizes
+from tests.proofs.loader_in_c.node_sizes import sizes
 from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_few_places
 from tests.proofs.loader_in_c.node_states import visited
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, world
@@ -62,14 +60,13 @@ def of(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory)
     return world(request.param, Library(contents, build(contents, folder / request.param, f"{request.param}.so")))
 
 
-@pytest.mark.parametrize("seeds", [3, pytest.param(1000, marks=pytest.mark.proofs)])
-def test_both_send_the_same_frames_at_the_same_times(of: World, seeds: int) -> None:
+def test_both_send_the_same_frames_at_the_same_times(of: World) -> None:
     seen = Counter[str]()
-    for seed in range(seeds):
+    for seed in range(3):
         played = play(of, seed)
         assert played.differences == [], seed
         seen += played.seen
-    assert {"50", "51", "62", "67", "71", "74"} <= seen.keys() and seen.total() > 30 * seeds
+    assert {"50", "62", "67", "71"} <= seen.keys() and seen.total() > 90
 
 
 def test_in_every_state_both_answer_alike(of: World) -> None:
@@ -162,7 +159,7 @@ def test_a_release_is_confirmed_after_its_self_test_alone(of: World) -> None:
     assert played.differences == []
     assert [slot.phase for slot in played.python.store.state.slots] == [SlotPhase.CONFIRMED, SlotPhase.FILLING]
     # For the boot before, without a test, after one that failed, behind another announcement; then twice.
-    assert (played.seen["7f 3124"], played.seen["7f 3172"]) == (4, 1)
+    assert (played.seen["7f 3124"], played.seen["7f 3172"]) == (4, 1) and {"51", "74", "76", "77"} <= played.seen.keys()
 
 
 def test_a_slow_memory_and_a_full_controller_are_waited_for(of: World) -> None:
@@ -184,27 +181,8 @@ def test_planted_faults_of_the_python_ecu_are_noticed_by_the_one_in_c(of: World)
                 assert play(of, seed).differences == []
 
 
-@pytest.mark.proofs  # minutes of requests
-@pytest.mark.parametrize("requests", [100_000, 1_000_000])
-def test_sanitisers_and_the_witness_find_nothing(requests: int, of: World, tmp_path: Path) -> None:
-    if of.config.bus.frames != "fd":
-        pytest.skip("the program sends CAN FD")
-    program = build(sources(of.config), tmp_path / "fuzz", "node_fuzz.c", SANITISED)
-    corpus(of, tmp_path / "corpus", range(40))
-    counted = fuzz(program, tmp_path / "corpus", requests, requests)
-    assert {name: counted[name] for name in VIOLATIONS} == dict.fromkeys(VIOLATIONS, 0)
-    assert counted["requests"] == requests and min(counted[name] for name in REACHED) > 0
-
-
-@pytest.mark.slow  # links it for a Cortex-M7
+@pytest.mark.proofs  # links it twice for a Cortex-M7; the boards of tests/firmware_sim/mcu have no room for much more
 def test_it_fits(tmp_path: Path) -> None:
-    image = linked(tmp_path, xcp=True)
-    flash, ram = memory(image)
-    assert flash <= (48 + 5) * 1024 and ram <= 8.5 * 1024 and deepest(image)[0] <= 2048, (flash, ram, deepest(image))
-
-
-@pytest.mark.proofs  # links it twice; `test_it_fits` holds the sums
-def test_each_part_of_it_fits(tmp_path: Path) -> None:
     found = sizes(tmp_path)
     assert found["loader_flash_kib"] <= 48 and found["loader_ram_kib"] <= 8 and found["stack_b"] <= 2048, found
     assert found["xcp_flash_kib"] <= 5 and found["xcp_ram_kib"] <= 0.5, found
@@ -249,12 +227,7 @@ def missed(folder: Path, seeds: Sequence[int]) -> list[str]:
                     name = f"{file}:{at} #{number}"
                     found[name] = found.get(name, 0) + taken
     assert found, "gcovr found no branch"
-    never = [name for name, count in found.items() if count == 0]
-    named = {key: [name for name in never if name.startswith(key[0]) and key[1] in name] for key in UNREACHED}
-    return [
-        *(set(never) - {*chain(*named.values())}),
-        *(f"{key} is taken" for key, names in named.items() if not names),
-    ]
+    return without_reason([name for name, count in found.items() if count == 0], UNREACHED)
 
 
 @pytest.mark.proofs  # two libraries without optimisation, and gcovr

@@ -8,7 +8,6 @@ from contract.errors import KeyFileError
 from contract.release import key_list
 from contract.release.signing import public_key
 from tests.can_bridge.flashing.releases import ROOT
-from tests.proofs.ecu_in_c.branch_coverage import is_possible
 from tests.proofs.loader_in_c import store_proof
 from tests.proofs.loader_in_c.store_forged import forged, logs
 from tests.proofs.loader_in_c.store_fuzz import SANITISED, fuzz
@@ -83,26 +82,7 @@ def test_worn_words_are_passed_over(library):
     store_proof.worn(library)
 
 
-@pytest.mark.slow  # compiles each
-def test_planted_faults_are_found(tmp_path):
-    for item in store_proof.PLANTED[13:20:6]:
-        assert store_proof.is_found(item, tmp_path), item.what
-
-
-@pytest.mark.proofs
-def test_every_branch_is_taken_or_named(tmp_path):
-    if not is_possible():
-        pytest.skip("gcc or gcovr is missing")
-    found = store_proof.branch_figures(tmp_path / "branches")
-    assert found["branches_missed"] == []
-    assert found["branches_explained"] == len(store_proof.UNREACHED) and found["branches"] > 500
-
-
-@pytest.mark.proofs
-def test_the_whole_proof(tmp_path):
-    figures = store_proof.storage_figures(
-        seed=1, processes=2, images=1_000_000, calls=20_000, records=10_000, seconds=2
-    )
-    wrong = ("bricked", "confirmed_lost", "unsigned", "mismatches", "image_mismatches")
-    assert {name: figures[name] for name in wrong} == dict.fromkeys(wrong, 0)
-    assert figures["planted_missed"] == figures.get("branches_missed", []) == []
+@pytest.mark.slow  # compiles it
+def test_a_planted_fault_is_found(tmp_path):
+    """The others by `python -m tests.proofs.loader_in_c`."""
+    assert store_proof.is_found(store_proof.PLANTED[13], tmp_path)

@@ -19,6 +19,7 @@ from contract.config.vehicle import EcuConfig
 from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from ecu.in_c import compiler
 from tests.proofs.ecu_in_c import library
+from tests.proofs.ecu_in_c.planted import changed
 from tests.proofs.ecu_in_c.variants import UNCHECKED
 
 SOURCE: Final = "sw_fail_safe.c"
@@ -110,11 +111,9 @@ class Pair:
     def __init__(self, config: EcuConfig, folder: Path, change: tuple[str, str] | None = None) -> None:
         contents = library.sources(Config(ecu=replace(config, sensor_check=UNCHECKED)))
         kept = {name: content for name, content in contents.items() if name.endswith(".h")}
-        text = contents[SOURCE].decode()
+        kept |= {SOURCE: contents[SOURCE], STEP: Path(__file__).with_name("c").joinpath(STEP).read_bytes()}
         if change is not None:
-            assert text.count(change[0]) == 1, change
-            text = text.replace(*change)
-        kept |= {SOURCE: text.encode(), STEP: Path(__file__).with_name("c").joinpath(STEP).read_bytes()}
+            kept = changed(kept, SOURCE, *change)
         # A path that was loaded before would give the library that was there.
         path = Path(mkdtemp(dir=folder), "fail_safe.so")
         compiler.compile_c(kept, path, compiler=compiler.host_compiler(), flags=(*library.SHARED, "-w"))

@@ -17,11 +17,3 @@ def test_the_store_has_no_state_that_is_not_allowed_among_the_first(tmp_path):
     found = flashing.explored(tmp_path, 150)
     assert found["explored"] == 150 < found["states"] and found["second_cuts"] > 100 < found["recoveries"] + 50
     assert proof.found_in_flashing(proof.SABOTAGE["flashing"][5], tmp_path)
-
-
-@pytest.mark.proofs
-def test_each_sabotage_is_found(tmp_path):
-    for one in proof.SABOTAGE["fail_safe"]:
-        assert proof.found_in_fail_safe(one, tmp_path), one["what"]
-    for one in proof.SABOTAGE["flashing"]:
-        assert proof.found_in_flashing(one, tmp_path), one["what"]
