@@ -3,7 +3,7 @@
 import hashlib
 from dataclasses import replace
 from functools import cache
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -25,6 +25,9 @@ from contract.release.signing import PublicKey, public_key
 from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.plain_backing import PlainBacking
 
+if TYPE_CHECKING:
+    from export.program.controller_program import ControllerProgram
+
 ROOT, RELEASE, SECOND, STRANGER = (Ed25519PrivateKey.from_private_bytes(bytes([number]) * 32) for number in range(4))
 HARDWARE = "bench"
 BLOCK = 5000
@@ -35,13 +38,20 @@ Key = Ed25519PrivateKey | PublicKey
 
 
 @cache
-def untrained() -> tuple[Manifest, bytes]:
-    """The shipped release's facts around a small graph that nobody trained: manifest and graph."""
+def small_program() -> "ControllerProgram":
+    """One that nobody trained."""
     from examples.random_programs import random_program
-    from export.to_onnx.control_step import build_controller
 
     model = ModelConfig(window=4, latent=2, lstm_width=4, dynamics_width=8, decoder_width=4)
-    program = random_program(0, model=model, mpc=MpcConfig(horizon=4, iterations=2))
+    return random_program(0, model=model, mpc=MpcConfig(horizon=4, iterations=2))
+
+
+@cache
+def untrained() -> tuple[Manifest, bytes]:
+    """The shipped release's facts around the small program: manifest and graph."""
+    from export.to_onnx.control_step import build_controller
+
+    program = small_program()
     sizes = {name: getattr(program, name) for name in ("window", "sensors", "mpc", "scaling")}
     manifest = replace(bundle.load(BUNDLE).manifest, precision="float32", sensor_estimator=None, **sizes)
     return manifest, build_controller(program).SerializeToString()

@@ -116,7 +116,7 @@ def spoilt(answers: Answers, rng: Random) -> Answers:
     return replace(answers, plan=plan, forces=forces)
 
 
-def stretch(library: Library, name: str, seed: str, steps: int, *, chunk: int = CHUNK) -> Stretch:
+def stretch(library: Library, name: str, seed: str, steps: int) -> Stretch:
     """Live through one on both sides, until they differ."""
     layout = library.layout
     twin = PythonTwin(VARIANTS[name], layout)
@@ -124,7 +124,7 @@ def stretch(library: Library, name: str, seed: str, steps: int, *, chunk: int = 
     rng = Random(f"edges {seed}")
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
     while done < steps:
-        count = min(chunk, steps - done)
+        count = min(CHUNK, steps - done)
         room = recorded(twin, periods, count, modes=modes, edges=edges, rng=rng)
         same = library.run(room, count)
         if same < count:

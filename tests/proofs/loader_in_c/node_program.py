@@ -180,12 +180,11 @@ class Program:
         return Frame(frame_id=number, data=data, timestamp_ns=now_ns, is_fd=is_fd, is_extended=is_extended)
 
 
-def play(of: World, seed: int, requests: int = 60, *, drawn_by: str = "") -> Twins:
-    """Both ECUs after a program, with more trouble from one seed to the next, and then little again."""
+def play(of: World, seed: int, *, drawn_by: str = "") -> Twins:
+    """Both ECUs after a program of 60 requests, with more trouble from one seed to the next, and then little again."""
+    drawn, trouble = f"{drawn_by} {seed}" if drawn_by else seed, (0.001, 0.02, 0.1)[seed % 3]
     with as_in_c(of):
-        return Program(of, f"{drawn_by} {seed}" if drawn_by else seed, trouble=(0.001, 0.02, 0.1)[seed % 3]).run(
-            requests
-        )
+        return Program(of, drawn, trouble=trouble).run(60)
 
 
 def play_plan(of: World, plan: Plan) -> Twins:

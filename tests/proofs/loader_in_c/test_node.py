@@ -66,7 +66,7 @@ def test_both_send_the_same_frames_at_the_same_times(of: World) -> None:
         played = play(of, seed)
         assert played.differences == [], seed
         seen += played.seen
-    assert {"50", "62", "67", "71"} <= seen.keys() and seen.total() > 90
+    assert {"50", "67", "71"} <= seen.keys() and seen.total() > 90
 
 
 def test_in_every_state_both_answer_alike(of: World) -> None:
@@ -181,7 +181,7 @@ def test_planted_faults_of_the_python_ecu_are_noticed_by_the_one_in_c(of: World)
                 assert play(of, seed).differences == []
 
 
-@pytest.mark.proofs  # links it twice for a Cortex-M7; the boards of tests/firmware_sim/mcu have no room for much more
+@pytest.mark.proofs  # links it twice for a Cortex-M7; day to day tests/firmware_sim/mcu links it into its boards
 def test_it_fits(tmp_path: Path) -> None:
     found = sizes(tmp_path)
     assert found["loader_flash_kib"] <= 48 and found["loader_ram_kib"] <= 8 and found["stack_b"] <= 2048, found

@@ -19,7 +19,7 @@ import resource
 import shutil
 import subprocess
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 from fnmatch import fnmatch
@@ -299,13 +299,13 @@ def _save(
     not_tried = Outcome(state="open", why="not run yet")
     rows = [{**asdict(item), "tool": item.tool, **asdict(done.get(item.name, not_tried))} for item in items]
     broken = [{**asdict(one), **asdict(spoilt.get(one.what, not_tried))} for one in sabotage]
-    parts = {row["part"]: list(_of_part(rows, row["part"])) for row in rows}
+    parts = dict.fromkeys(item.part for item in items)
     figures = {
         **_counts(rows),
         "seconds": round(sum(row["seconds"] for row in (*rows, *broken)), 1),
         "sabotage": len(broken),
         "sabotage_found": sum(row["state"] == "failed" for row in broken),
-        "parts": {part: _counts(of) for part, of in parts.items()},
+        "parts": {part: _counts([row for row in rows if row["part"] == part]) for part in parts},
         "items": rows,
         "sabotaged": broken,
     }
@@ -319,10 +319,6 @@ def _save(
 def _version(esbmc: Path) -> str:
     text = subprocess.run([str(esbmc), "--version"], capture_output=True, text=True, check=True).stdout
     return (_VERSION.search(text) or ("", "?"))[1]
-
-
-def _of_part(rows: Iterable[dict[str, Any]], part: str) -> Iterator[dict[str, Any]]:
-    return (row for row in rows if row["part"] == part)
 
 
 def _counts(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -22,8 +22,6 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from contract.config.controller import MpcConfig
-from contract.config.learning import ModelConfig
 from contract.controller.c_folder import PROGRAM_SETTINGS, ProgramSettings
 from contract.errors import StillwakeError
 from contract.release import bundle
@@ -31,10 +29,8 @@ from contract.release.checks import CONTROLLER, Bundle, read_checked
 from contract.release.image import files_of, image_of
 from contract.release.manifest import MANIFEST, Manifest
 from contract.runtime.onnx_session import OnnxController
-from contract.shipped import BUNDLE
-from examples.random_programs import random_program
 from export.to_c.library import c_library
-from export.to_onnx.control_step import build_controller
+from tests.can_bridge.flashing.releases import small_program, untrained
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, max_rss_kib, report
 from tests.proofs.release import damage
 
@@ -42,8 +38,6 @@ KINDS: Final = {"image": 30, "folder": 15, "manifest's bytes": 10, "manifest's v
 """Shares of the cases."""
 PIECE: Final = 1000
 """Cases that a process runs at a time."""
-MODEL: Final = ModelConfig(window=4, latent=2, lstm_width=4, dynamics_width=8, decoder_width=4)
-MPC: Final = MpcConfig(horizon=4, iterations=2)
 
 
 class FuzzError(StillwakeError):
@@ -61,19 +55,11 @@ class Sound:
     @classmethod
     def make(cls, folder: Path) -> "Sound":
         """A small release that nobody trained, with the shipped release's facts around it."""
-        program = random_program(0, model=MODEL, mpc=MPC)
-        shipped = bundle.load(BUNDLE).manifest
-        facts = {name: getattr(shipped, name) for name in vars(shipped)}
-        facts |= {"window": program.window, "sensors": program.sensors, "mpc": program.mpc, "scaling": program.scaling}
-        graph = build_controller(program).SerializeToString()
-        bundle.write(
-            folder / "sound",
-            Manifest(**{**facts, "precision": "float32", "sensor_estimator": None}),
-            {CONTROLLER: graph},
-        )
+        manifest, graph = untrained()
+        bundle.write(folder / "sound", manifest, {CONTROLLER: graph})
         loaded = bundle.load(folder / "sound")
         files = {item.name: item.read_bytes() for item in (folder / "sound").iterdir()}
-        return cls(files=files, header=c_library(program)[PROGRAM_SETTINGS], manifest=loaded.manifest)
+        return cls(files=files, header=c_library(small_program())[PROGRAM_SETTINGS], manifest=loaded.manifest)
 
 
 @dataclass(kw_only=True, eq=False)
