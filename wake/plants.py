@@ -63,8 +63,8 @@ def own_wake(
     config: Config, progress: Callable[[float, float], None] = lambda t, total: None, *, start: Path | None = None
 ) -> TruckWake:
     """Return the developed wake of stillwake's solver at t = 0. Arguments and errors are those of `open_plant`."""
-    wake = TruckWake(config.flow, body=config.body)
     state = _start(start, config)
+    wake = TruckWake(config.flow, body=config.body)
     if start is None and state.origin is not None and state.origin.shape != wake.grid.shape:
         moved(state, box_grid(config.body.length), wake, SETTLE_TIME, progress)
     else:

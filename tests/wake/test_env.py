@@ -1,7 +1,6 @@
 import copy
 import dataclasses
 import multiprocessing
-import pickle
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +16,6 @@ from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError, PlantError
 from wake.env import TruckWakeEnv
-from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # seconds of flow
@@ -26,16 +24,21 @@ WATCHED = ("base_0", "upper_39")
 
 
 @pytest.fixture(scope="module")
-def env() -> TruckWakeEnv:
-    return TruckWakeEnv(WATCHED, episode_steps=3, max_phase_steps=3, render_mode="rgb_array")
+def settings(coarse) -> dict[str, Any]:
+    return {"sensor_names": WATCHED, "config": coarse.flow, "start": coarse.start, "max_phase_steps": 3}
+
+
+@pytest.fixture(scope="module")
+def env(settings) -> TruckWakeEnv:
+    return TruckWakeEnv(episode_steps=3, render_mode="rgb_array", **settings)
 
 
 def action(value: float) -> np.ndarray:
     return np.array([value], dtype=np.float32)
 
 
-def test_gymnasiums_own_checker_is_content():
-    made = gymnasium.make("stillwake/TruckWake-v0", sensor_names=WATCHED, max_phase_steps=1)
+def test_gymnasiums_own_checker_is_content(settings):
+    made = gymnasium.make("stillwake/TruckWake-v0", **settings)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(made.unwrapped)
@@ -43,7 +46,8 @@ def test_gymnasiums_own_checker_is_content():
     assert all("infinity. This is probably too" in str(warning.message) for warning in caught)
 
 
-def test_one_step_is_one_control_period_of_the_plant(env, wake):
+def test_one_step_is_one_control_period_of_the_plant(wake):
+    env = TruckWakeEnv(WATCHED, render_mode="rgb_array")
     observation, info = env.reset(options={"phase_steps": 0})
     assert observation.shape == (2,) and observation.dtype == np.float32
     first = env.render()
@@ -74,9 +78,10 @@ def test_what_lies_beyond_the_bound_is_clipped_and_counted(env):
     assert env.reset(seed=1)[1]["clipped_count"] == 0
 
 
-def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, wake):
+def test_seeds_choose_the_phase_and_phases_are_the_uncontrolled_wake(env, coarse):
     starts = [env.reset(seed=seed) for seed in range(12)]
-    samples = [wake.sample(), *(wake.advance(0.0) for _ in range(3))]
+    wake = TruckWake(coarse.flow)
+    samples = [wake.reset(coarse.start), *(wake.advance(0.0) for _ in range(3))]
     seen = {round(info["t"] / 0.2) for _, info in starts}
     assert len(seen) > 1 and seen <= {0, 1, 2, 3}
     for _, info in starts:
@@ -103,7 +108,7 @@ def test_another_body_shows_its_own_sensors_and_needs_its_own_start():
         TruckWakeEnv(config=config, body=body).reset()
 
 
-def test_what_does_not_fit_is_refused_by_its_value(env):
+def test_what_does_not_fit_is_refused_by_its_value(env, coarse):
     for value, message in (
         (action(np.nan), "action nan: must be finite"),
         (np.zeros(2, dtype=np.float32), r"shape \(2,\): must be one value"),
@@ -111,7 +116,7 @@ def test_what_does_not_fit_is_refused_by_its_value(env):
         env.reset(seed=1)
         with pytest.raises(PlantError, match=message):
             env.step(value)
-    inside = dataclasses.replace(developed_state(), substep=11)
+    inside = dataclasses.replace(coarse.start, substep=11)
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"phase": 1}, r"reset options \['phase'\]: must be one of 'start' and 'phase_steps'"),
         ({"phase_steps": 4}, "phase_steps = 4: must be a whole number from 0 to max_phase_steps = 3"),
@@ -146,26 +151,31 @@ def gone_on_with(env: TruckWakeEnv) -> list[Any]:
     return [*seen, observation, list(info.values()), env.step(env.action_space.sample())[0]]
 
 
-def test_a_copy_goes_on_as_the_environment_does_and_leaves_it_alone(coarse):
+def in_a_process(one: TruckWakeEnv) -> list[Any]:
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return list(pool.apply(gone_on_with, (one,)))
+
+
+WAYS: list[Callable[[TruckWakeEnv], list[Any]]] = [
+    lambda one: gone_on_with(copy.copy(one)),
+    lambda one: gone_on_with(copy.deepcopy(gymnasium.wrappers.TimeLimit(one, 9)).unwrapped),
+    lambda one: gone_on_with(cloudpickle.loads(cloudpickle.dumps(one))),
+]
+
+
+# A process takes seconds; what it is sent is what `cloudpickle` makes, which is `pickle`'s.
+@pytest.mark.parametrize("ways", [WAYS, pytest.param([in_a_process], marks=pytest.mark.proofs)])
+def test_a_copy_goes_on_as_the_environment_does_and_leaves_it_alone(settings, ways):
     """Taken within an episode, after a picture; whatever copies it, and in another process."""
-    env = TruckWakeEnv(WATCHED, config=coarse.flow, start=coarse.start, max_phase_steps=3, render_mode="rgb_array")
+    env = TruckWakeEnv(render_mode="rgb_array", **settings)
     env.reset(seed=5)
     env.action_space.seed(6)
     env.step(env.action_space.sample())
     env.render()
     stood = env.plant.flow.flat.copy()
-    ways: dict[str, Callable[[Any], Any]] = {
-        "copy": copy.copy,
-        "deepcopy": copy.deepcopy,
-        "pickle": lambda one: pickle.loads(pickle.dumps(one)),
-        "cloudpickle": lambda one: cloudpickle.loads(cloudpickle.dumps(one)),
-        "wrapped": lambda one: copy.deepcopy(gymnasium.wrappers.TimeLimit(one, 9)).unwrapped,
-    }
-    found = {name: gone_on_with(copied(env)) for name, copied in ways.items()}
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        found["spawned"] = pool.apply(gone_on_with, (env,))
+    found = [way(env) for way in ways]
     np.testing.assert_array_equal(env.plant.flow.flat, stood)
     expected = gone_on_with(env)
-    for name, seen in found.items():
+    for seen in found:
         for here, there in zip(expected, seen, strict=True):
-            np.testing.assert_array_equal(here, there, err_msg=name)
+            np.testing.assert_array_equal(here, there)

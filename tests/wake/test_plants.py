@@ -21,8 +21,8 @@ from wake.solver.grid import truck_grid
 from wake.truck.state import developed_state, save_state
 from wake.truck.truck_wake import TruckWake
 
-SLOW = Config(flow=FlowConfig(reynolds=400.0))
 COARSE = Config(flow=FlowConfig(refinement=0.4, substeps=12))
+SLOW = Config(flow=replace(COARSE.flow, reynolds=400.0))
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,9 @@ RADIUS = 0.118
 BODY = 7.647 - (2.0 - np.pi / 2.0) * RADIUS**2
 
 
-@pytest.fixture(scope="module", params=[0.5, 0.87])
-def mesh(request, coarse_mesh) -> Mesh:
-    return coarse_mesh if request.param == 0.5 else truck_mesh(request.param)
+@pytest.fixture(scope="module")
+def mesh() -> Mesh:
+    return truck_mesh(0.87)
 
 
 def _lengths(mesh: Mesh, name: str) -> np.ndarray:

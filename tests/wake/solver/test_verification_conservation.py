@@ -17,6 +17,16 @@ Box = tuple[float, float, float]
 """Left, right and half height."""
 
 
+@pytest.fixture(params=["coarse", pytest.param("shipped", marks=pytest.mark.proofs)])
+def shedding(request, coarse, wake) -> TruckWake:
+    """The balance holds on any grid; on the shipped one in half a minute."""
+    if request.param == "shipped":
+        return wake
+    plant = TruckWake(coarse.flow)
+    plant.reset(coarse.start)
+    return plant
+
+
 def test_at_every_step_cells_hold_their_mass_and_jets_take_what_they_give(wake):
     grid = wake.grid
     for action in (0.075, -0.06):
@@ -82,7 +92,7 @@ def _force(sample: Sample) -> Array:
 
 def _mean_forces(wake: TruckWake, action: Callable[[float], float], boxes: list[Box]) -> tuple[Array, list[Array]]:
     """Mean force on the truck over one shedding cycle: by its surface, and by the momentum balance of each box."""
-    before, start, every = [_momentum(wake, box) for box in boxes], wake.t, 5
+    before, start, every = [_momentum(wake, box) for box in boxes], wake.t, wake.config.substeps // 6
     surface, inflow = [_force(wake.sample())], [[_inflow_of_momentum(wake, box) for box in boxes]]
     for _ in range(25):
         target = action(wake.t + wake.config.control_period)
@@ -95,17 +105,17 @@ def _mean_forces(wake: TruckWake, action: Callable[[float], float], boxes: list[
     return np.asarray(np.trapezoid(np.array(surface), axis=0) / (len(surface) - 1)), list(balance)
 
 
-def test_the_force_on_the_truck_is_what_the_flow_around_it_loses(wake):
-    surface, (near, far) = _mean_forces(wake, lambda t: 0.0, [(-1.0, 10.0, 1.5), (-5.0, 20.0, 6.0)])
+def test_the_force_on_the_truck_is_what_the_flow_around_it_loses(shedding):
+    surface, (near, far) = _mean_forces(shedding, lambda t: 0.0, [(-1.0, 10.0, 1.5), (-2.0, 10.0, 4.0)])
     # The boxes' own quadrature is of second order on cells a hundred times larger than the wall's.
     assert near == pytest.approx(far, abs=1e-3)
-    # The surface's drag falls short by 0.009, its lift by 1e-5 (measured).
+    # The surface's drag falls short by 0.009 on the shipped grid, its lift by 1e-5 (measured).
     assert near[0] == pytest.approx(surface[0], rel=0.015)
     assert near[1] == pytest.approx(surface[1], abs=2e-4)
 
 
-def test_slot_force_and_jet_momentum_complete_the_balance(wake):
-    surface, (balance,) = _mean_forces(wake, lambda t: 0.06 * np.sin(2 * np.pi * 0.2 * t), [(-3.0, 15.0, 4.0)])
+def test_slot_force_and_jet_momentum_complete_the_balance(shedding):
+    surface, (balance,) = _mean_forces(shedding, lambda t: 0.06 * np.sin(2 * np.pi * 0.2 * t), [(-3.0, 15.0, 4.0)])
     # Four cells a slot: the jets carry 5 % less momentum than their parabola, and the slots' pressure is steep.
     assert balance[0] == pytest.approx(surface[0], abs=0.05)
     assert balance[1] == pytest.approx(surface[1], abs=2e-3)

@@ -15,8 +15,8 @@ ACTIONS = np.array([0.03, -0.02, 0.05, 0.01])
 
 
 @pytest.mark.slow  # numba compiles the adjoint
-@pytest.mark.parametrize("speeds", [np.ones(5), np.array([0.8, 0.85, 0.9, 1.0, 1.1])])
-def test_slopes_of_all_that_is_seen_are_those_of_differences(speeds):
+def test_slopes_of_all_that_is_seen_are_those_of_differences():
+    speeds = np.array([0.8, 0.85, 0.9, 1.0, 1.1])
     plant = TruckWake(FlowConfig(refinement=0.4, substeps=12))
     plant.advance(0.03)
     wake = DifferentiableWake(plant, plant.layout.indices(SENSORS))

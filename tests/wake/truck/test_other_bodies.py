@@ -14,7 +14,6 @@ from wake.truck.state import developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
 SQUARE = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=6, sensors_on_base=4)
-ROUND_NOSE = BodyConfig(length=2.0, leading_edge_radius=0.5, sensors_per_side=3, sensors_on_base=1)
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +37,10 @@ def test_the_trucks_first_steps_are_those_from_before_other_bodies(wake):
     assert sample.Uy_probe == pytest.approx(-0.5623716000360626, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("body", "area"), [(SQUARE, 1.0), (ROUND_NOSE, 2.0 - 2 * (1 - np.pi / 4) * 0.25)], ids=["square", "round nose"]
-)
-def test_pressure_gradients_give_archimedes_force(body, area):
+def test_pressure_gradients_give_archimedes_force():
     """Gauss's theorem on the outline, as for the truck: -integral p n dS = -grad p * area."""
+    body = BodyConfig(length=2.0, leading_edge_radius=0.5, sensors_per_side=3, sensors_on_base=1)
+    area = 2.0 - 2 * (1 - np.pi / 4) * 0.25
     wake = TruckWake(FlowConfig(reynolds=100.0, substeps=50), body=body)
     grid, flow, balance = wake.grid, Flow.zeros(wake.grid.shape), 50.0
     for slope_x, slope_y in ((1.0, 0.0), (0.0, 1.0)):

@@ -42,7 +42,7 @@ def weights_of(plant: TruckWake, seed: int) -> list[Sample]:
 
 @pytest.mark.slow  # numba compiles the adjoint
 def test_gradients_by_actions_and_start_are_those_of_differences(plant):
-    """Of a sum of all that a sample has, at each period with other weights; with memory for all and for one period."""
+    """Of a sum of all that a sample has, at each period with other weights; with memory for one period and for all."""
     start, weights = plant.state(), weights_of(plant, 3)
     actions = np.random.default_rng(4).uniform(-0.05, 0.05, PERIODS)
     direction = Flow.zeros(plant.grid.shape)
@@ -58,8 +58,8 @@ def test_gradients_by_actions_and_start_are_those_of_differences(plant):
             for w, s in zip(weights, samples, strict=True)
         )
 
-    one_period = (1 + plant.config.substeps) * start.flat.nbytes / 1e6
-    for memory_mb in (1000.0, one_period + PERIODS * start.flat.nbytes / 1e6):
+    one_period, slopes = (1 + plant.config.substeps) * start.flat.nbytes / 1e6, list[np.ndarray]()
+    for memory_mb in (one_period + PERIODS * start.flat.nbytes / 1e6, 1000.0):
         plant.reset(start)
         tape = Tape(plant, memory_mb)
         for action in actions:
@@ -67,18 +67,18 @@ def test_gradients_by_actions_and_start_are_those_of_differences(plant):
         # A copy has a plant of its own, whatever becomes of this one.
         tape = copy.copy(tape)
         plant.flow.flat[:] = 0.0
-        gradient = np.array([tape.back(w) for w in reversed(weights)])[::-1]
-        # The truncation of differences and their rounding, 1e-16 / 1e-5, balance at some 1e-9.
-        for k in range(0, PERIODS, 2):
-            by = 1e-5 * np.eye(PERIODS)[k]
-            slope = (total(0.0, by) - total(0.0, -by)) / 2e-5
-            assert gradient[k] == pytest.approx(slope, rel=1e-6)
-        slope = (total(1e-6, 0.0 * actions) - total(-1e-6, 0.0 * actions)) / 2e-6
-        assert tape.bar.flat @ direction.flat == pytest.approx(slope, rel=1e-6)
+        slopes.append(np.array([tape.back(w) for w in reversed(weights)][::-1]))
+    assert slopes[0] == pytest.approx(slopes[1], rel=1e-12)
+    # The truncation of differences and their rounding, 1e-16 / 1e-5, balance at some 1e-9.
+    for k in range(0, PERIODS, 2):
+        by = 1e-5 * np.eye(PERIODS)[k]
+        assert slopes[0][k] == pytest.approx((total(0.0, by) - total(0.0, -by)) / 2e-5, rel=1e-6)
+    slope = (total(1e-6, 0.0 * actions) - total(-1e-6, 0.0 * actions)) / 2e-6
+    assert tape.bar.flat @ direction.flat == pytest.approx(slope, rel=1e-6)
     plant.reset(start)
 
 
-@pytest.mark.slow  # numba compiles single precision
+@pytest.mark.proofs  # numba compiles all kernels once more; the gradients above are those of the same lines
 def test_single_precision_has_the_gradients_of_double(plant):
     """Rounding is 6e-8 a number, and a hundred steps leave 1e-5 of the largest slope: ten times that is allowed."""
     single = TruckWake(plant.config, body=SQUARE, precision=np.float32)
