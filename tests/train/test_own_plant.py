@@ -1,5 +1,7 @@
 """A plant of seven sensors without mirror images: rows, scaling and selection know nothing of the truck."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -15,8 +17,10 @@ from contract.sensor_layout import SensorLayout
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
+from train.fitting.progress import Phase
 from train.pipeline import train_all
 from train.samples.rows import fit_scaling, prepare
+from train.selection.ranking import SensorChoice
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)
 CONFIG = Config(
@@ -60,10 +64,11 @@ def test_without_mirror_images_scaling_is_that_of_the_recording_alone(recording)
 
 
 @pytest.mark.slow  # a whole training
-def test_a_model_of_it_predicts_its_forces_and_keeps_its_layout(recording, tmp_path):
+def test_a_model_of_it_predicts_its_forces_and_keeps_its_layout_and_the_choice_of_sensors(recording, tmp_path):
     dataset.write(tmp_path / "my.h5", recording)
-    lines: list[str] = []
-    trained = train_all(tmp_path / "my.h5", CONFIG, tmp_path / "model", notice=lines.append)
+    lines, phases = list[str](), set[Phase]()
+    said: dict[str, Any] = {"notice": lines.append, "progress": lambda phase, *_: phases.add(phase)}
+    trained = train_all(tmp_path / "my.h5", CONFIG, tmp_path / "model", **said)
     assert [line.split(",")[0] for line in lines] == ["episode blink has 20 steps"]
     # Six seconds of training: lift is nearly linear in every pressure.
     assert trained.metrics.slim.lift.r2 > 0.8
@@ -71,3 +76,6 @@ def test_a_model_of_it_predicts_its_forces_and_keeps_its_layout(recording, tmp_p
     assert read.layout.difference(LAYOUT) is None
     assert set(read.sensors) < set(NAMES)
     assert len(read.scaling.pressure_mean) == 7
+    assert Phase.SELECT in phases and Phase.RANK not in phases
+    assert read.predictor is None and read.metrics.deployed is None
+    assert read.ranking == SensorChoice(method="greedy", order=trained.sensors)

@@ -15,10 +15,10 @@ from contract.errors import ConfigError, ModelError
 from contract.recording import dataset
 from train import model_store
 from train.distillation.evaluate import evaluate
+from train.fitting.fit import fit_joint
 from train.fitting.progress import Phase
 from train.pipeline import train_all
 from train.samples.rows import prepare
-from train.selection.ranking import SensorChoice
 
 pytestmark = pytest.mark.slow  # whole trainings
 
@@ -31,28 +31,43 @@ def recording(small_recording, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def stored(recording, small_config, tmp_path_factory) -> Path:
+def config(small_config) -> Config:
+    """With dynamics and decoder that are distilled, too."""
+    narrow = replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16)
+    train = replace(small_config.train, predictor_epochs=0.1, predictor_lessons=512)
+    return replace(small_config, model=narrow, train=train)
+
+
+@pytest.fixture(scope="module")
+def stored(recording, config, tmp_path_factory) -> Path:
     """Never written to."""
     path = tmp_path_factory.mktemp("trained") / "model"
-    train_all(recording, small_config, path)
+    train_all(recording, config, path)
     assert [item.name for item in path.parent.iterdir()] == ["model"], "checkpoints are left"
     return path
 
 
-def test_the_stored_model_is_the_trained_one(stored, recording, small_config):
+def test_the_stored_model_is_the_trained_one(stored, recording, small_config, config):
     assert sorted(item.name for item in stored.iterdir()) == ["model.json", "model.safetensors"]
     model = model_store.load(stored)
-    assert model.config == small_config
+    assert model.config == config
+    assert model.deployed.dynamics.hidden.out_features == 24
+    assert model.deployed.decoder.output.in_features == 16
     assert len(model.sensors) == 4
     assert list(model.sensors) == list(model.ranking.order[:4])
-    rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
-    again = evaluate(model.teacher.encoder, model.teacher, rows)
-    assert again == model.metrics.teacher
+    whole = dataset.read(recording)
+    rows = prepare(whole.with_role("test"), model.scaling, mirrored=False)
+    assert evaluate(model.teacher.encoder, model.teacher, rows) == model.metrics.teacher
     slim_rows = rows.with_sensors(sensors.TRUCK.indices(model.sensors))
-    assert evaluate(model.slim, model.deployed, slim_rows) == model.metrics.slim
+    assert evaluate(model.slim, model.teacher, slim_rows) == model.metrics.slim
+    assert evaluate(model.slim, model.deployed, slim_rows) == model.metrics.deployed
+    # The teacher is that of a run that slims the encoder alone.
+    alone = fit_joint(prepare(whole.with_role("train"), model.scaling, mirrored=True), small_config)
+    for one, two in zip(model.teacher.parameters(), alone.parameters(), strict=True):
+        assert torch.equal(one, two)
 
 
-def test_an_interrupted_run_goes_on_to_the_same_model(stored, recording, small_config, tmp_path):
+def test_an_interrupted_run_goes_on_to_the_same_model(stored, recording, config, tmp_path):
     output = tmp_path / "resumed"
     for reached in ("rank", "distil"):
 
@@ -61,37 +76,12 @@ def test_an_interrupted_run_goes_on_to_the_same_model(stored, recording, small_c
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            train_all(recording, small_config, output, progress=interrupt)
+            train_all(recording, config, output, progress=interrupt)
         assert not output.exists()
     phases = []
-    train_all(recording, small_config, output, progress=lambda *args: phases.append(args[0]))
+    train_all(recording, config, output, progress=lambda *args: phases.append(args[0]))
     assert not {"fit", "rank"} & set(phases)
     assert (output / "model.safetensors").read_bytes() == (stored / "model.safetensors").read_bytes()
-
-
-def test_slim_dynamics_and_decoder_are_distilled_stored_and_judged(stored, recording, small_config, tmp_path):
-    narrow = replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16)
-    train = replace(small_config.train, predictor_epochs=0.1, predictor_lessons=512)
-    config = replace(small_config, model=narrow, train=train)
-    train_all(recording, config, tmp_path / "narrow")
-    model, wide = model_store.load(tmp_path / "narrow"), model_store.load(stored)
-    assert model.deployed.dynamics.hidden.out_features == 24
-    assert model.deployed.decoder.output.in_features == 16
-    # Teacher and encoder are those of a run that slims the encoder alone.
-    for one, two in zip(model.teacher.parameters(), wide.teacher.parameters(), strict=True):
-        assert torch.equal(one, two)
-    assert wide.predictor is None and wide.metrics.deployed is None
-    rows = prepare(dataset.read(recording).with_role("test"), model.scaling, mirrored=False)
-    again = evaluate(model.slim, model.deployed, rows.with_sensors(sensors.TRUCK.indices(model.sensors)))
-    assert again == model.metrics.deployed
-
-
-def test_another_method_s_choice_is_stored(recording, small_config, tmp_path):
-    config = replace(small_config, train=replace(small_config.train, selection="greedy", shap_explained=5000))
-    phases: list[str] = []
-    whole = train_all(recording, config, tmp_path / "whole", progress=lambda *args: phases.append(args[0]))
-    assert "select" in phases and "rank" not in phases
-    assert model_store.load(tmp_path / "whole").ranking == SensorChoice(method="greedy", order=whole.sensors)
 
 
 def test_what_cannot_be_trained_is_refused_before_training(recording, small_config, tmp_path):

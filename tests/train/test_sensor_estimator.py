@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from contract.arrays import Array
+from contract.controller.estimator import EstimatorNetwork
 from contract.errors import ConfigError, DatasetError
 from contract.recording.dataset import Dataset, Episode
 from contract.recording.episode import Role
@@ -28,13 +29,20 @@ def episode(name: str, role: Role, steps: int, *, constant: bool = False) -> Epi
     return Episode(name=name, role=role, series=series, initial_action=0.0, provenance={})
 
 
-@pytest.mark.slow  # some hundred batches
-def test_sensors_that_follow_one_motion_are_known_by_each_other():
-    recording = Dataset(episodes=(episode("a", "train", 600), episode("test", "test", 400)))
+RECORDING = Dataset(episodes=(episode("a", "train", 600), episode("test", "test", 400)))
+
+
+@pytest.fixture(scope="module")
+def fitted() -> EstimatorNetwork:
     done: list[tuple[int, int]] = []
-    fitted = fit_estimator(recording, CHOSEN, WINDOW, epochs=300, progress=lambda *at: done.append(at))
+    made = fit_estimator(RECORDING, CHOSEN, WINDOW, epochs=300, progress=lambda *at: done.append(at))
     assert done[-1][0] == done[-1][1] == len(done)
-    made = lowered_estimator(fitted, recording, CHOSEN, {"torch_threads": 1})
+    return made
+
+
+@pytest.mark.slow  # some hundred batches
+def test_sensors_that_follow_one_motion_are_known_by_each_other(fitted):
+    made = lowered_estimator(fitted, RECORDING, CHOSEN, {"torch_threads": 1})
     assert (made.provenance["torch_threads"], made.provenance["judged_on"]) == (1, ("test",))
     assert made.provenance["r2"].keys() == set(CHOSEN) and min(made.provenance["r2"].values()) > 0.9
     # A slower mean has less of what changes sign.
@@ -42,16 +50,14 @@ def test_sensors_that_follow_one_motion_are_known_by_each_other():
 
 
 @pytest.mark.slow  # the same
-def test_in_a_gust_that_the_speed_does_not_show_the_others_tell_what_a_sensor_reads():
-    recording = Dataset(episodes=(episode("a", "train", 600), episode("test", "test", 400)))
-    network = fit_estimator(recording, CHOSEN, WINDOW, epochs=300)
-    test = recording.with_role("test")[0]
-    readings = test.series["Cp"][:, recording.layout.indices(CHOSEN)]
+def test_in_a_gust_that_the_speed_does_not_show_the_others_tell_what_a_sensor_reads(fitted):
+    test = RECORDING.with_role("test")[0]
+    readings = test.series["Cp"][:, RECORDING.layout.indices(CHOSEN)]
     left = []
     for factor in (1.0, 1.1**2):
         rows = np.column_stack([factor * readings, test.previous_action])
         windows = np.lib.stride_tricks.sliding_window_view(rows, WINDOW, axis=0).transpose(0, 2, 1)
-        estimates = network.estimates(windows)[:, : len(CHOSEN)]
+        estimates = fitted.estimates(windows)[:, : len(CHOSEN)]
         left.append(np.abs(np.einsum("nii->ni", estimates) - windows[:, -1, :-1]).mean())
     assert left[1] < 2.0 * left[0], left
 

@@ -35,6 +35,7 @@ def assert_equal(one: torch.nn.Module, two: torch.nn.Module) -> None:
         assert torch.equal(a, b), name
 
 
+@pytest.mark.proofs  # trains for ten seconds; that a training learns is shown by test_own_plant.py, too
 def test_it_predicts_unseen_forcing(fitted):
     model, test = fitted.model, fitted.unseen
     metrics = evaluate(model.encoder, model, test)

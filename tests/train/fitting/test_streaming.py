@@ -45,7 +45,7 @@ def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_f
     rows = prepare(training, scaling, mirrored=True)
     # Ten times as long as a stretch.
     test = prepare([make_episode("chirp", "test", 700, 3)], scaling, mirrored=False)
-    config = replace(small_config, train=replace(small_config.train, stream_epochs=300.0))
+    config = replace(small_config, train=replace(small_config.train, stream_epochs=150.0))
     torch.manual_seed(5)
     teacher = WakeModel(90, config.model).encoder
     chosen = sensors.TRUCK.indices(["upper_39", "lower_39", "base_0", "base_9"])
@@ -53,7 +53,7 @@ def test_a_streaming_student_follows_the_teacher_past_the_stretches_it_learned_f
         student = Encoder(len(chosen), config.model)
         fit_stream(student, encode_all(teacher, rows), rows.with_sensors(chosen), config)
     error = latent_error(encode_stream(student, test.with_sensors(chosen)), encode_all(teacher, test))
-    # measured below 0.2; a student that gives the mean scores 0.8
+    # measured 0.23; a student that gives the mean scores 0.8
     assert error < 0.3
 
 
