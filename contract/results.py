@@ -5,11 +5,15 @@ import os
 import platform
 from collections.abc import Mapping
 from datetime import date
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from contract.atomic import replacing
+
+_version = cache(version)
+"""The version of a package, whose metadata is a file that takes milliseconds to parse."""
 
 
 def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date) -> None:
@@ -26,7 +30,7 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
 
 def versions(*packages: str) -> dict[str, str]:
     """Return the installed versions of packages, for `facts`."""
-    return {package: version(package) for package in packages}
+    return {package: _version(package) for package in packages}
 
 
 def machine() -> str:
