@@ -33,7 +33,8 @@ def test_the_joint_fit(make_episode, config):
         config = replace(config, train=replace(config.train, finish=FinishConfig(epochs=finish)))
         need = needs.fitting_need(config)
         fit_joint(rows_of(make_episode, need.steps), config)
-        with pytest.raises(DatasetError, match=f"{need.reason} need {need.steps}"):
+        short = f"episode one has {need.steps - 1} steps, too short: {need.reason} need {need.steps}"
+        with pytest.raises(DatasetError, match=short):
             fit_joint(rows_of(make_episode, need.steps - 1), config)
 
 

@@ -139,7 +139,7 @@ def test_what_does_not_fit_is_refused_by_its_value(env, coarse):
             use()
 
 
-def gone_on_with(env: TruckWakeEnv) -> list[Any]:
+def gone_on_with(env: Any) -> list[Any]:
     """All that it shows over the rest of an episode, a picture, and the beginning of the next one."""
     seen: list[Any] = []
     for _ in range(2):
@@ -151,12 +151,12 @@ def gone_on_with(env: TruckWakeEnv) -> list[Any]:
     return [*seen, observation, list(info.values()), env.step(env.action_space.sample())[0]]
 
 
-def in_a_process(one: TruckWakeEnv) -> list[Any]:
+def in_a_process(one: Any) -> list[Any]:
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return list(pool.apply(gone_on_with, (one,)))
 
 
-WAYS: list[Callable[[TruckWakeEnv], list[Any]]] = [
+WAYS: list[Callable[[Any], list[Any]]] = [
     lambda one: gone_on_with(copy.copy(one)),
     lambda one: gone_on_with(copy.deepcopy(gymnasium.wrappers.TimeLimit(one, 9)).unwrapped),
     lambda one: gone_on_with(cloudpickle.loads(cloudpickle.dumps(one))),

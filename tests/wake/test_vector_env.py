@@ -27,7 +27,7 @@ def settings(coarse) -> dict[str, Any]:
     return dict(sensor_names=WATCHED, config=coarse.flow, start=coarse.start, max_phase_steps=2, episode_steps=3)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def env(settings):
     made = gymnasium.make_vec(
         "stillwake/TruckWake-v0", num_envs=3, vectorization_mode="vector_entry_point", threads=2, **settings
@@ -75,6 +75,8 @@ def test_it_is_a_vector_environment_as_gymnasium_has_them(env, settings):
     after = [wake.plant.t for wake in env.unwrapped.wakes]
     assert (after[0], after[1], after[2]) == (before[0], env.unwrapped.wakes[1]._phases[0].substep, before[2])
     same = TruckWakeVectorEnv(1, autoreset_mode="SameStep", **settings | {"episode_steps": 1})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        same.step(np.zeros((1, 1), np.float32))
     same.reset(seed=1)
     *_, truncated, info = same.step(np.zeros((1, 1), np.float32))
     assert truncated.all() and info["final_info"]["t"][0] != info["t"][0]
@@ -83,8 +85,6 @@ def test_it_is_a_vector_environment_as_gymnasium_has_them(env, settings):
 
 
 def test_an_error_of_one_wake_ends_the_step_and_a_reset_mends_it(env):
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(np.zeros((3, 1), np.float32))
     first, _ = env.reset(seed=1)
     with pytest.raises(PlantError, match="action nan"):
         env.step(np.array([[0.0], [np.nan], [0.0]], np.float32))

@@ -13,7 +13,7 @@ from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleError, BundleFileError
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
-from contract.release.checks import CONTROLLER, SIGNATURE, Bundle
+from contract.release.checks import CONTROLLER, SIGNATURE
 from contract.release.image import image_of
 from contract.release.manifest import MANIFEST, Manifest, SensorEstimator
 from contract.shipped import BUNDLE
@@ -66,17 +66,11 @@ def test_places_and_names_that_lead_elsewhere_are_refused(tmp_path):
 KEY = Ed25519PrivateKey.from_private_bytes(bytes([3]) * 32)
 
 
-@pytest.fixture
-def shipped() -> Bundle:
-    return bundle.load(BUNDLE)
-
-
-def test_the_shipped_bundle_has_one_and_others_may_lack_it(shipped, tmp_path):
-    assert shipped.manifest.sensor_estimator is not None
+def test_the_shipped_bundle_has_one_and_others_may_lack_it(tmp_path):
+    assert SHIPPED.manifest.sensor_estimator is not None
     checks = {item.name: item.error for item in bundle.examine(BUNDLE)}
     assert checks.keys() >= {ESTIMATOR, "sensor graph"} and set(checks.values()) == {None}
-    contents = {CONTROLLER: shipped.files[CONTROLLER]}
-    bundle.write(tmp_path / "bare", replace(shipped.manifest, sensor_estimator=None), contents)
+    bundle.write(tmp_path / "bare", manifest(), {CONTROLLER: SHIPPED.files[CONTROLLER]})
     assert ESTIMATOR not in bundle.load(tmp_path / "bare").files
     assert "sensor graph" not in {item.name for item in bundle.examine(tmp_path / "bare")}
 
@@ -90,21 +84,21 @@ def refused(path: Path) -> BundleError:
     return said.value
 
 
-def test_manifest_and_file_must_agree(shipped, tmp_path):
-    bundle.write(tmp_path / "b", replace(shipped.manifest, sensor_estimator=None), shipped.files)
+def test_manifest_and_file_must_agree(tmp_path):
+    bundle.write(tmp_path / "b", manifest(), SHIPPED.files)
     error = refused(tmp_path / "b")
     assert isinstance(error, BundleFileError)
     assert "sensors.onnx: manifest.json does not mention it" in str(error)
-    bundle.write(tmp_path / "b", shipped.manifest, {CONTROLLER: shipped.files[CONTROLLER]})
+    bundle.write(tmp_path / "b", SHIPPED.manifest, {CONTROLLER: SHIPPED.files[CONTROLLER]})
     assert "sensors.onnx is missing: manifest.json has a sensor_estimator" in str(refused(tmp_path / "b"))
 
 
-def test_renewal_keeps_it_or_puts_another_one_in_its_place(shipped, tmp_path):
+def test_renewal_keeps_it_or_puts_another_one_in_its_place(tmp_path):
     kept = bundle.renew(BUNDLE, tmp_path / "kept", name="kept", created="2026-01-02", key=KEY)
-    assert kept.files[ESTIMATOR] == shipped.files[ESTIMATOR]
-    assert kept.manifest.sensor_estimator == shipped.manifest.sensor_estimator
+    assert kept.files[ESTIMATOR] == SHIPPED.files[ESTIMATOR]
+    assert kept.manifest.sensor_estimator == SHIPPED.manifest.sensor_estimator
     figures = SensorEstimator(fast=((0.5,) * 4,) * 4, slow=((0.25,) * 4,) * 4)
-    made = MadeEstimator(graph=shipped.files[ESTIMATOR], figures=figures, provenance={"r2": {"base_7": 0.9}})
+    made = MadeEstimator(graph=SHIPPED.files[ESTIMATOR], figures=figures, provenance={"r2": {"base_7": 0.9}})
     other = bundle.renew(BUNDLE, tmp_path / "new", name="new", created="2026-01-02", key=KEY, estimator=made)
     assert other.manifest.sensor_estimator == figures
     assert other.manifest.provenance["sensor_estimator"] == {"r2": {"base_7": 0.9}}

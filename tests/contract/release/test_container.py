@@ -19,7 +19,7 @@ from onnx import helper
 from contract.errors import BundleContainerError
 from contract.release import container
 from contract.release.checks import CONTROLLER
-from contract.release.container import MAX_FILES, is_plain_name, read_files
+from contract.release.container import is_plain_name, read_files
 from contract.release.onnx_graph import MAX_GRAPH_BYTES, check_graph
 from contract.shipped import BUNDLE
 from tests.contract.controller.graphs import constant, graph_of, outside
@@ -54,12 +54,6 @@ def test_a_file_is_no_bundle_and_a_zip_of_an_older_version_is_told_from_others(t
     assert read_files(tmp_path / "b") == {"a": b"content"}
     (tmp_path / "b.swi").write_bytes(b"SWCTRL01")
     assert refused(tmp_path / "b.swi").endswith("b.swi: must be a directory")
-
-
-def test_a_folder_of_many_files_is_refused(tmp_path):
-    for i in range(3 * MAX_FILES):
-        (tmp_path / f"{i}").touch()
-    assert f"more than {MAX_FILES} files" in refused(tmp_path)
 
 
 def test_a_file_that_becomes_a_pipe_or_a_link_is_not_waited_for(tmp_path):

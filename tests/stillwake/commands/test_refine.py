@@ -29,7 +29,7 @@ SMALL = tuple(
     word
     for setting in (
         *("memory=8", "units=3", "updates=4", "shortest=16", "longest=16", "streams=1", "refinement=0.4"),
-        "substeps=10",
+        *("substeps=10", "single_precision=false"),  # double precision is compiled for other tests
     )
     for word in ("--set", f"refine.{setting}")
 )

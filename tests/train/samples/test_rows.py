@@ -84,14 +84,6 @@ def test_a_batch_agrees_with_brute_force_and_depends_on_seed_and_step_alone(rows
     assert not np.array_equal(one.first_rows(0), later)
 
 
-def test_the_shortest_episode_that_fits(make_episode):
-    episode = make_episode("short", "train", WINDOW - 1 + 4 + AHEAD, 1)
-    fits = prepare([episode], fit_scaling([episode]), mirrored=False)
-    assert sampler(fits, 4).samples == 4
-    with pytest.raises(DatasetError, match=r"episode short has 16 steps, too short.*need 17"):
-        sampler(fits, 5)
-
-
 def test_noise_is_one_pressure_everywhere_and_spares_the_action(small_recording):
     episodes = small_recording.with_role("train")
     scaling = fit_scaling(episodes)

@@ -44,7 +44,10 @@ def test_a_mean_leaves_out_what_is_skipped(coarse):
     with coarse.plant() as wake:
         mean = mean_flow(wake, np.array([0.01, 0.02, 0.03]), 1)
         wake.reset(coarse.start)
-        flows = [wake.advance(action) and wake.flow.flat.copy() for action in (0.01, 0.02, 0.03)]
+        flows = []
+        for action in (0.01, 0.02, 0.03):
+            wake.advance(action)
+            flows.append(wake.flow.flat.copy())
         np.testing.assert_allclose(mean.flat, 0.5 * (flows[1] + flows[2]), rtol=0, atol=1e-14)
         with pytest.raises(PlantError, match="0 instants"):
             mean_flow(wake, np.zeros(0))

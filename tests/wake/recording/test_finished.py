@@ -18,14 +18,11 @@ from wake.recording import recorder
 from wake.recording.episode_plan import EpisodePlan, paper_plans
 from wake.truck.state import Origin, State, save_state
 
+pytestmark = pytest.mark.usefixtures("cheap_plant")
+
 TRAINING = EpisodePlan(forcing="training", steps=7, seed=5, lead=2)
 NONE = EpisodePlan(forcing="none", steps=2, seed=0)
 PLANS = (TRAINING, NONE)
-
-
-@pytest.fixture(autouse=True)
-def every_plant_is_cheap(cheap_plant) -> None:
-    pass
 
 
 @pytest.fixture

@@ -17,12 +17,9 @@ from wake.recording.episode_plan import EpisodePlan
 from wake.recording.recorder import record
 from wake.solver.grid import truck_grid
 
+pytestmark = pytest.mark.usefixtures("cheap_plant")
+
 PLANS = [EpisodePlan(forcing="training", steps=7, seed=5, lead=2), EpisodePlan(forcing="none", steps=2, seed=0)]
-
-
-@pytest.fixture(autouse=True)
-def every_plant_is_cheap(cheap_plant) -> None:
-    pass
 
 
 def recorded(output: Path, plans: list[EpisodePlan] = PLANS, **arguments: Any) -> Dataset:
@@ -76,9 +73,8 @@ def test_it_may_be_killed_before_any_change_on_disk(tmp_path, oscillator):
             except Killed:
                 killed = True
         assert not killed or operations() >= number
-        if not output.exists():
-            recorded(output, plans)
-        assert equal(read(output), whole), f"killed before operation {number}"
+        found = read(output) if output.exists() else recorded(output, plans)
+        assert equal(found, whole), f"killed before operation {number}"
         number += 1
     assert number > 20
 

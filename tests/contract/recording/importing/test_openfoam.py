@@ -89,18 +89,10 @@ def test_a_case_that_was_continued_and_written_at_other_times_is_put_together(tm
     header = AT_REST.format(1, "\tCd\tCs\tCl\tCmRoll")
     # Forces at every third of a period, on straight lines between the rows; the restart wrote beside the first file.
     fine = np.round(np.arange(0, 59 * 3 + 1) * PERIOD / 3, 9)
-    columns = [np.interp(fine, t, VALUES[name]) for name in ("Cd", "Cl")]
+    drag, lift = (np.interp(fine, t, VALUES[name]) for name in ("Cd", "Cl"))
     for name, rows in (("coefficient.dat", slice(0, 100)), ("coefficient_0.dat", slice(0, None))):
-        bad = 5.0 * (name == "coefficient.dat")
-        write(
-            post / f"forces/0/{name}",
-            header,
-            fine[rows],
-            columns[0][rows] + bad,
-            0 * fine[rows],
-            columns[1][rows],
-            0 * fine[rows],
-        )
+        columns = (fine, drag + 5.0 * (name == "coefficient.dat"), 0 * fine, lift, 0 * fine)
+        write(post / f"forces/0/{name}", header, *(column[rows] for column in columns))
     same(read(tmp_path / "r"))
     # Commands as they were given, each in force until the next.
     (tmp_path / "r/actions.csv").write_text("t,action\n-1,0.05\n0.3,0.1\n0.9,-0.2\n")
