@@ -1,7 +1,5 @@
 """A release that serves a range of speeds: what the controller reads, what the jets get, and when they are shut."""
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -122,15 +120,3 @@ def test_old_speeds_do_not_count_and_the_density_scales_the_pressures():
     assert bench.ecu.state.speed.ratio == 1.0
     drive(bench, 1.0, 2, cp=0.1, density=0.6)
     assert bench.controller.calls[-1][0][-1, 0] == pytest.approx(0.2, abs=4e-4)
-
-
-def test_its_state_is_a_value():
-    bench = bench_at()
-    drive(bench, 0.9, 9)
-    kept = pickle.loads(pickle.dumps(bench.ecu.state))
-    assert kept == bench.ecu.state
-    now_ns, frames = bench.now_ns, [bench.speed(0.95), bench.pressure()]
-    first = bench.ecu.next(bench.ecu.state, now_ns, frames)
-    again = bench.ecu.next(kept, now_ns, frames)
-    assert (first.frames, first.state) == (again.frames, again.state)
-    assert first.state != kept

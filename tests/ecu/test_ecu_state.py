@@ -68,7 +68,7 @@ def identical(one: StepOutcome, other: StepOutcome) -> bool:
 
 @pytest.mark.slow  # pickles states
 @given(events=st.text(ALPHABET, max_size=40), delay=st.integers(0, 2))
-@examples(50)
+@examples(12)
 @example(events=EPISODE, delay=0)
 @example(events=EPISODE, delay=2)
 def test_a_step_is_a_function_of_state_time_and_frames(bench_of, events, delay):

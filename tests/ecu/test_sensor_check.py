@@ -39,23 +39,26 @@ class Flow:
         return LEVELS + 0.25 * np.sin(2 * np.pi * step / 30 + SHIFT)
 
     def estimates(self, window: Array) -> Array:
-        """By least squares of amplitude and phase over what the view sees of the window."""
-        found = []
-        for view in views(4):
-            used = [j for j in range(4) if j not in view.left_out]
-            seen = window[:, view.order(4)]
-            values = np.concatenate([seen[:, j] - LEVELS[j] for j in used])
-            sine, cosine = _fit(len(window), tuple(used)) @ values
-            found.append(LEVELS + sine * np.sin(SHIFT) + cosine * np.cos(SHIFT))
-        return np.array(found)
+        """By least squares of amplitude and phase over what the view sees of the window, which are linear in it."""
+        of_zeros, slopes = _affine(len(window))
+        return of_zeros + np.tensordot(window.ravel(), slopes, axes=1)
 
 
 @cache
-def _fit(length: int, used: tuple[int, ...]) -> Array:
-    """Amplitudes of sine and cosine from the readings of these sensors, by least squares."""
+def _affine(length: int) -> tuple[Array, Array]:
+    """Estimates of a window of zeros, and their slopes by each of its numbers."""
     time = 2 * np.pi * np.arange(-length + 1, 1) / 30
-    basis = [np.column_stack([np.sin(time + SHIFT[j]), np.cos(time + SHIFT[j])]) for j in used]
-    return np.linalg.pinv(np.concatenate(basis))
+    basis = [np.column_stack([np.sin(time + phase), np.cos(time + phase)]) for phase in SHIFT]
+    windows, found = np.concatenate([np.zeros((1, length, 5)), np.eye(5 * length).reshape(-1, length, 5)]), []
+    for view in views(4):
+        used = [j for j in range(4) if j not in view.left_out]
+        seen = windows[:, :, view.order(4)][:, :, used] - LEVELS[used]
+        amplitudes = (
+            np.linalg.pinv(np.concatenate([basis[j] for j in used])) @ seen.swapaxes(1, 2).reshape(len(windows), -1).T
+        )
+        found.append(LEVELS + amplitudes.T @ np.array([np.sin(SHIFT), np.cos(SHIFT)]))
+    of_zeros, *others = np.stack(found, axis=1)
+    return of_zeros, np.array(others) - of_zeros
 
 
 class Drive:

@@ -57,7 +57,7 @@ def test_a_constant_of_the_gate_that_is_changed_is_seen_in_python(monkeypatch):
     assert "memory.under_way" in judging.verdict("", "python", before, after).changed
 
 
-@pytest.mark.slow
+@pytest.mark.proofs  # builds the shipped release; the test above sees a change, and the one below how it is compared
 @pytest.mark.compiler
 def test_a_line_that_is_changed_is_seen_in_c(tmp_path):
     ((job,), refused) = judging.c_jobs([DRIVE], judging.c_library())

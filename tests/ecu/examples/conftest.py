@@ -1,4 +1,4 @@
-"""The folder of a random release with its examples, for either set of messages."""
+"""The folder of a random release with its examples, for CAN FD or, with `both_sets`, either set of messages."""
 
 from pathlib import Path
 
@@ -32,10 +32,13 @@ def without(folder: dict[str, bytes], *names: str) -> dict[str, bytes]:
     return {name: text for name, text in folder.items() if name not in names}
 
 
-@pytest.fixture(scope="session", params=["fd", "classic"])
+both_sets = pytest.mark.parametrize("built_for", ["fd", "classic"], indirect=True)
+
+
+@pytest.fixture(scope="session")
 def built_for(request) -> tuple[Config, MessageSet]:
     ecu = EcuConfig(sensor_check=SensorCheckConfig(enabled=False))  # the random release has no estimator
-    config = Config(bus=BusConfig(frames=request.param), ecu=ecu)
+    config = Config(bus=BusConfig(frames=getattr(request, "param", "fd")), ecu=ecu)
     return config, message_set(config.bus)
 
 

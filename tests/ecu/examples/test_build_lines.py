@@ -15,10 +15,7 @@ PAGE = Path(__file__).resolve().parents[3] / "docs" / "how-to" / "integrate-the-
 
 @pytest.mark.compiler
 @pytest.mark.slow  # builds the folder as a stranger would
-def test_the_lines_in_their_heads_build_them(exported, built_for, tmp_path):
-    config, _ = built_for
-    if config.bus.frames != "fd":
-        pytest.skip("one of the sets shows it")
+def test_the_lines_in_their_heads_build_them(exported, tmp_path):
     write_folder(tmp_path / "c", exported)
     heads = [exported[f"examples/{name}.c"].decode().split("*/")[0] for name in ("main_socketcan", "systick")]
     lines = [re.sub(r"\\\n \*", "", head) for head in heads]
@@ -29,6 +26,8 @@ def test_the_lines_in_their_heads_build_them(exported, built_for, tmp_path):
         page = PAGE.read_text()
         (line,) = re.findall(r"`(arm-none-eabi-gcc[^`]*systick\.c[^`]*)`", page)
         commands.append(line.replace("\n", " "))
-    for command in commands:
+    for line in commands:
+        # They are to build, not to be fast; zig without optimisation would add a sanitiser.
+        command = line if "ziglang" in line else re.sub(r"-O[23]\b", "-O0", line)
         done = subprocess.run(command, shell=True, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
         assert (done.returncode, "warning" in done.stderr) == (0, False), done.stderr

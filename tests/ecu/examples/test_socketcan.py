@@ -20,7 +20,7 @@ from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import Mode
 from ecu.in_c.compiler import host_compiler
 from tests.ecu.daemon.driving import Vehicle
-from tests.ecu.examples.conftest import START, without
+from tests.ecu.examples.conftest import START, both_sets, without
 
 BUS = Path(__file__).with_name("c").joinpath("bus.c").read_bytes()
 WRAPPED = ("-Wl,--wrap=socket", "-Wl,--wrap=bind", "-Wl,--wrap=ioctl", "-Wl,--wrap=setsockopt")
@@ -41,7 +41,7 @@ def linux_program(folder, tmp_path_factory, shared_builds) -> Callable[..., Path
     def build(name: str, *flags: str, **others: bytes) -> Path:
         path = place / name
         given = contents | {f"{other}.c": text for other, text in others.items()}
-        shared_builds.compile_c(given, path, compiler=host_compiler(), flags=("-O1", "-ffp-contract=off", *flags))
+        shared_builds.compile_c(given, path, compiler=host_compiler(), flags=("-O0", "-ffp-contract=off", *flags))
         return path
 
     return build
@@ -92,6 +92,7 @@ class SocketBus:
 
 
 @pytest.mark.processes
+@both_sets
 def test_the_linux_program_drives_the_jets_and_ends_with_them_shut(linux_program, built_for):
     config, messages = built_for
     program = linux_program("ecu_on_a_socket", *WRAPPED, bus=BUS)

@@ -16,7 +16,7 @@ from can_bridge.wire.messages import Mode
 from contract.config.learning import ModelConfig
 from ecu.in_c.c_examples import ASKED_FROM
 from ecu.in_c.compiler import zig_compiler
-from tests.ecu.examples.conftest import without
+from tests.ecu.examples.conftest import both_sets, without
 
 pytestmark = [
     pytest.mark.mcu,
@@ -52,6 +52,7 @@ def emulated(image: Path, shift: int) -> tuple[int, list[bytes], dict[str, int]]
     return done.returncode, commands, {name: int(value) for name, value in figures}
 
 
+@both_sets
 def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_for):
     config, messages = built_for
     status, data, figures = emulated(image, shift=1)

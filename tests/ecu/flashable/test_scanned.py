@@ -122,15 +122,15 @@ def test_isotp_and_xcp_are_found_where_they_are(rig):
 def test_what_scanners_find_amid_control_is_the_table(rig):
     """Services, identifiers and sessions, each by its answer; nothing they ask for changes the control."""
     with scanned(rig, mode=Mode.CONTROL) as bus:
-        answers = asked(bus, uds_scan.UDS_ServiceEnumerator(), request_length=2)
+        answers = asked(bus, uds_scan.UDS_ServiceEnumerator())
         assert {r[0] for r in answers.keys() - refused(answers, Nrc.SERVICE_NOT_SUPPORTED)} == set(SERVICES)
         elsewhere = {one for one, permission in SERVICES.items() if Session.DEFAULT not in permission.sessions}
         assert {request[0] for request in refused(answers, Nrc.SERVICE_NOT_IN_SESSION)} == elsewhere
-        answers = asked(bus, uds_scan.UDS_RDBIEnumerator(), scan_range=[*range(0xF180, 0xF1A0), *range(0xFCF8, 0xFD18)])
+        answers = asked(bus, uds_scan.UDS_RDBIEnumerator(), scan_range=[*range(0xF184, 0xF198), *range(0xFCFC, 0xFD18)])
         assert {int.from_bytes(r[1:3], "big") for r in answers.keys() - refused(answers, Nrc.OUT_OF_RANGE)} == {*Did}
-        answers = asked(bus, uds_scan.UDS_DSCEnumerator(), scan_range=[2, *range(4, 0x80)], overwrite_timeout=False)
+        answers = asked(bus, uds_scan.UDS_DSCEnumerator(), scan_range=[2, *range(4, 0x20)], overwrite_timeout=False)
         assert refused(answers, Nrc.CONDITIONS_NOT_CORRECT) == {b"\x10\x02"}, "the jets run"
-        assert len(refused(answers, Nrc.SUB_FUNCTION_NOT_SUPPORTED)) == 0x80 - 4
+        assert len(refused(answers, Nrc.SUB_FUNCTION_NOT_SUPPORTED)) == 0x20 - 4
 
 
 def test_levels_and_routines_found_while_the_jets_are_shut_are_the_tables(rig):
@@ -141,7 +141,7 @@ def test_levels_and_routines_found_while_the_jets_are_shut_are_the_tables(rig):
             levels = {one for one, permission in LEVELS.items() if session in permission.sessions}
             assert {r[1] for r, answer in answers.items() if answer[0] == 0x67} == levels
             assert {r[1] for r in refused(answers, Nrc.SUB_FUNCTION_NOT_IN_SESSION)} == LEVELS.keys() - levels
-            near = [*range(0x1F8, 0x210), *range(0xFEF8, 0xFF10)]
+            near = [*range(0x1FE, 0x208), *range(0xFEFE, 0xFF06)]
             answers = asked(bus, uds_scan.UDS_RCStartEnumerator(), session, scan_range=near)
             there = {int.from_bytes(r[2:4], "big") for r in answers.keys() - refused(answers, Nrc.OUT_OF_RANGE)}
             assert there == {one for one, permission in ROUTINES.items() if session in permission.sessions}

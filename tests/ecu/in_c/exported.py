@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,8 @@ def exported(root: Path) -> Exported:
     rows = np.concatenate([random_window(program, rng) for _ in range(8)])
     windows = [rows[i : i + WINDOW] for i in range(20)]
     lowered = lower(rounded_on(program, windows), calibration=windows, with_library=True)
-    gated = gate(lowered, windows[:4], LIMITS, compiled=CController)
+    compiled = partial(CController, flags=("-O1", "-ffp-contract=off"))  # as the known answer is
+    gated = gate(lowered, windows[:4], LIMITS, compiled=compiled)
     write_random(root / "bundle", gated)
     bundle = bundles.load(root / "bundle")
     ecu = firmware_sources() | {ECU_SETTINGS: ecu_settings(bundle, CONFIG)}

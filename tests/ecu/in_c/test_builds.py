@@ -88,6 +88,7 @@ def test_the_pages_project_starts(project):
     assert not list(project.glob("build/**/libstillwake_loader.a"))
 
 
+@pytest.mark.proofs  # two builds; the same rules build the page's project
 @NEEDS_CMAKE
 def test_a_project_starts_that_finds_the_installed_package(project):
     """From a folder that knows nothing of ecu_c; the known answer is left out."""

@@ -43,12 +43,14 @@ from tests.ecu.in_c.exported import CONFIG, Feed
 from tests.ecu.in_c.test_estimator_in_c import random_network
 
 pytestmark = pytest.mark.compiler
+# Both kinds have the arrays of a float32 release and one code that opens them; int8 has the estimator beside.
+KINDS = ["int8", pytest.param("float32", marks=pytest.mark.proofs)]
 
 SHIM = Path(__file__).with_name("c").joinpath("from_image.c").read_bytes()
 DECLARED = "int start(sw_ecu *, const uint8_t *); void places(const sw_ecu *, const void **);"
 WINDOW = 8  # the shortest with a sensor estimator in C; the jets stay shut until it is full
-PERIODS = WINDOW + 30
-FEW_PERIODS = WINDOW + 8  # into control, too
+PERIODS = WINDOW + 12
+FEW_PERIODS = WINDOW + 3  # into control, too
 OK, OTHER_BUILD, MISALIGNED = range(3)
 
 
@@ -80,7 +82,7 @@ class Stepped(CEcu):
     """An ECU that can be started from an image."""
 
     def __init__(self, files):
-        super().__init__({**files, "shim.c": SHIM}, flags=("-O1", "-ffp-contract=off"))
+        super().__init__({**files, "shim.c": SHIM}, flags=("-O0", "-ffp-contract=off"))
         self.structs.ffi.cdef(DECLARED)
 
     def start(self, image: bytes, apart: int = 0) -> int:
@@ -104,7 +106,7 @@ class Stepped(CEcu):
         return found
 
 
-@pytest.mark.parametrize("kind", ["int8", "float32"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_image_is_what_the_compiler_makes_and_runs_in_any_build_of_its_layout(kind):
     (files, bundle, config), (others, other, _) = made(kind, 1), made(kind, 2)
     one, two = Stepped(files), Stepped(others)
@@ -149,7 +151,7 @@ SANITISERS = (
 )
 OPENED = Path(__file__).with_name("c").joinpath("opened_images.c").read_bytes()
 BAD_NUMBERS = 3
-TOGETHER = 4
+TOGETHER = 8
 """Arrays at their limits in one image."""
 REFUSED = (
     *(("weights.prior_filter_rows", values) for values in ((140, 1), (3, 2), (-1, 1), (0, 3))),
@@ -210,25 +212,25 @@ def packed(one: Limits, value: float, count: int = 1) -> bytes:
 
 
 def beyond(one: Limits) -> list[float]:
-    """Numbers near the limits, on both sides, and then what is none or far beyond them."""
+    """Numbers near the limits, on both sides, and then what is none, without end, or no normal one."""
     near, dtype = (one.least - 1, one.least, one.most, one.most + 1), np.dtype(one.dtype)
     if dtype.kind == "f":
-        return [*near, np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-40, 1e30]
+        return [*near, np.nan, -np.inf, 1e-40]
     info = np.iinfo(dtype)
     return [value for value in (*near, info.min, info.max) if info.min <= value <= info.max]
 
 
 @pytest.mark.slow  # compiles with sanitisers, and opens a thousand images
-@pytest.mark.parametrize("kind", ["int8", "float32"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_no_number_of_an_image_leads_out_of_an_array(kind, tmp_path, shared_builds):
     altered, random = Altered(kind, tmp_path, shared_builds), Random(kind)
     assert altered.opened([{}]) == [(OK, True)]
-    # One number at a time: the first of an array; its last one and one in between near their limits.
+    # One number at a time: the first of an array, and its last one near its limits.
     patches = []
     for one in altered.limits:
-        for group, at in {(0, 0), (one.groups - 1, one.run - 1), (random.randrange(one.groups), one.run // 2)}:
+        for group, at in {(0, 0), (one.groups - 1, one.run - 1)}:
             place = one.place + group * one.stride + at * np.dtype(one.dtype).itemsize
-            patches += [{place: packed(one, value)} for value in beyond(one)[: 4 if (group, at) != (0, 0) else None]]
+            patches += [{place: packed(one, value)} for value in beyond(one)[:: 3 if at or group else 1]]
     found = altered.opened(patches, runs=False)
     assert {status for status, _ in found} == {OK, BAD_NUMBERS}
     assert [status for status, _ in found] == [altered.in_python(patch) for patch in patches]

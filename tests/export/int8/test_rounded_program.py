@@ -62,7 +62,7 @@ def test_the_graph_stores_these_integers_and_scales(rounded):
 
 @pytest.fixture(scope="module")
 def case():
-    program = random_program(3)
+    program = random_program(3, model=ModelConfig(lstm_width=32, dynamics_width=96, decoder_width=48))
     rng = np.random.default_rng(5)
     rows = rng.standard_normal((program.window + 60, len(program.sensors) + 1)) * 0.1
     windows = [rows[k : k + program.window] for k in range(60)]

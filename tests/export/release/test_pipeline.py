@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -103,22 +104,29 @@ def export(model, recording, tmp_path, monkeypatch) -> Export:
             "created": date(2026, 1, 2),
         }
         if library:
-            arguments["library"] = pipeline.CLibrary(folder=tmp_path / "c", compiled=CController)
+            compiled = partial(CController, flags=("-O0",))
+            arguments["library"] = pipeline.CLibrary(folder=tmp_path / "c", compiled=compiled)
         return pipeline.export_all(model, tmp_path / "bundle", **{**arguments, **changes})[0]
 
     return run
 
 
-def test_a_bundle_of_another_plant_runs_on_that_plant_and_on_no_other(export, tmp_path):
-    lines: list[str] = []
-    export(library=True, named=False, notice=lines.append)
-    assert lines == []
-    read = bundle.load(tmp_path / "bundle")
+def test_bundle_and_library_are_of_one_program_and_run_on_their_plant_and_on_no_other(export, tmp_path):
+    for precision in ("float32", "int8"):
+        begun, lines = list[str](), list[str]()
+        gated = export(library=True, precision=precision, named=False, phase=begun.append, notice=lines.append)
+        assert lines == []
+        read = bundle.load(tmp_path / "bundle")
+        stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', (tmp_path / "c" / "sw_settings.h").read_text())
+        assert stated is not None
+        assert (read.manifest.precision, read.manifest.program_sha256) == (precision, stated.group(1))
+        figures = dict(pipeline.gate_figures(gated))
+        assert figures["graph against reference: cases"] == pipeline.GATE_WINDOWS
+        assert ("int8 C against float32: cases" in figures) == (precision == "int8")
+        assert tuple(begun) == pipeline.EXPORT_PHASES
     assert read.manifest.sensors == CHOSEN
     assert read.manifest.sensor_positions == tuple(POSITIONS[NAMES.index(name)] for name in CHOSEN)
     assert (read.manifest.control_period, read.manifest.action_limit) == (PERIOD, LIMIT)
-    assert (tmp_path / "c" / "sw_settings.h").is_file()
-
     policy = BundlePolicy(read, OnnxController.of(read), LAYOUT)
     memory, held_out = policy.start(), EPISODES[2]
     commands = []
@@ -183,20 +191,6 @@ def test_settings_that_do_not_fit_are_refused_before_the_work(export, tmp_path):
             export(**change, phase=phases.append)
         assert phases in ([], ["read"]), message
     assert list(tmp_path.iterdir()) == []
-
-
-def test_bundle_and_library_are_of_one_program(export, tmp_path):
-    for precision in ("float32", "int8"):
-        begun: list[str] = []
-        gated = export(library=True, precision=precision, phase=begun.append)
-        manifest = bundle.load(tmp_path / "bundle").manifest
-        stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', (tmp_path / "c" / "sw_settings.h").read_text())
-        assert stated is not None
-        assert (manifest.precision, manifest.program_sha256) == (precision, stated.group(1))
-        figures = dict(pipeline.gate_figures(gated))
-        assert figures["graph against reference: cases"] == pipeline.GATE_WINDOWS
-        assert ("int8 C against float32: cases" in figures) == (precision == "int8")
-        assert tuple(begun) == pipeline.EXPORT_PHASES
 
 
 def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_path, monkeypatch):

@@ -3,7 +3,6 @@
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ from export.reference.mpc import control_step
 from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
-from tests.each import each
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)
 PROGRAM = random_program(3, model=MODEL, mpc=MpcConfig(horizon=7))
@@ -36,26 +34,6 @@ def contents(request) -> dict[str, bytes]:
 def folder(tmp_path, contents) -> Path:
     write_folder(tmp_path / "c", contents)
     return tmp_path / "c"
-
-
-@pytest.fixture
-def compiled(tmp_path, contents, shared_builds) -> Callable[..., Path]:
-    """All of the library as one object file, without the example, by a compiler and flags; warnings are errors."""
-
-    def run(compiler: list[str], *flags: str) -> Path:
-        output = tmp_path / "library.o"
-        shared_builds.compile_c(library_sources(contents), output, compiler=compiler, flags=("-r", "-Wshadow", *flags))
-        return output
-
-    return run
-
-
-@pytest.mark.compiler  # every warning of gcc
-@each("flags", [("-O1",), ("-O3", "-march=native")])
-def test_gcc_takes_it_without_a_warning(compiled, flags):
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc is not installed")
-    compiled(["gcc"], "-Wstrict-prototypes", *flags)
 
 
 def test_fast_math_is_refused(folder):
@@ -79,11 +57,12 @@ def test_cppcheck_finds_nothing(folder):
     assert done.returncode == 0, done.stderr
 
 
-def test_it_calls_nothing_and_writes_no_static_memory(compiled):
+def test_it_calls_nothing_and_writes_no_static_memory_and_has_no_warning(tmp_path, contents, shared_builds):
     """Undefined symbols: only what every freestanding compiler may call by itself. No .data, no .bss."""
     if shutil.which("nm") is None:
         pytest.skip("nm is not installed")
-    library = compiled(host_compiler(), "-O2", "-ffreestanding")
+    library, flags = tmp_path / "library.o", ("-r", "-Wshadow", "-Wstrict-prototypes", "-O2", "-ffreestanding")
+    shared_builds.compile_c(library_sources(contents), library, compiler=host_compiler(), flags=flags)
     listing = subprocess.run(["nm", library], capture_output=True, text=True, check=True).stdout
     symbols = re.findall(r"^\s*(?:[0-9a-f]+)?\s+([A-Za-z])\s+(\S+)$", listing, flags=re.MULTILINE)
     assert {name for kind, name in symbols if kind == "U"} <= {"memset", "memcpy", "memmove"}
@@ -92,12 +71,12 @@ def test_it_calls_nothing_and_writes_no_static_memory(compiled):
 
 
 @pytest.mark.compiler  # builds with sanitisers
-@pytest.mark.parametrize("flags", [(), ("-march=native",)])
-def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, flags, shared_builds):
-    """And the example program prints what the reference computes."""
+def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, shared_builds):
+    """And the example program prints what the reference computes; tests/ecu/in_c/test_c_image.py has plain int8."""
     if shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
-    program = tmp_path / "replay"
+    integers = b'#define SW_PRECISION "int8"' in contents[PROGRAM_SETTINGS]
+    program, flags = tmp_path / "replay", ("-march=native",) if integers else ()
     sanitisers = ("-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all")
     shared_builds.compile_c(contents, program, compiler=["gcc"], flags=("-O0", "-g1", *sanitisers, *flags))
     windows = [window.astype(np.float32).astype(np.float64) for window in WINDOWS]
@@ -109,5 +88,4 @@ def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, flag
         plan = solution.plan
         expected.append([plan[0], *solution.forces.mean(axis=0), solution.cost])
     # As in the parity tests of a closed loop; int8 weights change the model by some parts in a thousand.
-    integers = b'#define SW_PRECISION "int8"' in contents[PROGRAM_SETTINGS]
     np.testing.assert_allclose(found, expected, rtol=0, atol=0.02 if integers else 2.5e-5)
