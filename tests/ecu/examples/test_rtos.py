@@ -38,7 +38,7 @@ def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, buil
     files |= {f"port_{system}.c": port} | stand_ins
     contents |= EMPTY | {name: text.encode() for name, text in files.items()}
     program = tmp_path / "ecu"
-    shared_builds.compile_c(contents, program, compiler=host_compiler(), flags=("-O0", "-ffp-contract=off"))
+    shared_builds.compile_c(contents, program, compiler=host_compiler(), flags=("-O1", "-ffp-contract=off"))
     done = subprocess.run([program], capture_output=True, text=True, timeout=60, check=True)
     receiver, modes = E2eReceiver(messages.command.spec, config.bus.e2e), list[Mode]()
     for line in done.stdout.split():

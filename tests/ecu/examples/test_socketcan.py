@@ -41,7 +41,7 @@ def linux_program(folder, tmp_path_factory, shared_builds) -> Callable[..., Path
     def build(name: str, *flags: str, **others: bytes) -> Path:
         path = place / name
         given = contents | {f"{other}.c": text for other, text in others.items()}
-        shared_builds.compile_c(given, path, compiler=host_compiler(), flags=("-O0", "-ffp-contract=off", *flags))
+        shared_builds.compile_c(given, path, compiler=host_compiler(), flags=("-O1", "-ffp-contract=off", *flags))
         return path
 
     return build
