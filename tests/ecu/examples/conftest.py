@@ -35,10 +35,10 @@ def without(folder: dict[str, bytes], *names: str) -> dict[str, bytes]:
 both_sets = pytest.mark.parametrize("built_for", ["fd", "classic"], indirect=True)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="session", params=["fd"])
 def built_for(request) -> tuple[Config, MessageSet]:
     ecu = EcuConfig(sensor_check=SensorCheckConfig(enabled=False))  # the random release has no estimator
-    config = Config(bus=BusConfig(frames=getattr(request, "param", "fd")), ecu=ecu)
+    config = Config(bus=BusConfig(frames=request.param), ecu=ecu)
     return config, message_set(config.bus)
 
 
