@@ -76,11 +76,8 @@ class EmulatedCore(NeverCopied):
 
     def block_counter(self, core: Core = CORTEX_M7) -> BlockCounter:
         """Return a counter of the basic blocks that run from now on. Call this before the first block runs."""
-        return BlockCounter(self._core, FLASH, FLASH_BYTES, Pipeline(self.code(), FLASH, dual_issue=core.dual_issue))
-
-    def code(self) -> bytes:
-        """Return the whole flash with the program."""
-        return self.peek(FLASH, FLASH_BYTES)
+        code = self.peek(FLASH, FLASH_BYTES)
+        return BlockCounter(self._core, FLASH, FLASH_BYTES, Pipeline(code, FLASH, dual_issue=core.dual_issue))
 
     def paint_stack(self) -> None:
         """Fill the stack with a pattern that marks it as untouched."""

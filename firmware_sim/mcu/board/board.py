@@ -24,7 +24,7 @@ from firmware_sim.mcu.board.flash_controller import (
     FlashTimes,
     PowerCut,
 )
-from firmware_sim.mcu.board.small_parts import CoreRegisters, Counter, RandomNumbers, SystemReset
+from firmware_sim.mcu.board.small_parts import CPACR, CoreRegisters, Counter, RandomNumbers, SystemReset
 from firmware_sim.mcu.elf import Firmware
 from firmware_sim.mcu.emulator import FLASH, EmulatedCore
 
@@ -147,7 +147,7 @@ class Board(EmulatedCore):
             self._guarded(lambda: part.write(_whole(offset, size) - shift, value & 0xFFFF_FFFF))
             if part is self.flash:
                 self._close()
-            if part is self._registers and self._registers.has_floats:
+            if part is self._registers and offset == CPACR and self._registers.has_floats:
                 self._core.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x4000_0000)
 
         return read, None, write, None

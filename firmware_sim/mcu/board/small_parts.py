@@ -7,6 +7,8 @@ from contract.errors import McuError
 
 _RESET: Final = 0x05FA_0004
 _BFHFNMIGN: Final = 1 << 8
+CPACR: Final = 0xD88
+"""Offset of the register that enables the floating-point unit."""
 
 
 class SystemReset(Exception):  # noqa: N818
@@ -63,14 +65,14 @@ class CoreRegisters:
         ignores_bus_faults: whether CCR lets handlers of the highest priority continue after a bus fault.
     """
 
-    _KEPT: Final = (0x100, 0x280, 0xD14, 0xD88)
+    _KEPT: Final = (0x100, 0x280, 0xD14, CPACR)
 
     def __init__(self) -> None:
         self._kept = dict.fromkeys(self._KEPT, 0)
 
     @property
     def has_floats(self) -> bool:
-        return self._kept[0xD88] >> 20 & 0xF == 0xF
+        return self._kept[CPACR] >> 20 & 0xF == 0xF
 
     @property
     def ignores_bus_faults(self) -> bool:

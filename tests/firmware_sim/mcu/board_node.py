@@ -32,7 +32,9 @@ from tests.ecu.in_c.exported import CONFIG, Exported, Feed
 
 TICK_NS = 1_000_000
 LOOK_NS = 250_000
-"""Between two looks of `Traffic` at the bus."""
+"""Between two looks at a bus whose tester asks as fast as it can."""
+QUICK = FlashTimes(erase_ns=20_000_000, word_ns=10_000)
+"""Of a flash for tests in which time has no part."""
 READ = [bytes.fromhex(text) for text in ("22FD01", "22" + 5 * "FD11", "22F18C", "1902FF", "22" + 16 * "F186", "190A")]
 PATIENCE_NS = 60_000_000
 
@@ -66,18 +68,24 @@ class Built:
         return bytes([version]) * 32
 
 
+def on(built: Built, made: BoardEcu, packed: bytes, times: FlashTimes = QUICK) -> BoardEcu:
+    """A board with the firmware of one made before, and a packed flash."""
+    return built.ecu(FlashBank.unpack(packed), made.firmware, times)
+
+
 class Traffic:
     """A board on a bus with a vehicle, that sends pressures and asks for control, and a tester.
 
     Attributes:
         vehicle: `asks` may be changed.
+        look_ns: between two looks at the bus.
         sent: by the board, with the times of their ends.
     """
 
     def __init__(self, board: BoardEcu, config: Config = CONFIG) -> None:
         self.board, self.vehicle, self.sent = board, Feed(config), list[Frame]()
         self._end = Endpoint(isotp_settings(config.bus, is_tester=True))
-        self._due_ns = self.now_ns
+        self._due_ns, self.look_ns = self.now_ns, LOOK_NS
 
     @property
     def now_ns(self) -> int:
@@ -95,7 +103,7 @@ class Traffic:
             self._due_ns += CONFIG.period_ns
             frames += [frame for _, some in self.vehicle.periods(1) for frame in some]
         now = [replace(frame, timestamp_ns=self.now_ns) for frame in frames]
-        for frame in self.board.advance(self.now_ns + LOOK_NS, now):
+        for frame in self.board.advance(self.now_ns + self.look_ns, now):
             self.sent.append(frame)
             self._end.receive(self.now_ns, frame)
         return self._end.take()

@@ -11,6 +11,7 @@ from firmware_sim.mcu.board.flash_controller import SECTOR, WORD, FlashBank, Fla
 from firmware_sim.mcu.board.small_parts import SystemReset
 from firmware_sim.mcu.build import compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
+from tests.each import each
 
 pytestmark = pytest.mark.mcu
 WORDS = [bytes(range(k, k + WORD)) for k in (1, 60)]
@@ -105,7 +106,7 @@ def test_operations_take_their_time_and_a_read_amid_one_waits_for_its_end(firmwa
     assert board.call("test_erased") == 1
 
 
-@pytest.mark.parametrize("cut_at", [1, 2, 3])
+@each("cut_at", [1, 2, 3])
 def test_a_supply_that_fails_leaves_what_is_torn(firmware, cut_at):
     """By the operation: an erasure, or one of two words."""
     bank = FlashBank()
@@ -123,8 +124,8 @@ def test_a_supply_that_fails_leaves_what_is_torn(firmware, cut_at):
     assert torn != WORDS[cut_at - 2]
 
 
-@pytest.mark.parametrize(
-    ("function", "address", "complaint"),
+@each(
+    "function, address, complaint",
     [
         ("test_store", 0x6000_0000, "the core stopped at 0x8"),
         ("test_store", 0x4000_A010, "no register to write at 0x10"),

@@ -15,12 +15,14 @@ from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.elf import Firmware, read_elf
 from tests.can_bridge.flashing.releases import keys
 from tests.ecu.in_c.exported import WINDOW, Feed
-from tests.firmware_sim.mcu.board_node import BoardLine, Built
+from tests.firmware_sim.mcu.board_node import QUICK, BoardLine, Built
 from tests.firmware_sim.mcu.test_board import step_both
 
 MISSING = [name for name in ("arm-none-eabi-gcc", "cmake") if shutil.which(name) is None]
 SKIPPED = pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)}")
-pytestmark = [pytest.mark.mcu, pytest.mark.compiler, SKIPPED]
+# Two builds by CMake. Day by day test_board.py and test_board_node.py run the firmware as clang builds it, and
+# tests/export/to_c/test_library.py shows that GCC takes the library without a warning.
+pytestmark = [pytest.mark.proofs, pytest.mark.mcu, pytest.mark.compiler, SKIPPED]
 LOST = WINDOW + 6
 WARNINGS = "-Wall -Wextra -Wpedantic -Wconversion -Werror"
 
@@ -47,7 +49,7 @@ def test_built_without_a_warning_it_sends_the_hosts_frames_and_does_so_again_onc
     # With keys and the loader, which two files know of; the fresh board takes its release over CAN.
     for name, content in node.own.items():
         (folder / "board" / name).write_bytes(content)
-    board = node.ecu(firmware=built_by_its_rules(folder))
+    board = node.ecu(firmware=built_by_its_rules(folder), times=QUICK)
     BoardLine(board).provision(keys(), node.image("one"))
     board = node.ecu(board.board.flash.bank, board.firmware)
     for (now_ns, frames), expected in zip(Feed().periods(LOST), decided, strict=False):

@@ -1,7 +1,6 @@
 """Loader, diagnosis and ECU on the emulated board: flashed over CAN by a tester, and the supply that fails."""
 
 from collections import Counter
-from dataclasses import replace
 from itertools import count
 
 import pytest
@@ -13,65 +12,15 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import McuError
-from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import FlashBank
 from firmware_sim.mcu.board.on_a_bus import LONGEST_UNSEEN_NS, read_bank, serve
-from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.uds.addresses import COMMAND_ID, REQUEST_ID, RESPONSE_ID, XCP_RESPONSE_ID
-from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
-from tests.ecu.independent_tester import ADDRESSED, IndependentTester, converse, keeps_whole
-from tests.firmware_sim.mcu.board_node import TICK_NS, BoardLine, Built
+from tests.ecu.in_c.exported import WINDOW, Feed
+from tests.firmware_sim.mcu.board_node import TICK_NS, BoardLine, on
 from tests.firmware_sim.mcu.test_board import fuses, host_of
 from tests.proofs.board_cuts import WRONG, Cuts
 
 pytestmark = pytest.mark.mcu
-
-
-@pytest.fixture(scope="module")
-def built(release) -> Built:
-    return Built(release)
-
-
-@pytest.fixture(scope="module")
-def fresh(built) -> BoardEcu:
-    return built.ecu()
-
-
-@pytest.fixture(scope="module")
-def provisioned(built, fresh) -> bytes:
-    """The flash of a board that runs its first release."""
-    board = built.ecu(firmware=fresh.firmware)
-    BoardLine(board).provision(keys(), built.image("one"))
-    return board.board.flash.bank.pack()
-
-
-def test_independent_clients_reach_it_under_identifiers_of_29_bits(release, provisioned):
-    """Through the controller's filters, which let nothing else through, in the model of them as on the chip."""
-    _, (ids, physical, functional) = ADDRESSED
-    config = replace(CONFIG, bus=replace(CONFIG.bus, diagnosis=ids))
-    built = Built(release, config)
-    board = built.ecu(FlashBank.unpack(provisioned))
-
-    def exchange(frames: list[Frame]) -> list[Frame]:
-        return board.advance(board.board.counter.now_ns + TICK_NS, frames)
-
-    tester = IndependentTester(exchange, physical, functional, is_fd=True)
-    converse(tester, b"0815")
-    keeps_whole(tester, Frame(frame_id=0x18DB33F1, is_extended=True, data=b"\x02\x3e\x00".ljust(8)))
-    assert BoardLine(board, config.bus).flash(built.image("two", 2)).end is End.CONFIRMED
-    # The jets' period passes; of what is not asked for nothing enters the FIFO.
-    room = board.board.can.room
-    for other in (0x7E0, 0x7D8, ids.request.number & 0x7FF):
-        for is_extended in (False, True):
-            board.board.can.receive(Frame(frame_id=other, data=bytes(8), is_extended=is_extended))
-    board.board.can.receive(Frame(frame_id=ids.request.number ^ 1, data=bytes(8), is_extended=True))
-    assert board.board.can.room == room
-    board.board.can.receive(Frame(frame_id=ids.request.number, data=bytes(8), is_extended=True))
-    assert board.board.can.room == room - 1
-
-
-def on(built: Built, fresh: BoardEcu, packed: bytes) -> BoardEcu:
-    return built.ecu(FlashBank.unpack(packed), fresh.firmware)
 
 
 def test_a_fresh_board_keeps_its_jets_shut_and_says_why(built, fresh):
