@@ -15,21 +15,27 @@ from fmpy.fmi3 import FMU3Slave
 class Imported:
     """One instance, initialised at a time."""
 
+    _make: Any = FMU3Slave
+    _token = "instantiationToken"
+
     def __init__(self, path: Path, *, start: float = 0.0) -> None:
         self.description = read_model_description(str(path))
         self.variables = {item.name: item for item in self.description.modelVariables}
         folder = path.with_suffix("")
         if not folder.exists():  # a library that is loaded must not be written over
             extract(str(path), unzipdir=str(folder))
-        self.fmu: Any = FMU3Slave(
-            guid=self.description.instantiationToken,
+        self.fmu = self._make(
+            guid=getattr(self.description, self._token),
             unzipDirectory=str(folder),
             modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName="tested",
         )
         self.time = start
         self.fmu.instantiate(loggingOn=True)
-        self.fmu.enterInitializationMode(startTime=start)
+        self.begin()
+
+    def begin(self) -> None:
+        self.fmu.enterInitializationMode(startTime=self.time)
         self.fmu.exitInitializationMode()
 
     def __getitem__(self, name: str) -> Any:
@@ -58,18 +64,7 @@ class Imported:
 class Imported2(Imported):
     """One instance by FMI 2.0, with what `Imported` offers."""
 
-    def __init__(self, path: Path, *, start: float = 0.0) -> None:
-        self.description = read_model_description(str(path))
-        self.variables = {item.name: item for item in self.description.modelVariables}
-        self.fmu: Any = FMU2Slave(
-            guid=self.description.guid,
-            unzipDirectory=extract(str(path)),
-            modelIdentifier=self.description.coSimulation.modelIdentifier,
-            instanceName="tested",
-        )
-        self.time = start
-        self.fmu.instantiate(loggingOn=True)
-        self.begin()
+    _make, _token = FMU2Slave, "guid"
 
     def begin(self) -> None:
         self.fmu.setupExperiment(startTime=self.time)

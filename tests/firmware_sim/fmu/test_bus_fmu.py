@@ -6,7 +6,6 @@ import struct
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -20,17 +19,13 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.arrays import Array
 from contract.config.vehicle import BusConfig
-from ecu.c.sources import fmu_sources
-from ecu.in_c.c_ecu import CEcu, ecu_sources
+from ecu.in_c.c_ecu import CEcu
 from examples.network_of_fmus import TerminalNode, operation, operations, run
 from examples.own_plant import OscillatorPlant
 from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.fmu.ecu_fmu import ecu_fmu
-from firmware_sim.fmu.kinds import FmuKind
-from tests.each import each
 from tests.ecu.in_c.exported import CONFIG
 
 pytestmark = pytest.mark.compiler
@@ -43,20 +38,6 @@ ACK_ERROR, STATES = 5, (BusState.ERROR_ACTIVE, BusState.ERROR_PASSIVE, BusState.
 COMMAND_ID = message_set(CONFIG.bus).command.spec.frame_id
 CONFIGURED = [(CONFIGURATION, struct.pack("<BI", *rate)) for rate in ((1, 500_000), (2, 2_000_000))]
 CONFIGURED += [(CONFIGURATION, b"\4\1")]
-
-
-@pytest.fixture(scope="module")
-def fmu_of(release, tmp_path_factory):
-    """(FMU, the ECU's sources, configuration) for a set of messages."""
-
-    def made(frames: Literal["fd", "classic"] = "fd", **more: bool):
-        config, kind = replace(CONFIG, bus=BusConfig(frames=frames)), FmuKind(bus=True, **more)
-        sources = ecu_sources(release.folder, release.bundle, config)
-        path = tmp_path_factory.mktemp(frames) / "ecu.fmu"
-        path.write_bytes(ecu_fmu(sources, fmu_sources(*kind.sources), release.bundle, config, kind))
-        return path, sources, config
-
-    return made
 
 
 def op(code: int, content: bytes = b"") -> bytes:
@@ -76,9 +57,10 @@ class Oscillator:
         self._plant.advance_to(CONFIG.flow.substeps, action)
 
 
-@each("frames", ["fd", "classic"])
-def test_on_the_simulated_bus_frames_are_those_of_a_run_with_the_ecu_in_c(release, fmu_of, frames):
-    path, sources, config = fmu_of(frames)
+def test_on_the_simulated_bus_frames_are_those_of_a_run_with_the_ecu_in_c(release, fmu_of):
+    """In classic frames; in those of CAN FD two of them play below."""
+    config = replace(CONFIG, bus=BusConfig(frames="classic"))
+    path, sources = fmu_of(config, bus=True)
     lead_in, controlled = 10, 60
     own, joined = list[Frame](), list[Frame]()
     t = config.flow.control_period
@@ -113,7 +95,7 @@ def linked(sources: dict[str, bytes], periods: int, *, hears: tuple[bool, bool])
 
 
 def test_two_of_them_play_on_one_bus_and_find_each_other_as_two_of_the_ecu_in_c_do(fmu_of):
-    path, sources, _ = fmu_of()
+    path, sources = fmu_of(bus=True)
     nodes, data, sent = [TerminalNode(path), TerminalNode(path)], [b"", b""], [list[bytes](), list[bytes]()]
     for at in (0, *(ANSWER_NS + k * PERIOD_NS for k in range(30))):
         data = [node.event(at) for node in nodes]
@@ -128,7 +110,7 @@ def test_two_of_them_play_on_one_bus_and_find_each_other_as_two_of_the_ecu_in_c_
 def test_the_fmu_container_of_others_connects_their_terminals_and_plays_them(fmu_of, tmp_path, monkeypatch):
     """Version 2.0 of the container hands data only to the FMU that stands first, and none at a countdown."""
     assembly = pytest.importorskip("fmu_manipulation_toolbox.assembly", reason="fmu-manipulation-toolbox is absent")
-    path, sources, _ = fmu_of(triggered=True)
+    path, sources = fmu_of(bus=True, triggered=True)
     monkeypatch.chdir(tmp_path)
     for name in "ab":
         (tmp_path / f"{name}.fmu").write_bytes(path.read_bytes())
@@ -148,7 +130,7 @@ def test_the_fmu_container_of_others_connects_their_terminals_and_plays_them(fmu
 
 
 def test_a_wrong_operation_is_answered_and_what_is_beside_it_taken(fmu_of):
-    path, sources, _ = fmu_of()
+    path, sources = fmu_of(bus=True)
     assert validate_fmu(str(path)) == []
     node, ecu = TerminalNode(path), CEcu(sources)
     assert [*operations(node.event(0))] == CONFIGURED
@@ -176,7 +158,7 @@ def test_a_wrong_operation_is_answered_and_what_is_beside_it_taken(fmu_of):
 
 
 def test_its_controller_counts_errors_and_goes_off_the_bus_as_iso_11898_has_it(fmu_of):
-    path, _, config = fmu_of()
+    path, _ = fmu_of(bus=True)
     node, deaf = TerminalNode(path, bus_notifications=True), TerminalNode(path)
     faults, rng, now_ns, seen = FaultConfinement(), np.random.default_rng(1), 1, set[BusState]()
     frame = Frame(frame_id=0x7FF, data=b"")
@@ -203,7 +185,7 @@ def test_its_controller_counts_errors_and_goes_off_the_bus_as_iso_11898_has_it(f
         assert deaf.due_ns > now_ns or not [*operations(deaf.event(now_ns))]
         seen.add(faults.state)
         if faults.times_off > off:
-            recovered_ns = now_ns + 128 * 11 * 10**9 // config.bus.nominal_bitrate
+            recovered_ns = now_ns + 128 * 11 * 10**9 // CONFIG.bus.nominal_bitrate
             while now_ns < recovered_ns:
                 now_ns = min(max(node.due_ns, now_ns + 1), recovered_ns)
                 assert not [*operations(node.event(now_ns))]
@@ -213,7 +195,7 @@ def test_its_controller_counts_errors_and_goes_off_the_bus_as_iso_11898_has_it(f
 
 
 def test_a_frame_that_is_lost_is_sent_again_unless_the_next_waits(fmu_of):
-    node = TerminalNode(fmu_of()[0], bus_notifications=True)
+    node = TerminalNode(fmu_of(bus=True)[0], bus_notifications=True)
     node.event(0)
     (_, command), (_, status) = operations(node.event(ANSWER_NS))
     lost = op(LOST, struct.pack("<I", COMMAND_ID))
@@ -227,7 +209,7 @@ def test_a_frame_that_is_lost_is_sent_again_unless_the_next_waits(fmu_of):
 
 
 def test_states_resets_and_instances_are_apart_and_fmpys_defaults_are_served(fmu_of, capsys):
-    path, _, _ = fmu_of()
+    path, _ = fmu_of(bus=True)
     nodes = [TerminalNode(path), TerminalNode(path)]
     whole = [nodes[0].event(at) for at in (0, ANSWER_NS, ANSWER_NS + PERIOD_NS)]
     assert nodes[1].event(0) == whole[0] != b""
@@ -250,7 +232,7 @@ def test_states_resets_and_instances_are_apart_and_fmpys_defaults_are_served(fmu
 
 
 def test_a_wrong_call_is_refused_with_a_line_and_changes_nothing(fmu_of, capsys):
-    node = TerminalNode(fmu_of()[0])
+    node = TerminalNode(fmu_of(bus=True)[0])
     fmu, of = node.fmu, node.of
     offset = [node.references["step_offset"]]
 

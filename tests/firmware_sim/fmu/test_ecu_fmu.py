@@ -3,10 +3,7 @@
 import math
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Literal
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,13 +15,10 @@ from fmpy.validation import validate_fmu
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.wire.message_sets import MessageSet, message_set
 from can_bridge.wire.messages import Mode, Pressure, Reason, VehicleSpeed
-from contract.config.vehicle import BusConfig
 from contract.release.manifest import SpeedRange
-from ecu.c.sources import fmu_sources
-from ecu.in_c.c_ecu import CEcu, ecu_sources
+from ecu.in_c.c_ecu import CEcu
 from ecu.in_c.compiler import host_compiler
-from firmware_sim.fmu.ecu_fmu import FLAGS, ecu_fmu
-from tests.each import each
+from firmware_sim.fmu.ecu_fmu import FLAGS
 from tests.ecu.in_c.exported import CONFIG, Exported
 from tests.firmware_sim.fmu.imported import Imported, check_order_of_calls
 
@@ -37,20 +31,6 @@ OTHER_TYPES = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32",
 @pytest.fixture(scope="module")
 def release(release) -> Exported:
     return release.serving(SpeedRange(slowest=0.6, fastest=1.4))
-
-
-@pytest.fixture(scope="module")
-def fmu_of(release, tmp_path_factory):
-    """(FMU, its sources) for a set of messages."""
-
-    def made(frames: Literal["fd", "classic"] = "fd") -> tuple[Path, dict[str, bytes]]:
-        config = replace(CONFIG, bus=BusConfig(frames=frames))
-        sources = ecu_sources(release.folder, release.bundle, config)
-        path = tmp_path_factory.mktemp(frames) / "ecu.fmu"
-        path.write_bytes(ecu_fmu(sources, fmu_sources("signals"), release.bundle, config))
-        return path, sources
-
-    return made
 
 
 def test_the_file_is_sound_the_same_again_and_compiles_from_its_own_sources(fmu_of, shared_builds, tmp_path):
@@ -98,12 +78,11 @@ def frames_of_a_vehicle(values: dict[str, float], messages: MessageSet, senders:
         yield senders[1].frame(messages.speed.emit(motion), now_ns=now_ns)
 
 
-@each("frames", ["fd", "classic"])
-def test_behind_its_variables_the_ecu_gets_the_frames_of_a_vehicle(release, fmu_of, frames):
+def test_behind_its_variables_the_ecu_gets_the_frames_of_a_vehicle(release, fmu_of):
     """Compared are the outputs, and the ECU's whole state."""
-    path, sources = fmu_of(frames)
+    path, sources = fmu_of()
     imported, rng = Imported(path, start=3.0), np.random.default_rng(7)
-    ecu, messages = CEcu(sources, flags=("-O1", "-ffp-contract=off")), message_set(BusConfig(frames=frames))
+    ecu, messages = CEcu(sources, flags=("-O1", "-ffp-contract=off")), message_set(CONFIG.bus)
     senders, modes, reasons = [E2eSender(spec) for spec in messages.specs[:2]], set(), set()
     for k in range(400):
         pascal = 0.3 * CONFIG.operating_point.dynamic_pressure * np.sin(0.3 * k + np.arange(4))
@@ -181,8 +160,8 @@ def test_a_state_is_gone_back_to_in_memory_or_by_its_bytes_and_another_fmus_refu
             imported.fmu.setFMUState(imported.fmu.deserializeFMUState(damaged))
     assert imported.saved() == found[0]
     imported.fmu.reset()
-    imported.fmu.enterInitializationMode(startTime=0.0)
-    imported.fmu.exitInitializationMode()
+    imported.time = 0.0
+    imported.begin()
     assert imported.saved() == Imported(path).saved()
 
 

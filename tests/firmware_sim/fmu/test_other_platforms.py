@@ -12,32 +12,16 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-from ecu.c.sources import fmu_sources
-from ecu.in_c.c_ecu import ecu_sources
-from firmware_sim.fmu.ecu_fmu import ecu_fmu
-from firmware_sim.fmu.kinds import FmuKind
-from tests.ecu.in_c.exported import CONFIG
 from tests.firmware_sim.fmu.imported import Imported, Imported2
 from tests.firmware_sim.fmu.test_ecu_fmu import PERIOD_S, swinging
 
 pytestmark = pytest.mark.compiler
 
 
-@pytest.fixture(scope="module")
-def fmu_of(release, tmp_path_factory):
-    def made(**kinds: bool):
-        kind, path = FmuKind(**kinds), tmp_path_factory.mktemp("fmu") / "ecu.fmu"
-        sources = ecu_sources(release.folder, release.bundle, CONFIG)
-        path.write_bytes(ecu_fmu(sources, fmu_sources(*kind.sources), release.bundle, CONFIG, kind))
-        return path
-
-    return made
-
-
 def test_by_fmi_2_it_is_the_same_ecu(fmu_of, capsys):
-    path = fmu_of(fmi2=True)
+    path, _ = fmu_of(fmi2=True)
     assert validate_fmu(str(path)) == []
-    second, third, states = Imported2(path, start=3.0), Imported(fmu_of(), start=3.0), list[Any]()
+    second, third, states = Imported2(path, start=3.0), Imported(fmu_of()[0], start=3.0), list[Any]()
     assert second.variables.keys() == third.variables.keys()
     for k in range(12):
         for imported in (second, third):
@@ -79,7 +63,7 @@ def test_for_windows_it_exports_the_standards_functions_and_needs_nothing_but_wi
         (FMU3Slave, "fmi3", "x86_64-windows", {"bus": True}),
         (FMU2Slave, "fmi2", "win64", {"fmi2": True}),
     ):
-        with zipfile.ZipFile(io.BytesIO(fmu_of(windows=True, **kinds).read_bytes())) as archive:
+        with zipfile.ZipFile(io.BytesIO(fmu_of(windows=True, **kinds)[0].read_bytes())) as archive:
             image = pefile.PE(data=archive.read(f"binaries/{place}/stillwake_ecu.dll"))
         exported = {one.name.decode() for one in image.DIRECTORY_ENTRY_EXPORT.symbols}
         called = {name for name in dir(importer) if re.match(prefix + "[A-Z]", name)}

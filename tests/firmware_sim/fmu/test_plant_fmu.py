@@ -3,18 +3,20 @@
 import copy
 import json
 import pickle
+import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
 from contract.config.loading import to_tree
-from ecu.c.sources import fmu_sources, plant_fmu_sources
-from ecu.in_c.c_ecu import ecu_sources
+from contract.config.tree import Config
+from ecu.c.sources import plant_fmu_sources
 from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
-from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.kinds import FmuKind
 from firmware_sim.fmu.plant_fmu import plant_fmu
 from tests.ecu.in_c.exported import CONFIG
@@ -30,18 +32,27 @@ PERIOD_S, LEAD_IN, PERIODS = CONFIG.period_ns / 1e9, 6, 16
 
 
 @pytest.fixture(scope="module")
-def plant_path(tmp_path_factory):
+def config(coarse) -> Config:
+    return replace(CONFIG, flow=coarse.flow)
+
+
+@pytest.fixture(scope="module")
+def start(coarse) -> Path:
+    return Path(coarse.words[1])
+
+
+@pytest.fixture(scope="module")
+def plant_path(config, start, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("plant") / "plant.fmu"
-    path.write_bytes(plant_fmu(CONFIG, plant_fmu_sources()))
+    path.write_bytes(plant_fmu(config, plant_fmu_sources(), start))
     return path
 
 
-def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, release, tmp_path):
+def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, config, start, release, fmu_of):
     """Inputs are set from outputs, then both step: a command for the next period acts in it."""
-    sources = ecu_sources(release.folder, release.bundle, CONFIG)
-    (tmp_path / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources("signals"), release.bundle, CONFIG))
+    path, sources = fmu_of(config)
     assert validate_fmu(str(plant_path)) == []
-    ecu, plant = Imported(tmp_path / "ecu.fmu"), Imported(plant_path)
+    ecu, plant = Imported(path), Imported(plant_path)
     pressures = [name for name in ecu.variables if name.startswith("pressure.")]
     found = []
     for k in range(PERIODS):
@@ -54,23 +65,23 @@ def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, release, tmp
             imported.step(PERIOD_S)
     assert ecu["next_period"]
     assert ecu["flow_command"] != 0.0
-    t = CONFIG.flow.control_period
+    t = config.flow.control_period
     own_loop = Simulation(
         release.bundle,
-        CONFIG,
+        config,
         spans=Spans(lead_in=LEAD_IN * t, controlled=(PERIODS - LEAD_IN) * t, settle=t, averages=False),
         ecu=loop_ecu(C, sources),
     )
-    log = own_loop.run(own_wake(CONFIG))
+    log = own_loop.run(own_wake(config, start=start))
     assert np.abs(log.series["action"]).max() > 0.01
     own = np.stack([log.series[name] for name in ("Cd", "Cl", "t")], axis=1)
     np.testing.assert_array_equal(np.array(found), own)
 
 
-def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path):
+def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path, config, start):
     """As on the same drive in the own loop; a step of any length has the control periods that end in it."""
     speeds = (25.0, 24.0, 23.0, 23.0)
-    plant, wake = Imported(plant_path), own_wake(CONFIG)
+    plant, wake = Imported(plant_path), own_wake(config, start=start)
     drive = Drive(name="braking", times=tuple(k * PERIOD_S for k in range(len(speeds))), speeds=speeds)
     wake.wind = drive.wind(CONFIG.operating_point, wake.t)
     found = []
@@ -97,14 +108,14 @@ def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path):
         assert parts["Cd"] == found[k]
     pair["vehicle_speed"] = speeds[1]
     pair.step(2 * PERIOD_S)
-    wake = own_wake(CONFIG)
+    wake = own_wake(config, start=start)
     wake.wind = Drive(name="once", times=(0.0, PERIOD_S), speeds=speeds[:2]).wind(CONFIG.operating_point, wake.t)
     assert pair["Cd"] == pytest.approx([wake.advance(0.0).Cd for _ in range(2)][1], rel=1e-9)
 
 
-def test_by_fmi_2_it_is_the_same_plant(plant_path, tmp_path):
+def test_by_fmi_2_it_is_the_same_plant(plant_path, config, start, tmp_path):
     path = tmp_path / "plant2.fmu"
-    path.write_bytes(plant_fmu(CONFIG, plant_fmu_sources("fmi2"), kind=FmuKind(fmi2=True)))
+    path.write_bytes(plant_fmu(config, plant_fmu_sources("fmi2"), start, FmuKind(fmi2=True)))
     assert validate_fmu(str(path)) == []
     plants = Imported(plant_path), Imported2(path)
     for plant in plants:
@@ -119,18 +130,19 @@ def test_calls_out_of_order_are_refused_and_fmpys_own_step_is_served(plant_path,
     check_order_of_calls(plant_path, "jet_flow", "Cd", capsys)
 
 
-def test_the_command_writes_it_and_refuses_a_plant_that_cannot_begin(cli, tmp_path):
+def test_the_command_writes_it_and_refuses_a_plant_that_cannot_begin(cli, coarse, tmp_path):
     path = tmp_path / "plant.fmu"
     done = cli("plant-fmu", path, "--set", "flow.reynolds=700")
     assert "the shipped start is of 500" in done.err
     assert not path.exists()
-    assert cli("plant-fmu", path).code == 0 and path.exists()
+    assert cli("plant-fmu", path, *coarse.words).code == 0 and path.exists()
 
 
-def test_a_copy_of_what_runs_in_it_reads_its_own_outputs(tmp_path):
-    from firmware_sim.fmu.plant_slave import SETTINGS, StillwakePlant
+def test_a_copy_of_what_runs_in_it_reads_its_own_outputs(config, start, tmp_path):
+    from firmware_sim.fmu.plant_slave import SETTINGS, START, StillwakePlant
 
-    (tmp_path / SETTINGS).write_text(json.dumps(to_tree(CONFIG)), encoding="utf-8")
+    (tmp_path / SETTINGS).write_text(json.dumps(to_tree(config)), encoding="utf-8")
+    shutil.copy(start, tmp_path / START)
     slave = StillwakePlant(instance_name="wake", resources=str(tmp_path))
     slave.vehicle_speed = 24.0
     slave.do_step(0.0, PERIOD_S)
