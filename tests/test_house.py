@@ -17,7 +17,7 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 67_060, "benchmarks": 5_672, "tests": 57_217, "own C": 15_493, "JavaScript": 2_746, "docs": 2_286,
+    "source": 67_063, "benchmarks": 5_672, "tests": 56_844, "own C": 15_493, "JavaScript": 2_746, "docs": 2_286,
     "examples": 2_030,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""

@@ -21,7 +21,7 @@ from typing import Any, Final
 from benchmarks.common.command_line import track
 from ecu.in_c.compiler import compile_c, host_compiler
 from tests.proofs.ecu_in_c import gate_cases
-from tests.proofs.ecu_in_c.library import Layout, sources
+from tests.proofs.ecu_in_c.library import Layout, ecu_files, sources
 from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated
 from tests.proofs.ecu_in_c.variants import VARIANTS
 
@@ -105,14 +105,25 @@ def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Tried:
 def unexplained(texts: Iterable[str]) -> list[str]:
     """Survivors that no explanation fits, and explanations that fit none."""
     listed = tomllib.loads(Path(__file__).with_name("survivors.toml").read_text(encoding="utf-8"))
-    patterns = [(item["file"], re.compile(item["mutant"])) for item in listed.get("survivor", [])]
-    fits = {
-        text: [place for place, (file, fit) in enumerate(patterns) if text.startswith(f"{file}:") and fit.search(text)]
-        for text in texts
-    }
+    patterns = [
+        (item["file"], re.compile(item.get("line", "")), re.compile(item["mutant"]))
+        for item in listed.get("survivor", [])
+    ]
+    lines = {name: content.decode().splitlines() for name, content in ecu_files().items() if name in MUTATED}
+    fits: dict[str, list[int]] = {}
+    for text in texts:
+        its_file, number = text.split(".c:")[0] + ".c", int(text.split(":")[1].split(".")[0])
+        line = lines[its_file][number - 1]
+        fits[text] = [
+            place
+            for place, (file, of_line, fit) in enumerate(patterns)
+            if file == its_file and of_line.search(line) and fit.search(text)
+        ]
     used = {place for places in fits.values() for place in places}
     idle = [
-        f"no survivor fits: {file}: {fit.pattern}" for place, (file, fit) in enumerate(patterns) if place not in used
+        f"no survivor fits: {file}: {of_line.pattern} {fit.pattern}"
+        for place, (file, of_line, fit) in enumerate(patterns)
+        if place not in used
     ]
     return [text for text, places in fits.items() if not places] + idle
 
