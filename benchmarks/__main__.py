@@ -40,14 +40,10 @@ class Measurement:
 
 MEASUREMENTS: Final = {
     "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
-    "adjoint": Measurement("wake.adjoint", "gradients through the flow: exactness, cost, memory", "minutes"),
-    "horizon": Measurement("wake.horizon", "windows over which a gradient predicts a real step", "minutes"),
-    "vector-env": Measurement("wake.vector", "wakes in a batch, beside Gymnasium's vector environments", "a minute"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
     "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
-    "iterations": Measurement("release.iterations", "what the iterations add to the prior's plan, in pairs", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7", "minutes"),
     "bounds": Measurement("controller.bounds", "the firmware's loops, calls and stack, as GCC reports them", "minutes"),
     "release-figures": Measurement(

@@ -34,12 +34,12 @@ FOLDERS = (
 )
 
 SOURCES = {
-    "adjoint": "adjoint", "authentication": "bus", "bus_faults": "bus_loss_05", "bus_runs": "bus_secured",
+    "authentication": "bus", "bus_faults": "bus_loss_05", "bus_runs": "bus_secured",
     "can_load": "can_load_fd", "controller": "controller",
     "controller_loop": "controller_loop", "flash_c": "flash_c", "limits": "limit_latency",
-    "horizon": "horizon", "vector_env": "vector_env", "mcu_release": "mcu", "release_distributions": "release_figures",
+    "mcu_release": "mcu", "release_distributions": "release_figures",
     "roads": "roads", "runtimes": "runtimes", "sensor_check_alarms": "sensor_check",
-    "sensor_check_faults": "sensor_check", "square": "square", "steps": "wake_speed", "summary": "demo",
+    "sensor_check_faults": "sensor_check", "steps": "wake_speed", "summary": "demo",
 }  # fmt: skip
 """Results file whose date, version and release are stated below a table, by the table's name. If a table is made from
 several files, this is the file of most of its rows."""

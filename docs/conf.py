@@ -19,8 +19,7 @@ extensions = [
     "docs.site.pages",
     "docs.site.api",
     "docs.site.references",
-    "docs.site.mathml",
-    "docs.site.captions",
+    "docs.site.html",
     "docs.site.browser_ecu",
 ]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown", ".markdown": "markdown"}

@@ -66,7 +66,7 @@ def regulator(model: Array) -> Array:
 if __name__ == "__main__":
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500
     env = gymnasium.make("stillwake/TruckWake-v0", sensor_names=SENSORS, episode_steps=steps)
-    gain = regulator(identified())
+    gain = regulator(model := identified())
     Cp, info = env.reset(seed=0, options={"phase_steps": 0})
     history, action, found, truncated = np.zeros(len(gain)), 0.0, [], False
     while not truncated:

@@ -7,7 +7,7 @@ import sys
 from base64 import b64decode
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from functools import cache, partial
 from pathlib import Path
@@ -132,6 +132,22 @@ def release(tmp_path_factory) -> "Exported":
 
     root = shared(tmp_path_factory, "exported", exported)
     return Exported(bundle.load(root / "bundle"), root / "bundle", root / "c")
+
+
+@pytest.fixture(scope="session")
+def short_recording(tmp_path_factory) -> Path:
+    """The beginnings of three episodes of the shipped recording, which takes a second to read."""
+    return shared(tmp_path_factory, "recording", _short_recording) / "short.h5"
+
+
+def _short_recording(folder: Path) -> None:
+    from contract.recording import dataset
+    from contract.shipped import RECORDING
+
+    whole = dataset.read(RECORDING)
+    parts = (one for one in whole.episodes if one.name in ("training_1", "none_0", "chirp_0"))
+    short = [replace(one, series={name: values[:200] for name, values in one.series.items()}) for one in parts]
+    dataset.write(folder / "short.h5", replace(whole, episodes=tuple(short)))
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,7 @@ def test_the_linear_feedback_is_stable_on_its_model_and_acts_in_the_environment(
     monkeypatch.setattr(sys, "argv", ["linear_feedback.py", "3"])
     made = runpy.run_path(str(EXAMPLES / "linear_feedback.py"), run_name="__main__")
     assert 0.8 < float(capsys.readouterr().out.split()[1]) < 1.2
-    model, gain, size = made["identified"](), made["gain"], 3 * made["MEMORY"]
+    model, gain, size = made["model"], made["gain"], 3 * made["MEMORY"]
     # A history, with the action that the gain decides, becomes the next one.
     closed = np.vstack([np.eye(size - 3, size, 3), model[:2]]) @ np.vstack([np.eye(size - 1), gain])
     assert np.abs(np.linalg.eigvals(closed)).max() < 1.0

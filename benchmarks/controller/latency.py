@@ -5,13 +5,11 @@
 Each implementation runs on one thread. The implementations run in turn, so that a disturbance of the machine affects
 all of them. The figures are medians and minima of wall time, and medians of the thread's processor time, which excludes
 other processes. The weights are random and the networks have the release's sizes, because the time depends only on the
-sizes; options set other sizes. Each median is also given as a multiple of the least time that this core's arithmetic
-and memory allow (`benchmarks.controller.floors`).
+sizes; options set other sizes.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
@@ -21,7 +19,6 @@ import typer
 from benchmarks.common.command_line import JsonFile, report, track
 from benchmarks.controller import tables
 from benchmarks.controller.eager import EagerController
-from benchmarks.controller.floors import CoreLimits, Work, measure_core
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.results import versions
@@ -31,7 +28,6 @@ from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates.parity import control_cases
 from export.int8.rounded_program import Program, rounded_to_nearest
-from export.program.controller_program import ControllerProgram, matrices
 from export.program.windows import random_window
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
@@ -89,7 +85,6 @@ def main(
     figures: dict[str, Any] = {name: float(wall) for name, (wall, _) in medians.items()}
     figures["min"] = {name: min(values)[0] for name, values in times.items()}
     figures["processor"] = {name: float(processor) for name, (_, processor) in medians.items()}
-    figures["floors"] = _floors(program, compiler, figures)
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
     settings = {
@@ -103,25 +98,6 @@ def main(
     }
     used = versions("torch", "onnxruntime", "numpy") | {"c_compiler": compiler_version(compiler)}
     report(json_file, figures, {"settings": settings, "versions": used}, tables.latency)
-
-
-def _floors(program: ControllerProgram, compiler: Sequence[str], figures: Mapping[str, float]) -> dict[str, Any]:
-    """Return the measured rates of this core, and the result of `over_floors` with these rates."""
-    core = measure_core(sum(matrix.size for matrix in matrices(program).values()), compiler)
-    return {"core": asdict(core)} | over_floors(core, Work.of(program), figures)
-
-
-def over_floors(core: CoreLimits, work: Work, figures: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return, for each implementation, the lower limit of a control step's time in ms, and the ratio of the median time
-    to this limit.
-
-    The int8 graph has the limit of float32, because ONNX Runtime computes it in float32: it converts the weights once
-    per step. The limit of the int8 library counts integer operations, and one byte read per weight.
-    """
-    in_float = work.floor_ms(core.float_macs_per_s, 4, core.bytes_per_s)
-    floors = dict.fromkeys(("eager_ms", "onnx_ms", "onnx_int8_ms", "c_ms"), in_float)
-    floors["c_int8_ms"] = work.floor_ms(core.integer_macs_per_s, 1, core.bytes_per_s)
-    return {"floor_ms": floors, "over_floor": {name: figures[name] / floor for name, floor in floors.items()}}
 
 
 def _both_times(step: Callable[[], object]) -> tuple[float, float]:

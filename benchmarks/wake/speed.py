@@ -21,7 +21,6 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from benchmarks.common.command_line import JsonFile, console, save, track
-from benchmarks.wake.adjoint import PRECISIONS
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.results import versions
@@ -29,6 +28,7 @@ from wake.solver import kernels, poisson
 from wake.truck.develop import develop
 from wake.truck.truck_wake import TruckWake
 
+PRECISIONS: Final = {"double": np.float64, "single": np.float32}
 _PARTS: Final = {
     "stages": "convection, diffusion, walls",
     "clear_walls": "walls",

@@ -16,7 +16,6 @@ from sphinx.ext.napoleon import Config as DocstringConfig
 from sphinx.ext.napoleon.docstring import GoogleDocstring
 
 from docs.site import pages, source
-from docs.site.ours import PACKAGES
 
 FOLDER: Final = pages.GENERATED / "api"
 
@@ -33,7 +32,7 @@ states which package may import which.
 
 def folders() -> Iterator[tuple[str, tuple[str, ...]]]:
     """Every package and the names of the public modules that lie in its folder."""
-    for package in PACKAGES:
+    for package in source.PACKAGES:
         for path in sorted((pages.ROOT / package).rglob("__init__.py")):
             modules = tuple(sorted(one.stem for one in path.parent.glob("*.py") if not one.name.startswith("_")))
             if modules or path.parent.parent == pages.ROOT:
@@ -43,9 +42,9 @@ def folders() -> Iterator[tuple[str, tuple[str, ...]]]:
 def texts() -> dict[Path, str]:
     """Text of every page of the API by the file it is written to."""
     made = {FOLDER / f"{package}.rst": _page(package, modules) for package, modules in folders()}
-    for package in PACKAGES:
+    for package in source.PACKAGES:
         made[FOLDER / f"{package}.rst"] += _toctree([name for name, _ in folders() if name.startswith(f"{package}.")])
-    return made | {FOLDER / "index.rst": _HEAD + _toctree(PACKAGES)}
+    return made | {FOLDER / "index.rst": _HEAD + _toctree(source.PACKAGES)}
 
 
 def _page(package: str, modules: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util.nodes import make_refnode
 
 from docs.site import pages
-from docs.site.ours import is_ours
+from docs.site.source import is_ours
 
 
 class ExactNames(SphinxPostTransform):

@@ -10,13 +10,19 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal
 
-from docs.site.ours import is_ours
 from docs.site.signatures import Function, Names, annotation, arguments, fields
 
 Kind = Literal["function", "class", "exception", "method", "property", "attribute", "data"]
 
+PACKAGES: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim")
+"""Those that the API documents, from the one that all import upwards."""
 _PROPERTIES: Final = ("property", "cached_property")
 _LONGEST_VALUE: Final = 60
+
+
+def is_ours(name: str) -> bool:
+    """Whether a dotted name begins with one of our packages."""
+    return name.partition(".")[0] in PACKAGES
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,11 +18,13 @@ GAP = "\0"
 
 def _templates(tree: ast.AST) -> Iterator[str]:
     """Every text of a module but its docstrings, with a gap for each value in it."""
-    alone = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    alone = set[ast.expr]()
     for node in ast.walk(tree):
-        if node in alone:
+        if isinstance(node, ast.Expr):
+            alone.add(node.value)  # which comes later
+        elif node in alone:
             continue
-        if isinstance(node, ast.JoinedStr):
+        elif isinstance(node, ast.JoinedStr):
             yield "".join(str(part.value) if isinstance(part, ast.Constant) else GAP for part in node.values)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.value

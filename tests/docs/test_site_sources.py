@@ -2,7 +2,6 @@
 
 from docs.site import api, pages, source
 from docs.site.navigation import Group, sections
-from docs.site.ours import PACKAGES
 
 LIST = """# Documents
 
@@ -62,7 +61,7 @@ def test_a_moved_text_leads_to_the_same_files():
 def test_every_public_module_is_on_one_page():
     public = {
         ".".join(path.relative_to(pages.ROOT).with_suffix("").parts)
-        for package in PACKAGES
+        for package in source.PACKAGES
         for path in (pages.ROOT / package).rglob("*.py")
         if not path.name.startswith("_") and (path.parent / "__init__.py").exists()
     }

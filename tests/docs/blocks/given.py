@@ -3,7 +3,6 @@
 import re
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -12,14 +11,12 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.secoc.key import write_key
-from contract.recording import dataset
 from contract.release import bundle as bundles
 from contract.release.signing import read_private_key, write_key_pair
-from contract.shipped import MODEL, RECORDING
+from contract.shipped import MODEL
 from tests.can_bridge.drives.drive_log import drive, log_of, write
 from tests.conftest import SIGNING_KEY
 from tests.docs.blocks.pages import ROOT, Line
-from tests.ecu.in_c.exported import exported
 
 _WRITES: Final = re.compile(
     r"stillwake (?:keygen --secret|keygen|bundle keylist|dataset import|ecu provision|run|train|record|"
@@ -42,10 +39,12 @@ BA_ "GenMsgCycleTime" BO_ 291 10;
 
 
 class Shared(NamedTuple):
-    """What is expensive, made once: a bundle, and the folder of a run with it."""
+    """What is expensive, made once: a bundle, the folder of a run with it, a C library, and a recording."""
 
     bundle: Path
     run: Path
+    library: Path
+    recording: Path
 
 
 Maker = Callable[[Path, Shared], object]
@@ -90,14 +89,6 @@ def _table(path: Path, header: str, columns: list[np.ndarray]) -> None:
     np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="")
 
 
-def _recording(path: Path, shared: Shared) -> None:
-    """The beginnings of three episodes of the shipped one."""
-    whole = dataset.read(RECORDING)
-    parts = (one for one in whole.episodes if one.name in ("training_1", "none_0", "chirp_0"))
-    short = [replace(one, series={name: values[:_ROWS] for name, values in one.series.items()}) for one in parts]
-    dataset.write(path, replace(whole, episodes=tuple(short)))
-
-
 MAKERS: Final[dict[str, Maker]] = {
     "run": lambda path, shared: shutil.copytree(shared.run, path),
     "bundle": lambda path, shared: shutil.copytree(shared.bundle, path),
@@ -108,8 +99,8 @@ GIVEN: Final[dict[str, Maker]] = {
     r"runs/(demo|a|b)": MAKERS["run"],
     r"runs/(bundle|long)|bundle|A|B|my_bundle": MAKERS["bundle"],
     r"runs/(model|refined)": MAKERS["model"],
-    r"runs/ecu_c": lambda path, shared: shutil.move(exported(path.with_name("of_the_library")).folder, path),
-    r"(my|data)\.h5": _recording,
+    r"runs/ecu_c": lambda path, shared: shutil.copytree(shared.library, path),
+    r"(my|data)\.h5": lambda path, shared: shutil.copy(shared.recording, path),
     r"(my_|)vehicle\.dbc|engine\.dbc": lambda path, shared: path.write_text(_DBC, encoding="utf-8"),
     r"(frames|drive|other|monday|tuesday)\.blf": lambda path, shared: write(
         path, log_of(drive("fd", _ROWS, len(path.name)))

@@ -30,11 +30,9 @@ from firmware_sim.fmu.ecu_fmu import ecu_fmu
 from firmware_sim.fmu.plant_fmu import plant_fmu
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_page.report import write_report
-from tests.conftest import Coarse
 from tests.contract.recording.random_episodes import episode
 from tests.docs.blocks.given import MAKERS, Shared, begin, give
 from tests.docs.blocks.pages import PLAN, ROOT, blocks
-from tests.ecu.in_c.exported import exported
 from wake.truck.state import save_state
 from wake.truck.truck_wake import TruckWake
 
@@ -57,15 +55,15 @@ def _sketched(monkeypatch: pytest.MonkeyPatch, no_pictures: None) -> None:
 
 
 @pytest.fixture(scope="session")
-def shared(short_release: Path, tmp_path_factory: pytest.TempPathFactory, coarse: Coarse) -> Shared:
+def shared(short_release, release, short_recording, tmp_path_factory, coarse) -> Shared:
     """The run is of 20 t_c on a coarse mesh."""
     place = tmp_path_factory.mktemp("pages") / "run"
-    release = bundle.load(short_release)
-    config = replace(load_config(None, ["flow.refinement=0.4", "flow.substeps=12"]), mpc=release.manifest.mpc)
+    short = bundle.load(short_release)
+    config = replace(load_config(None, ["flow.refinement=0.4", "flow.substeps=12"]), mpc=short.manifest.mpc)
     spans: dict[str, Any] = {"lead_in": 7.0, "controlled": 13.0, "settle": 0.0, "averages": False}
-    run_closed_loop(place, release, config, plant=coarse.plant(), **spans)
+    run_closed_loop(place, short, config, plant=coarse.plant(), **spans)
     write_report(RunFolder(place))
-    return Shared(bundle=short_release, run=place)
+    return Shared(bundle=short_release, run=place, library=release.folder, recording=short_recording)
 
 
 def test_every_line_and_every_other_block_is_planned_for():
@@ -120,9 +118,8 @@ def test_settings_options_and_files_of_others_are_read(tmp_path):
 
 
 @pytest.mark.compiler
-def test_c_compiles_without_a_warning(tmp_path, tmp_path_factory, shared_builds):
-    library = exported(tmp_path_factory.mktemp("library")).folder
-    headers = {path.name: path.read_bytes() for path in library.glob("*.h")}
+def test_c_compiles_without_a_warning(tmp_path, release, shared_builds):
+    headers = {path.name: path.read_bytes() for path in release.folder.glob("*.h")}
     for block in C:
         around = AROUND[block.page, block.first]
         page = f"{around['before']}\n{block.text}\n{around['after']}\n".encode()
@@ -130,24 +127,23 @@ def test_c_compiles_without_a_warning(tmp_path, tmp_path_factory, shared_builds)
         shared_builds.compile_c(contents, tmp_path / "page.o", compiler=host_compiler(), flags=("-c",))
 
 
-def stand_ins(page: str, folder: Path, release: Path) -> dict[str, Any]:
+def stand_ins(page: str, folder: Path, short: Path, made: Any) -> dict[str, Any]:
     """What the prose of a page takes for granted."""
     match Path(page).stem:
         case "disturbances":
             wake = TruckWake(FlowConfig(refinement=0.4, substeps=12))
             config = load_config(None, ["flow.refinement=0.4", "flow.substeps=12"])
-            wakes = {"bundle": bundle.load(release), "config": config, "wake": wake, "state": wake.state()}
+            wakes = {"bundle": bundle.load(short), "config": config, "wake": wake, "state": wake.state()}
             return wakes | {"bus": SimulatedBus(config.bus), "SimulatedBus": SimulatedBus}
         case "environment":
             # start.npz, as `stillwake develop` writes it, but at rest.
             body = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=20)
             save_state(folder / "start.npz", TruckWake(FlowConfig(reynolds=100.0, substeps=45), body=body).state())
         case "use-the-onnx-graph":
-            shutil.copytree(release, folder / "runs" / "bundle")
+            shutil.copytree(short, folder / "runs" / "bundle")
         case "data-set":
             dataset.write(folder / "my.h5", dataset.Dataset(episodes=(episode(),)))
         case "use-the-fmu":
-            made = exported(folder / "made")
             sources = read_sources(made.folder)
             (folder / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources("signals"), made.bundle, Config()))
             (folder / "plant.fmu").write_bytes(plant_fmu(Config(), plant_fmu_sources()))
@@ -159,10 +155,10 @@ def stand_ins(page: str, folder: Path, release: Path) -> dict[str, Any]:
 
 @pytest.mark.slow  # the flow is computed
 @pytest.mark.parametrize("page", dict.fromkeys(block.page for block in PYTHON))
-def test_python_runs_as_it_stands(page, tmp_path, monkeypatch, short_release, shared_wake):
+def test_python_runs_as_it_stands(page, tmp_path, monkeypatch, short_release, release, shared_wake):
     """The blocks of a page one after another."""
     monkeypatch.chdir(tmp_path)
-    names = stand_ins(page, tmp_path, short_release)
+    names = stand_ins(page, tmp_path, short_release, release)
     for block in PYTHON:
         if block.page == page:
             text = block.text

@@ -28,10 +28,11 @@ UDP = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
 
 
 @pytest.mark.slow  # many calls
-def test_what_cannot_run_is_one_line(all_refused: Callable[..., None]) -> None:
+def test_what_cannot_run_is_one_line(all_refused: Callable[..., None], short_release: Path) -> None:
     all_refused("ecu", {"": "bus.interface = simulated: it runs in virtual time, without real devices"})
+    all_refused(("ecu", *UDP), {"no-bundle": "no-bundle"})
     all_refused(
-        ("ecu", *UDP),
+        ("ecu", short_release, *UDP),
         {
             "--set bus.interface=socketcan": "CAN bus socketcan '239.76.",
             "--set bus.interface=can4711": "python-can does not know it",
@@ -43,7 +44,6 @@ def test_what_cannot_run_is_one_line(all_refused: Callable[..., None]) -> None:
             "--set bus.key=none": "none",
             "--metrics /proc/x": "cannot write /proc/x",
             "--frames x.blf": "x.blf: a measurement must end in .mf4 or .mcap",
-            "no-bundle": "no-bundle",
             "--library .": "library .: ",
         },
     )

@@ -9,6 +9,7 @@ from contract.config.loading import load
 from contract.errors import ConfigError
 from firmware_sim.latency.budget import read_budget
 from stillwake.commands.latency import in_real_time
+from tests.conftest import STILLWAKE
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "latency_budget.toml"
 
@@ -41,7 +42,8 @@ def test_errors_are_one_line_and_leave_nothing(all_refused, short_release):
 
 
 @pytest.mark.processes
-def test_a_short_run_on_a_real_bus(cli, tmp_path, short_release):
+def test_a_short_run_on_a_real_bus(cli, tmp_path, short_release, monkeypatch):
+    monkeypatch.setattr("stillwake.commands.latency._STILLWAKE", STILLWAKE)
     # A microsecond for a plan: broken on any machine. The other limit is kept.
     budget = tmp_path / "budget.toml"
     budget.write_text("misses = 100000\n[plan]\np50_ms = 0.001\n")

@@ -27,8 +27,8 @@ def test_stills_of_a_state(cli, tmp_path):
     assert Image.open(tmp_path / "v.png").size == Image.open(tmp_path / "p.png").size == (1100, 341)
 
 
-def test_a_mean_flow_prints_its_bubble(cli, tmp_path):
-    outcome = cli("picture", tmp_path / "m.png", "--field", "mean", "--duration", 0.6, "--settle", 0.2)
+def test_a_mean_flow_prints_its_bubble(cli, tmp_path, coarse):
+    outcome = cli("picture", tmp_path / "m.png", "--field", "mean", "--duration", 0.6, "--settle", 0.2, *coarse.words)
     assert outcome.code == 0
     # Backward flow reaches about a width behind the base; over three samples it is not a mean to quote.
     length = re.search(r"bubble length (\S+) W", outcome.out)
@@ -37,9 +37,11 @@ def test_a_mean_flow_prints_its_bubble(cli, tmp_path):
     assert (tmp_path / "m.png").is_file()
 
 
-def test_an_animation_of_a_forced_wake(cli, tmp_path):
+def test_an_animation_of_a_forced_wake(cli, tmp_path, coarse):
     forcing = ["--forcing", "sine:amplitude=0.05,frequency=0.3"]
-    outcome = cli("picture", tmp_path / "a.gif", "--duration", 0.6, "--every", 2, "--width", 500, *forcing)
+    outcome = cli(
+        "picture", tmp_path / "a.gif", "--duration", 0.6, "--every", 2, "--width", 500, *forcing, *coarse.words
+    )
     assert outcome.code == 0
     animation = Image.open(tmp_path / "a.gif")
     assert isinstance(animation, GifImageFile)

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from contract.config.loading import training
-from contract.shipped import RECORDING
 from tests.stillwake.test_stops import SMALL
 from train.fitting import unfinished
 from train.fitting.progress import Phase
@@ -31,41 +30,42 @@ def called(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
 
 
 @pytest.fixture
-def stopped(tmp_path: Path) -> Path:
+def stopped(tmp_path: Path, short_recording: Path) -> Path:
     """The output of a training with the default settings that was stopped after a checkpoint."""
     output = tmp_path / "model"
-    identity = Identity.of(training(), hashlib.sha256(RECORDING.read_bytes()).hexdigest(), "cpu", None)
+    identity = Identity.of(training(), hashlib.sha256(short_recording.read_bytes()).hexdigest(), "cpu", None)
     folder = unfinished.folder_of(output)
     unfinished.note(folder, identity, Reached(phase=Phase.FIT, step=300, total=4000))
     (folder / "fit.pt").write_bytes(b"")
     return output
 
 
+@pytest.fixture
+def same(short_recording: Path) -> list[Any]:
+    """What every call names: a recording that is short to read."""
+    return ["--dataset", short_recording]
+
+
 def flat(text: str) -> str:
     return " ".join(text.split())
 
 
-@pytest.mark.slow
-def test_a_training_that_is_stopped_early_reports_that_nothing_is_kept(
-    cli: Callable[..., Any], called: list[dict[str, Any]], tmp_path: Path
+@pytest.mark.slow  # loads torch
+def test_a_stopped_training_says_how_to_go_on_and_another_is_refused_or_starts_over(
+    cli: Callable[..., Any], refused: Callable[..., str], called: list[dict[str, Any]], stopped: Path, same: list[Any]
 ) -> None:
-    outcome = cli("train", tmp_path / "model")
+    before = sorted(stopped.parent.iterdir())
+    outcome = cli("train", stopped.with_name("new"), *same)
     line = "stopped; the same command continues from the beginning: there is no checkpoint yet\n"
     assert (outcome.code, outcome.err) == (130, line)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow  # a second of CPU or more
-def test_the_same_command_goes_on_and_another_is_refused_or_starts_over(
-    cli: Callable[..., Any], refused: Callable[..., str], called: list[dict[str, Any]], stopped: Path
-) -> None:
-    outcome = cli("train", stopped)
+    assert sorted(stopped.parent.iterdir()) == before
+    outcome = cli("train", stopped, *same)
     assert "model.checkpoints: joint fit, iteration 300 of 4000" in flat(outcome.out)
     assert outcome.err == "stopped; the same command continues from joint fit, iteration 300 of 4000\n"
-    other = ("train", stopped, "--set", "train.seed=5")
+    other = ("train", stopped, *same, "--set", "train.seed=5")
     line = "holds an unfinished training with train.seed = 0, not 5: finish it with these settings, or start over"
     assert line in refused(*other)
-    assert [options["resume"] for options in called] == [True]
+    assert [options["resume"] for options in called] == [True, True]
     assert cli(*other, "--restart").code == 130
     assert called[-1]["resume"] is False
 
@@ -89,7 +89,7 @@ def test_a_recording_that_is_whole_says_so(
     assert (seen["start"], seen["overwrite"]) == (Path("s.npz"), False)
 
 
-@pytest.mark.slow  # from the shipped recording, with the real fit
-def test_a_training_that_diverges_is_one_line(refused: Callable[..., str], tmp_path: Path) -> None:
-    line = refused("train", tmp_path / "model", *SMALL, "--set", "train.learning_rate=1e12")
+@pytest.mark.slow  # with the real fit
+def test_a_training_that_diverges_is_one_line(refused: Callable[..., str], tmp_path: Path, same: list[Any]) -> None:
+    line = refused("train", tmp_path / "model", *same, *SMALL, "--set", "train.learning_rate=1e12")
     assert line.startswith("error: joint fit: the loss is not finite after ")

@@ -1,4 +1,5 @@
-"""Formulas as MathML, which browsers show by themselves: no script, nothing from a network."""
+"""What Sphinx does not write by itself: formulas as MathML, which browsers show without a script or a network, and the
+level at which the captions of the navigation are headings."""
 
 from typing import Any
 
@@ -7,10 +8,13 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
+_NAVIGATION = "furo_navigation_tree"
+
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register the renderer `mathml`."""
+    """Register the renderer `mathml`, and the change of captions, after the theme has made the navigation."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
+    app.connect("html-page-context", _level, priority=900)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -22,3 +26,9 @@ def _inline(writer: HTML5Translator, node: nodes.math) -> None:
 def _display(writer: HTML5Translator, node: nodes.math_block) -> None:
     writer.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>\n')
     raise nodes.SkipNode
+
+
+def _level(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: object) -> None:
+    del app, page, template, doctree
+    if _NAVIGATION in context:
+        context[_NAVIGATION] = context[_NAVIGATION].replace('role="heading"', 'role="heading" aria-level="2"')
