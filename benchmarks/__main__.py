@@ -44,6 +44,7 @@ MEASUREMENTS: Final = {
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
     "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
+    "iterations": Measurement("release.iterations", "what the iterations add to the prior's plan, in pairs", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7", "minutes"),
     "bounds": Measurement("controller.bounds", "the firmware's loops, calls and stack, as GCC reports them", "minutes"),
     "release-figures": Measurement(

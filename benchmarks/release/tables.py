@@ -15,9 +15,21 @@ def tables(results: Path) -> dict[str, str]:
         "limits": limits(results),
         "steady": steady(results),
         "bundle_fuzz": bundle_fuzz(results),
+        "iterations": iterations(read(results / "iterations.json")),
         "release_forecasts": release_forecasts(read(results / "release_figures.json")),
         "release_distributions": release_distributions(read(results / "release_figures.json")),
     }
+
+
+def iterations(found: Any) -> str:
+    """Return the table of the change of the cost by the iterations, in each case."""
+    facts, rows = found["facts"], []
+    for name, change in found["figures"]["change_percent"].items():
+        interval = f"{change['lower']:.2f} .. {change['upper']:.2f}" if facts["pairs"][name] else "no iterations"
+        rows.append((name, facts["pairs"][name], f"{change['mean']:.2f}", interval))
+    return f"""{table(("case", "pairs of runs", "change of the cost by the iterations, %", "95 % interval"), rows)}
+
+Measured on {found["date"]} with {facts["bundle"]}, default mesh, int8, through CAN."""
 
 
 def release_forecasts(found: Any) -> str:

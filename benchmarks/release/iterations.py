@@ -1,0 +1,153 @@
+"""The improvement of the prior's plan by the controller's iterations, from pairs of runs of a release with and without
+iterations.
+
+    python -m benchmarks iterations [--workers 2] [--json FILE]
+
+A release's iterations act on the cost terms for which its prior was not trained (`unknown_to_prior` in
+`contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
+0. If these weights are 0 in a case anyway, the controller iterates in neither run; both runs would be equal, and none
+is made. In every other case, the cost is computed with the case's weights from the flow over the whole averaged time.
+Both runs of a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval
+of its mean by Student's t.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Final, NamedTuple
+
+import numpy as np
+import typer
+from rich.table import Table
+from scipy.stats import sem
+from scipy.stats import t as student_t
+
+from benchmarks.common.command_line import JsonFile, Parts, console, save, track
+from benchmarks.common.parts import part
+from benchmarks.release.release_loop import SPANS, kept_starts
+from contract.config.controller import CostWeights
+from contract.config.loading import load_config
+from contract.controller.calibration import Calibration
+from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
+from contract.release import bundle as bundles
+from contract.results import versions
+from contract.shipped import BUNDLE
+from contract.side_by_side import process_pool
+from ecu.calibrating import release_calibration
+from firmware_sim.bench.simulation import Simulation
+from firmware_sim.runs.statistics import NoAverages, averages
+from wake.truck.state import load_state
+from wake.truck.truck_wake import TruckWake
+
+
+class Case(NamedTuple):
+    """A case, described by its differences from the goal of the prior's training.
+
+    Attributes:
+        weights: cost weights that replace those of the release.
+        limit: action limit of the jets, as a share of the release's limit.
+        delay: delay of the actuator in control periods, which is also set in the ECU.
+    """
+
+    name: str
+    weights: Mapping[str, float] = {}
+    limit: float = 1.0
+    delay: int = 0
+
+
+CASES: Final = (
+    Case("trained goal"),
+    Case("jets limited to 60 %", limit=0.6),
+    Case("known delay of 12 periods", delay=12),
+    Case("effort four times the dearest", {"effort": 4.0 * DEAREST_EFFORT}),
+    Case("lift four times the dearest", {"lift": 4.0 * DEAREST_LIFT}),
+    Case("smoothness of 300", {"smoothness": 300.0}),
+)
+NONE: Final = {"drag_fluctuation": 0.0, "lift_mean": 0.0, "smoothness": 0.0, "rate": 0.0, "prior": 0.0}
+"""Weights of the cost terms for which the prior was not trained; these values are used in the runs without
+iterations."""
+
+
+def main(
+    json_file: JsonFile = None,
+    parts: Parts = Path("runs/iterations"),
+    phases: Annotated[int, typer.Option(min=2, max=25, help="Number of starts, spread over a shedding cycle.")] = 3,
+    workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
+    bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
+) -> None:
+    """Run all pairs of runs and print a table."""
+    release = bundles.load(bundle)
+    config = load_config()
+    kept = kept_starts(parts, release, phases, config)
+    own = release_calibration(release, replace(config, mpc=release.manifest.mpc))
+    acting = [case for case in CASES if calibrated(own, case, iterated=True) != calibrated(own, case, iterated=False)]
+    runs = [(case, phase, iterated) for case in acting for phase in range(phases) for iterated in (True, False)]
+    with process_pool(workers) as pool:
+        each = partial(_kept, kept.path, bundle, [kept.start(phase) for phase in range(phases)])
+        costs = list(track(pool.map(each, runs), "iterations", "runs", len(runs)))
+    changes: dict[str, list[float]] = {case.name: [] for case in acting}
+    for (case, _, _), with_them, without in zip(runs[::2], costs[::2], costs[1::2], strict=True):
+        changes[case.name].append(100.0 * (with_them["cost"] / without["cost"] - 1.0))
+    figures = {case.name: _interval(changes.get(case.name, [0.0, 0.0])) for case in CASES}
+    table = Table("case", "pairs", "change of its cost, %", "95 % interval")
+    for name, found in figures.items():
+        interval = f"{found['lower']:.2f} .. {found['upper']:.2f}" if name in changes else "no iteration acts"
+        table.add_row(name, str(len(changes.get(name, ()))), f"{found['mean']:.2f}", interval)
+    console.print(table)
+    facts = {
+        "bundle": release.manifest.name,
+        "digest": release.digest,
+        "iterations": release.manifest.mpc.iterations,
+        "pairs": {case.name: len(changes.get(case.name, ())) for case in CASES},
+        "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
+    }
+    save(
+        json_file,
+        figures={"change_percent": figures, "change_percent_upper": figures[CASES[0].name]["upper"]},
+        facts=facts,
+    )
+
+
+def _interval(values: list[float]) -> dict[str, float]:
+    half = float(sem(values) * student_t.ppf(0.975, len(values) - 1))
+    mean = float(np.mean(values))
+    return {"mean": mean, "lower": mean - half, "upper": mean + half}
+
+
+def _kept(folder: Path, bundle: Path, starts: list[Path], run: tuple[Case, int, bool]) -> dict[str, float]:
+    case, phase, iterated = run
+    file = folder / f"{case.name}_{phase}_{'with' if iterated else 'without'}.json"
+    made: dict[str, float] = part(file, lambda: outcome(bundle, starts[phase], case, iterated=iterated))
+    return made
+
+
+def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
+    """Return the calibration of a run, with the weights of the case. If `iterated` is False, the weights of all terms
+    for which the prior was not trained are 0, so the controller does not iterate."""
+    weights = replace(own.weights, **case.weights)
+    if not iterated:
+        weights = replace(weights, **NONE)
+    return replace(own, weights=weights, action_limit=case.limit * own.action_limit, delay_steps=case.delay)
+
+
+def outcome(bundle: Path, start: Path, case: Case, *, iterated: bool) -> dict[str, float]:
+    """Return the cost, with the case's weights, of the averaged part of a run."""
+    release = bundles.load(bundle)
+    config = replace(load_config(), mpc=release.manifest.mpc)
+    ecu, vehicle = replace(config.ecu, delay_steps=case.delay), replace(config.vehicle, actuator_delay=case.delay)
+    config = replace(config, ecu=ecu, vehicle=vehicle)
+    own = release_calibration(release, config)
+    wake = TruckWake(config.flow, body=config.body)
+    wake.reset(load_state(start))
+    calibration = calibrated(own, case, iterated=iterated)
+    log = Simulation(release, config, spans=SPANS, calibration=calibration).run(wake)
+    found = averages(log)
+    if isinstance(found, NoAverages):
+        raise RuntimeError(f"{case.name}: {found}")
+    under = found.under
+    weights: CostWeights = calibrated(own, case, iterated=True).weights
+    action = log.series["action"][-round((SPANS.controlled - SPANS.settle) / config.flow.control_period) :]
+    steps = float(np.mean(np.diff(action) ** 2))
+    cost = weights.drag_mean * under.Cd + weights.lift * under.abs_Cl + weights.effort * under.rms_action**2
+    return {"cost": cost + weights.smoothness * steps, "Cd": under.Cd, "abs_Cl": under.abs_Cl, "steps": steps}
