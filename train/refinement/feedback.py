@@ -103,15 +103,21 @@ class Feedback(nn.Module):
 
     def forward(self, rows: Tensor, speed: float = 1.0, goal: Goal = OWN) -> Tensor:
         """Compute the next action from rows (M, 2 p + 1), oldest first; the speed is in units of the design speed."""
-        pairs = self.pairs
-        odd = torch.cat([rows[:, :pairs], rows[:, -1:]], dim=1) / self._scales
-        even = (rows[:, pairs:-1] - self.middles) / SUM
+        odd, even = self.features(rows)
         scheduled = torch.tensor(schedule(speed, goal), dtype=torch.float64)
         first = torch.einsum("s,siu->iu", scheduled, self.first)
-        units = torch.tanh((self._filters.T @ odd).flatten() @ first)
-        gates = 1.0 + torch.tanh(torch.cat([scheduled, (self._filters.T @ even).flatten()]) @ self.gate)
+        units = torch.tanh(odd @ first)
+        gates = 1.0 + torch.tanh(torch.cat([scheduled, even]) @ self.gate)
         action: Tensor = goal.share_of_limit() * self.limit * torch.tanh((gates * units) @ self.output)
         return action
+
+    def features(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the filtered differences and actions, and the filtered sums, of rows (..., M, 2 p + 1): flat, scaled,
+        (..., inputs) each."""
+        pairs = self.pairs
+        odd = torch.cat([rows[..., :pairs], rows[..., -1:]], dim=-1) / self._scales
+        even = (rows[..., pairs:-1] - self.middles) / SUM
+        return (self._filters.T @ odd).flatten(-2), (self._filters.T @ even).flatten(-2)
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
         """Load the weights of a prior from `as_prior`, or of the prior of release 1.0.0, which has no goal and no sums.

@@ -127,14 +127,58 @@ def differentiate(
     Raises:
         PlantError: the flow diverged, or the stretch is too long for the tape's memory.
     """
-    periods, pairs = len(readings.noise), feedback.pairs
-    speeds = np.ones(periods + 1) if speeds is None else speeds
+    speeds = np.ones(len(readings.noise) + 1) if speeds is None else speeds
+    run = closed_loop(flow, feedback, stream, readings, speeds=speeds, action_limit=action_limit)
+    _go_back(flow, run, price, readings.told)
+    return Stretch(
+        Cd=float(np.mean([one.Cd for one in run.seen[1:]])),
+        abs_Cl=float(np.mean([abs(one.Cl) for one in run.seen[1:]])),
+        rows=_stretch_read(run.true_rows, speeds[:-1]),
+        periods=len(run.actions),
+        off_design=float(np.abs(speeds - 1.0).max()),
+    )
+
+
+@dataclass(kw_only=True, eq=False)
+class ClosedLoop:
+    """The values of a stretch of n periods, on the graph of torch.
+
+    Attributes:
+        seen: n + 1 samples.
+        actions: n actions of the jets.
+        leaves: n rows (2 p + 1,) as the feedback received them.
+        commands: n commands.
+        read: for each period whose pressures are not lost, what the feedback read: (M, 2 p + 1) rows, the speed, and
+            its action; rows and action are in units of this speed.
+        true_rows: (n, p + 1) differences without errors, and the action.
+    """
+
+    seen: list[Seen]
+    actions: list[float]
+    leaves: list[Tensor]
+    commands: list[Tensor]
+    read: list[tuple[Tensor, float, Tensor]]
+    true_rows: Array
+
+
+def closed_loop(
+    flow: DifferentiableFlow,
+    feedback: Feedback,
+    stream: Stream,
+    readings: StretchReadings,
+    *,
+    speeds: Array,
+    action_limit: float = inf,
+) -> ClosedLoop:
+    """Run a stretch and advance the stream, without a gradient; arguments and errors as in `differentiate`."""
+    pairs = feedback.pairs
     rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
     past = [*stream.speeds[1:].tolist()]
     leaves, commands, true_rows = list[Tensor](), list[Tensor](), list[list[float]]()
     seen, actions = [flow.begin(stream.state, speeds)], list[float]()
+    windows = list[tuple[Tensor, float, Tensor]]()
     kept = len(stream.rows)
-    for k in range(periods):
+    for k in range(len(readings.noise)):
         told = float(speeds[k] * readings.told[k])
         Cp = (seen[-1].Cp + readings.noise[k]) / readings.told[k] ** 2
         values = np.concatenate([Cp[::2] - Cp[1::2], Cp[::2] + Cp[1::2], [stream.committed]])
@@ -146,8 +190,9 @@ def differentiate(
         command = before
         if not readings.lost[k]:
             window = read(torch.stack(rows[-kept:]), past[-kept:], feedback.memory)
-            command = feedback(window, told, stream.goal) * told
-            command = before + min(1.0, told * told) * (command - before)
+            action = feedback(window, told, stream.goal)
+            windows.append((window, told, action))
+            command = before + min(1.0, told * told) * (action * told - before)
         commands.append(command.clamp(-action_limit, action_limit))
         seen.append(flow.advance(stream.committed))
         actions.append(stream.committed)
@@ -155,13 +200,13 @@ def differentiate(
     stream.speed = float(speeds[-1])
     stream.rows, stream.speeds = torch.stack(rows[-kept:]).detach().numpy(), np.array(past[-kept:])
     stream.state, stream.stretches = flow.state(), stream.stretches + 1
-    _go_back(flow, seen, actions, leaves, commands, price, readings.told)
-    return Stretch(
-        Cd=float(np.mean([one.Cd for one in seen[1:]])),
-        abs_Cl=float(np.mean([abs(one.Cl) for one in seen[1:]])),
-        rows=_stretch_read(np.array(true_rows), speeds[:-1]),
-        periods=periods,
-        off_design=float(np.abs(speeds - 1.0).max()),
+    return ClosedLoop(
+        seen=seen,
+        actions=actions,
+        leaves=leaves,
+        commands=commands,
+        read=windows,
+        true_rows=np.array(true_rows),
     )
 
 
@@ -206,15 +251,8 @@ def _stretch_read(rows: Array, speeds: Array) -> Array:
     return np.asarray(read(torch.from_numpy(rows), speeds.tolist(), steps))
 
 
-def _go_back(
-    flow: DifferentiableFlow,
-    seen: list[Seen],
-    actions: list[float],
-    leaves: list[Tensor],
-    commands: list[Tensor],
-    price: Price,
-    told: Array,
-) -> None:
+def _go_back(flow: DifferentiableFlow, run: ClosedLoop, price: Price, told: Array) -> None:
+    seen, leaves = run.seen, run.leaves
     periods, pairs = len(leaves), len(seen[0].Cp) // 2
     for k in reversed(range(periods)):
         after, to_Cp = seen[k + 1], np.zeros_like(seen[0].Cp)
@@ -232,5 +270,7 @@ def _go_back(
         )
         if k > 0:
             own = leaves[k].grad
-            total = to_command + 2.0 * price.effort * actions[k] / periods + (0.0 if own is None else float(own[-1]))
-            torch.autograd.backward(commands[k - 1], torch.tensor(total, dtype=torch.float64))
+            total = (
+                to_command + 2.0 * price.effort * run.actions[k] / periods + (0.0 if own is None else float(own[-1]))
+            )
+            torch.autograd.backward(run.commands[k - 1], torch.tensor(total, dtype=torch.float64))

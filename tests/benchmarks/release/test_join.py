@@ -1,0 +1,19 @@
+"""A model that cannot teach or be taught is refused before any flow is run."""
+
+from dataclasses import replace
+
+import pytest
+
+from benchmarks.release.join import feedback_of, join
+from contract.errors import ModelError
+from contract.shipped import MODEL
+from train import model_store
+
+
+def test_models_that_cannot_be_joined_are_refused():
+    model = model_store.load(MODEL)
+    with pytest.raises(ModelError, match="speed is 1"):
+        join(model, [(1.0, MODEL)])
+    for other, reason in ((replace(model, prior=None), "no prior"), (replace(model, sensors=("base_0",)), "base_0")):
+        with pytest.raises(ModelError, match=reason):
+            feedback_of(other, model, 32)
