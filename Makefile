@@ -106,7 +106,7 @@ retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake export runs/model runs/bundle --estimator --overwrite
 	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
 
-# The shipped release anew: make release KEY=release.key NAME=truck-wake-14. A model in runs/release is taken as it is.
+# The shipped release anew: make release KEY=release.key NAME=truck-wake-15. A model in runs/release is taken as it is.
 # The sensors are those that the vehicle has; without them, training chooses (tens of minutes).
 SENSORS := upper_39,lower_39,base_0,base_9
 TRAIN := stillwake train runs/trained --sensors $(SENSORS)
