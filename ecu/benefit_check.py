@@ -35,11 +35,11 @@ _ON_BASE: Final = "base_"
 MOVED: Final = 0.1
 """Change of the speed, relative to the design speed, that ends a test: a test is valid for its own speed only."""
 PATIENCE: Final = 6
-"""Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. It is 18 s with shut
-jets; in this time the vehicle may leave a speed at which control does harm."""
+"""Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
+the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Values for `BenefitCheck.resting`, in Cp, if a release does not state its wake without jets. They are smaller than in
-any wake, so the measured wake is always the larger one."""
+"""Values for `BenefitCheck.resting`, in Cp, if a release does not state its wake without jets. Suction and swing are
+smaller than in any wake, so the measured values are always the larger ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,9 +160,9 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Do `next` during a test: compare the means under control with the wake since the jets were shut. This wake's
-        means cover more cycles than those under control, because a wrong verdict by chance would resume harmful
-        control."""
+        """Compute `next` during a test: compare the means under control with the means since the jets were shut. The
+        means with shut jets cover more cycles than those under control, because a wrong result by chance would resume
+        harmful control."""
         if cp is None:
             return state, None
         config = self.config

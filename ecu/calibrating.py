@@ -53,8 +53,8 @@ def with_calibration(config: Config, calibration: Calibration) -> Config:
     """Return the vehicle's settings with a calibration's bounds and delay. The calibration's weights are no settings,
     but an input of the controller.
 
-    A bound that equals the vehicle's setting rounded to float32 becomes the setting with all of its digits, so that an
-    ECU that is calibrated to its own values continues bit for bit. Any other bound is used as float32, as in C.
+    A bound that equals the vehicle's setting rounded to float32 becomes the setting with all of its digits, so that a
+    calibration to the vehicle's own values changes no bit of the results. Any other bound is used as float32, as in C.
     """
 
     def bound(value: float, own: float) -> float:

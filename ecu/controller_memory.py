@@ -5,7 +5,7 @@ optimisation of period k starts from the plan of period k - 1, which the graph s
 policy that records under feedback (`bundle_policy`) share this state.
 
 For a release with a range of speeds, the rows of past periods are also stored (`Past`). The window is interpolated from
-them, so that the vehicle travels an equal distance from row to row: that of one control period at the design speed.
+these rows, so that from row to row the vehicle travels the distance of one control period at the design speed.
 Pressures, actions and plan are then made dimensionless with the present speed; sent actions and the jets' limits are in
 units of the design speed.
 """
@@ -22,7 +22,8 @@ from contract.controller.resampling import followed, places
 
 @dataclass(frozen=True)
 class DelayLine:
-    """The latest `delay + 1` values, oldest first, with a delay in control periods. `values` has shape (delay + 1,)."""
+    """The latest `delay + 1` values that were sent to an actuator, oldest first; `delay` is the actuator's delay in
+    control periods. `values` has shape (delay + 1,)."""
 
     values: tuple[float, ...]
 

@@ -1,9 +1,9 @@
 """The ECU: a function of state, time and received frames, without clock, socket or thread.
 
-Once a control period the ECU checks the pressure stream end to end, updates the fail-safe, extends the window, plans,
-and sends the plan's first action that was not sent before, limited by the command gate. Row k of the window is (Cp_k,
-a_{k-1}). The action a_{k-1} is stored as it was sent. If the actuator has a known delay, an action is stored in the row
-of the period in which it takes effect.
+Once a control period the ECU does the end-to-end check of the pressure frames, updates the fail-safe, extends the
+window, plans, and sends the plan's first action that was not sent before, limited by the command gate. Row k of the
+window is (Cp_k, a_{k-1}). The action a_{k-1} is stored as it was sent. If the actuator has a known delay, an action is
+stored in the row of the period in which it takes effect.
 
 Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
 """
@@ -145,9 +145,9 @@ class Ecu:
     def calibrate(self, calibration: Calibration) -> None:
         """Put other values in force; all of them take effect from the next step on.
 
-        If the range of commands becomes narrower, the command gate limits the very next command to it, even if the
-        previous command was outside. Raises ConfigError if a value is outside the limits of this release and vehicle;
-        then no value changes.
+        If the range of commands becomes narrower, the command gate limits the next command to this range, even if the
+        previous command was outside the range. Raises ConfigError if a value is outside the limits of this release and
+        vehicle; then no value changes.
         """
         self._calibration_limits.check(calibration)
         self.calibration = calibration
@@ -293,13 +293,14 @@ class Ecu:
         return after, passed, decision.forces
 
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
-        """Return the memory with one row for each skipped period, in which the last command stayed in force.
+        """Return the memory with one more row for each skipped period; in these periods the last command stayed in
+        force.
 
         If the clock is wrong, the length of the step is unknown and the rows are useless: the window is emptied.
         """
         if timing.fault is Reason.CLOCK:
             return memory.emptied()
-        # After this number of periods the window is empty and the last command in force; more periods change nothing.
+        # More periods change nothing: the window is then empty, and the last command is in force.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
             memory = memory.bridged(self._longest_gap).commanded(memory.under_way.newest)
         return memory
@@ -307,8 +308,8 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the state of the sensor check, the memory with a faulty sensor's estimate, and the reason to shut the
-        jets, or None."""
+        """Return the state of the sensor check, the memory with a faulty sensor's readings replaced by its estimates,
+        and the reason to shut the jets, or None."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -321,8 +322,8 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the state of the benefit check, and the reason to shut the jets, or None. The check uses a faulty
-        sensor's estimate."""
+        """Return the state of the benefit check, and the reason to shut the jets, or None. The check uses the estimate
+        instead of a faulty sensor's reading."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None

@@ -49,8 +49,8 @@ class EcuState:
         fail_safe: the mode, and the reason why the ECU is not in control.
         pressures: state of the receiver of the Pressure message.
         commands, statuses: states of the senders of JetCommand and EcuStatus.
-        pressure_ns: sampling time of the latest usable pressures, in ns; None before them.
-        pressure_counter: counter of the frame with these pressures; None before them.
+        pressure_ns: sampling time of the latest usable pressures, in ns; None before the first.
+        pressure_counter: counter of the frame with these pressures; None before the first.
         overruns: number of whole control periods left out since power-on.
         missed: number of steps without usable pressures since power-on.
         health: health of the CAN controller in the latest step.

@@ -136,7 +136,8 @@ def _waiting(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """Return a rule that gives `reason`, or NOT_AUTHENTIC if no frame is authentic, so that no request is accepted."""
+    """Return a rule that gives `reason`. If no frame is authentic, and therefore no request for control is accepted,
+    the rule gives NOT_AUTHENTIC."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 
@@ -282,8 +283,8 @@ class FailSafe:
     enable_request: bool = True
 
     def next(self, inputs: PeriodInputs, config: EcuConfig) -> "FailSafe":
-        """Return the state in the next period; `config` has the lengths of HOLD and DECAY and the limits on frames and
-        losses."""
+        """Return the state after a period with these inputs; `config` has the lengths of HOLD and DECAY, and the limits
+        on frames and losses."""
         request = self.enable_request if inputs.enable_request is None else inputs.enable_request
         rises = request and not self.enable_request
         usable = inputs.usable

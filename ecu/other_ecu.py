@@ -1,4 +1,5 @@
-"""Detection of another ECU by its frames, as a node does not receive its own frames.
+"""Detection of another ECU on the bus. A node does not receive its own frames, so any ECU frame that it receives comes
+from another ECU.
 
 Two ECUs on one bus would both drive the jets, in turn. So an ECU keeps the jets shut until it has received no frame of
 another ECU for `SILENCE_NS`. With a key only authentic frames count: a forged frame does not shut the jets, but a

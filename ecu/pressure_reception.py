@@ -50,7 +50,7 @@ class PressureReception:
 
     Attributes:
         key: key of the bus; None without authentication.
-        dynamic_pressure: dynamic pressure in Pa at the design speed, for which Cp = 1.
+        dynamic_pressure: dynamic pressure in Pa at the design speed (Cp = 1).
         fresh_age_ns: largest age in ns of pressures that the controller may use.
     """
 
@@ -73,7 +73,7 @@ class PressureReception:
 
         Args:
             verifier, receiver: states of the authentication and of the E2E receiver before the period.
-            dynamic_pressure: dynamic pressure in Pa at the present speed, for which Cp = 1; None without a speed.
+            dynamic_pressure: dynamic pressure in Pa at the present speed (Cp = 1); None without a speed.
         """
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
@@ -82,7 +82,7 @@ class PressureReception:
         pressure = None if frame is None else self.message.parse(frame.data[: spec.protected])
         unusable = Received(verifier, receiver, cp=None, enable_request=None, unusable_because=Reason.NONE)
         if frame is None or pressure is None or reception.live is None:
-            # Only a trusted stream can request control, but any good frame can withdraw the request.
+            # Only a trusted stream can request control, but any accepted frame can withdraw the request.
             withdrawn = pressure is not None and not pressure.enable_request
             because = Reason.NOT_AUTHENTIC if none_authentic else _without_live(reception)
             return unusable._replace(enable_request=False if withdrawn else None, unusable_because=because)

@@ -18,11 +18,11 @@ and the squares are averaged over a shedding cycle. Noise, unlike a sensor fault
 So the differences between consecutive residuals show how much noise remains in the averages, and the limits rise with
 this noise. Noise on all sensors, which the controller tolerates, is therefore no fault.
 
-If two sensors have equal readings over a whole window, and the readings vary in this window, one sensor is a copy of
-the other, for example because of a broken multiplexer, and the jets are shut. Mirrored sensors whose readings hardly
-vary do not count as copies, because a calm wake is symmetric. A sensor whose reading never changes is stuck, because
-no pressure in a flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at very low
-speed all pressures are nearly constant, and no sensor counts as stuck.
+If two sensors have nearly equal readings over a whole window, and the readings vary in this window, one sensor is a
+copy of the other, for example because of a broken multiplexer, and the jets are shut. Mirrored sensors whose readings
+hardly vary do not count as copies, because a calm wake is symmetric. A sensor whose reading never changes is stuck,
+because no pressure in a flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at
+very low speed all pressures are nearly constant, and no sensor counts as stuck.
 """
 
 from dataclasses import dataclass, field, replace
@@ -48,13 +48,13 @@ NOISE_ALLOWED: Final = 0.3
 the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
 
 MOVING: Final = 0.4
-"""Smallest median of the other sensors' ranges of readings at which a constant reading counts as stuck, in standard
-deviations of healthy sensors' residuals. With the shipped recording this limit is 0.015 in Cp; in this recording, the
-median in ten periods is 0.022 or more."""
+"""The limit for the median of the other sensors' ranges of readings, in standard deviations of healthy sensors'
+residuals. A constant reading counts as stuck only if this median reaches the limit. With the shipped recording the
+limit is 0.015 in Cp; in this recording, the median in ten periods is 0.022 or more."""
 
 ALIKE: Final = 0.1
-"""Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
-deviations of healthy sensors' residuals: 0.004 in Cp. The difference between healthy sensors exceeds 0.011."""
+"""Largest rms difference of two sensors' readings over a window at which one sensor may be a copy of the other, in
+standard deviations of healthy sensors' residuals: 0.004 in Cp. The rms difference of healthy sensors exceeds 0.011."""
 
 COPIED: Final = 2.0
 """Smallest range of a sensor's readings over the window at which another sensor may be its copy, in standard deviations
@@ -62,12 +62,13 @@ of healthy sensors' residuals: 0.08 in Cp. Under control with the shipped releas
 wake, in which mirrored sensors agree, they are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
-"""Ratio of the limit for slow means of residuals, which is 64, to the limit for fast means. Slow means of healthy
-sensors reach 7, or 40 with one sensor left out."""
+"""Ratio of the limit for slow means of residuals, which is 64, to the limit for fast means. The disagreement of healthy
+sensors' slow means reaches 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
-"""Factor by which the remaining sensors may disagree more after one sensor is set aside, because an estimate from two
-other sensors is less accurate than from three. Healthy sensors then reach 28, in a gust that the bus does not state."""
+"""Factor by which the permitted disagreement of the sensors rises when one sensor is set aside, because an estimate
+from two other sensors is less accurate than an estimate from three. The disagreement of healthy sensors then reaches
+28, in a gust that the bus does not state."""
 
 
 class EstimatorModel(Protocol):
@@ -141,7 +142,7 @@ class ResidualLevels(NamedTuple):
         swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
         drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out. If
-            there is none, the sensor is left out without which the other sensors agree best.
+            no sensor is set aside, the sensor is left out without which the others agree best.
     """
 
     liar: Array
@@ -207,7 +208,7 @@ class SensorCheck:
         try:
             by_view = self.estimator.estimates(seen)
         except ControllerError:
-            # The window has got a row for each of these periods, so the estimates must get the same number of rows.
+            # The window has a new row for each of these periods, so the estimates must get the same number of rows.
             held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
             return replace(state, estimates=held), Reason.INTERNAL
         estimates = _appended(state.estimates, state.estimates[-1], min(skipped, kept_rows))
@@ -262,7 +263,7 @@ class SensorCheck:
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
 
     def _any_alike(self, window: Array, set_aside: int | None) -> bool:
-        """Return whether the readings of two sensors in use are equal over a window although they vary in it."""
+        """Return whether two sensors in use have nearly equal readings over a window in which the readings vary."""
         one, other = np.transpose([pair for pair in pairs(window.shape[1] - 1) if set_aside not in pair])
         # `cumsum` adds in a fixed order, as C does; `sum` may add in another order.
         squares = np.square(window[:, one] - window[:, other]).cumsum(axis=0)

@@ -1,4 +1,5 @@
-"""The vehicle's speed through the air, which converts pressures to coefficients and actions to flow rates.
+"""Reception of the vehicle's speed through the air, with which pressures are converted to coefficients and actions to
+flow rates.
 
 A release with a range of speeds needs the vehicle's speed. The checks are, in this order: authentication, end-to-end
 check, age, plausibility. If a speed fails a check, the last accepted speed stays in force for a limited time, because a
@@ -21,8 +22,8 @@ from contract.config.vehicle import E2eConfig, SpeedConfig
 from contract.release.manifest import Manifest, SpeedRange
 
 SHORTEST_S: Final = 0.1
-"""Shortest time in s over which a change of speed is judged: over less, rounding or a late frame may look like
-acceleration."""
+"""Shortest time in s over which a change of speed is judged: over a shorter time, rounding or a late frame may look
+like an acceleration."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +97,7 @@ class SpeedReception:
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
-        """Return the dynamic pressure in Pa at the present speed, for which Cp = 1; None if no speed is in force."""
+        """Return the dynamic pressure in Pa at the present speed (Cp = 1); None if no speed is in force."""
         through_air = self.present(state) * self.design.speed
         return None if state.ratio is None else 0.5 * state.density * through_air * through_air
 

@@ -3,8 +3,8 @@ clock that stops or goes back.
 
 The lateness of all steps is added up, so that many slightly late steps are detected as well as one very late step: when
 the sum reaches half a period, a period counts as left out. In every step the remaining sum is reduced by an eighth. So
-the sum never reaches half a period if a clock only runs a little slower or faster than the vehicle's, but it does if
-steps are repeatedly late by more than a sixteenth of a period.
+the sum never reaches half a period if a clock only runs a little slower or faster than the vehicle's clock, but reaches
+it if steps are repeatedly late by more than a sixteenth of a period.
 """
 
 from dataclasses import dataclass, replace

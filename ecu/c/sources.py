@@ -6,7 +6,8 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of Monocypher in `store/vendor`. The published release states it where the repository has `__git__`."""
+"""Version of Monocypher in `store/vendor`. Monocypher's published release states this version where the files of its
+repository have the placeholder `__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:

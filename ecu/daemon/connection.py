@@ -2,7 +2,8 @@
 interface is switched off.
 
 A thread opens the bus, because this can take seconds with a serial adapter. Meanwhile the control steps continue and
-report BUS_OFF. So when the bus is back, control starts only after the enable request has risen again.
+report BUS_OFF, which is a fault. When the bus has returned, control therefore starts only after the enable request has
+risen again.
 """
 
 import time
@@ -107,12 +108,13 @@ class Connection:
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Return how many receptions on the open bus were not frames of the kind that this node uses, by reason."""
+        """Return the number of receptions on the open bus that were no frames of the kind that this node uses, by
+        reason."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus accepted all of them. Two threads that send take turns after each
-        frame."""
+        """Send frames; return whether the bus accepted all of them. If two threads send at the same time, their frames
+        may alternate."""
         sent = True
         for frame in frames:
             with self._sending:

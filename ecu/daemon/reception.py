@@ -1,8 +1,8 @@
 """Frames received between two control steps, with times in the ECU's clock.
 
 The software that receives from a bus stamps a frame with the date and time of the computer, which NTP sets. When NTP
-changes them, fresh pressures must not count as old, nor old pressures as fresh. So the stamp is used only for the age
-of a frame when it is read, within bounds. The time of a frame is CLOCK_MONOTONIC minus this age.
+changes them, fresh pressures must not count as old, nor old pressures as fresh. So the stamp is used only to compute
+the age of a frame when the frame is read; this age is limited. The time of a frame is CLOCK_MONOTONIC minus this age.
 """
 
 import time
@@ -38,14 +38,14 @@ class Taken(NamedTuple):
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
-    """Return the time in ns in the monotonic clock when a frame was received at the date `stamp_ns`, in ns."""
+    """Return the time in ns, on the monotonic clock, of a frame that was received at the date `stamp_ns`, in ns."""
     age_ns = min(max(0, date_ns - stamp_ns), LONGEST_AGE_NS)
     return max(0, monotonic_ns - age_ns)
 
 
 class FrameReception:
     """The received frames of the ECU's messages, for the control step. `heard` counts all frames on the bus since the
-    caller last replaced it; it is used to report a bus without usable frames."""
+    caller last replaced `heard`; the counts serve to report a bus without usable frames."""
 
     def __init__(
         self,

@@ -51,8 +51,8 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """A thread that writes the control loop's counters and log lines while its `with` block runs, and the rest at its
-    end.
+    """A thread that writes the control loop's counters and log lines while its `with` block runs, and the remaining
+    lines at the end of the block.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.
@@ -122,7 +122,7 @@ class Reporter:
         counters = self.counters
         if counters is None:
             return
-        # The events of an interval are reported in one line of each kind.
+        # All periods left out in an interval are reported in one line, and likewise all frames not sent.
         if (more := counters.left_out - self._left_out) > 0:
             self._left_out = counters.left_out
             self.tell("left_out", f"{more} periods left out, {counters.left_out} in all", more=more)

@@ -92,8 +92,8 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s that the control, once awake, waits until another thread releases the interpreter; default: 5
-ms."""
+"""Longest time in s that the control, once awake, waits until another thread releases the interpreter; Python's default
+is 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float

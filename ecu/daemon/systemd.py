@@ -13,8 +13,8 @@ PER_INTERVAL: Final = 4
 
 
 class Notifier:
-    """A sender of notifications. It sends nothing unless systemd has set NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID
-    in the environment to request them."""
+    """A sender of notifications to systemd. It sends nothing unless systemd has set NOTIFY_SOCKET in the environment,
+    and no watchdog signals unless WATCHDOG_USEC is set and WATCHDOG_PID, if set, is this process."""
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")
@@ -37,7 +37,7 @@ class Notifier:
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
-        """Note a completed control step at `now_ns`, and signal the watchdog if a signal is due."""
+        """Signal the watchdog, if a signal is due, after a control step that was completed at `now_ns`."""
         if self._interval_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
             self._tell("WATCHDOG=1")
@@ -47,7 +47,7 @@ class Notifier:
         self._tell("STOPPING=1")
 
     def close(self) -> None:
-        """Stop reporting."""
+        """Close the socket; later notifications are not sent."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

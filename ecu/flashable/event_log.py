@@ -13,7 +13,7 @@ Log = Callable[..., None]
 
 
 class TesterAccess(NamedTuple):
-    """The access of a tester.
+    """The session of a tester, the security level that it has unlocked, and its wrong keys.
 
     Attributes:
         attempts: number of wrong keys in a row, for each security level.

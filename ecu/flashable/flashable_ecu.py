@@ -97,7 +97,7 @@ class FlashableEcu:
 
     @property
     def access(self) -> TesterAccess:
-        """The access of the tester."""
+        """The session, the unlocked security level and the wrong keys of the tester."""
         return self._serviced.access
 
     @property
@@ -127,8 +127,8 @@ class FlashableEcu:
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
         """Run one control period and, unless `serviced_apart`, one call of `service`. Returns a JetCommand, an
-        EcuStatus, and the frames of diagnosis. While the ECU boots, no frames are returned. While a tester has silenced
-        command and status and no jet can run, these two are not returned.
+        EcuStatus, and the frames of diagnosis. While the ECU boots, no frames are returned. JetCommand and EcuStatus
+        are not returned while a tester has silenced them and no jet can run.
 
         Args:
             now_ns: time of the step in ns, on the clock of the frames' timestamps.

@@ -77,7 +77,7 @@ class DiagnosticLink:
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
-            # If too many requests arrive, a request is lost for whose answer no place is free.
+            # A request is lost if too many have arrived, and no place is free for its answer.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
                 answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
@@ -170,8 +170,8 @@ class CalibrationLink:
         self._xcp.daq.sample(measured)
 
     def xcp(self, now_ns: int, frames: Sequence[Frame], *, room: int, may_store: bool) -> list[Frame]:
-        """Process the tool's frames and return at most `room` frames to the tool. A request to store waits while
-        `may_store` is False because UDS is working, while the jets may run, and while there is no free place for its
+        """Process the tool's frames and return at most `room` frames to the tool. The tool's request to store values
+        waits in three cases: `may_store` is False because UDS is working, the jets may run, or no place is free for the
         answer."""
         if self._xcp is None:
             return []
@@ -185,7 +185,7 @@ class CalibrationLink:
                 self.service.store(calibration)
             except Refused as refused:
                 if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
-                    # The request ends here: if the memory fails, an attempt in every period would wear it out.
+                    # The request ends here: if the memory fails, an attempt in every period would wear the memory out.
                     self._xcp.not_stored()
             else:
                 self._waiting += self._xcp.stored()

@@ -100,6 +100,6 @@ class PowerCycle:
 
     @property
     def access(self) -> TesterAccess:
-        """The access of the tester."""
+        """The session, the unlocked security level and the wrong keys of the tester."""
         attempts = {level: self.store.state.failed_attempts[level] for level in Level}
         return TesterAccess(self._server.session, self._server.unlocked, attempts)

@@ -65,8 +65,8 @@ LIMIT_SLACK: Final = 1e-5
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
     """Run the controller on a window of zeros and on a window of a shedding wake, and the estimator on the same
-    windows. The test has several parts. Raises ControllerError if controller or estimator fails, or if a plan or a
-    force is not finite, or a plan has another shape or exceeds the action limit."""
+    windows. The generator divides the test into parts. Raises ControllerError if controller or estimator fails, if a
+    plan or a force is not finite, or if a plan has another shape or exceeds the action limit."""
     sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())
     estimator = OnnxEstimator.of(bundle)

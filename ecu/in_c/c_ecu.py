@@ -36,7 +36,7 @@ _ESTIMATOR: Final = "sw_estimator_settings.h"
 
 
 class CEcuState(NeverCopied):
-    """The state, trace and calibration of an ECU in C, to read and to set, on any machine that runs the ECU.
+    """Access to the state, the trace and the calibration of an ECU in C, on any machine that runs the ECU.
 
     Args:
         structs: structs of the ECU's library.
@@ -88,8 +88,9 @@ class CEcuState(NeverCopied):
         return bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.state)))
 
     def restore(self, state: EcuState | bytes) -> None:
-        """Continue from a state: from `saved`, or from any ECU with the same release, settings and calibration. Raises
-        ValueError if the C code rejects the state, because it has another delay or no ECU can reach it."""
+        """Continue from the bytes of `saved`, or from the state of any ECU with the same release, settings and
+        calibration. Raises ValueError if the C code rejects the state, because the state has another delay or no ECU
+        can reach the state."""
         ffi, place = self.structs.ffi, self.structs.ffi.new("sw_ecu_state *")
         if isinstance(state, bytes):
             ffi.buffer(place)[:] = state

@@ -236,7 +236,7 @@ class Structs:
             self._copy(getattr(sensors, name), getattr(value, name))
 
     def _copy(self, member: Any, values: Array) -> None:
-        """Copy an array's bytes into a member of the same shape and type, which must have only zero bytes before."""
+        """Copy an array's bytes into a member of the same shape and type, whose bytes must all be zero before."""
         content = np.ascontiguousarray(values)
         assert content.nbytes == self.ffi.sizeof(member)
         self.ffi.memmove(member, content, content.nbytes)

@@ -15,7 +15,8 @@ from typing import Any, Final
 TIMER_ABSTIME: Final = 1
 """Flag of time.h: the time is an instant, not a duration."""
 LONGEST_NAP_NS: Final = 100_000_000
-"""Longest sleep in ns where a sleep needs a duration; it limits the delay after the computer was suspended."""
+"""Longest single sleep in ns where a sleep needs a duration: short sleeps limit the delay after the computer was
+suspended."""
 
 
 class _Timespec(ctypes.Structure):
@@ -23,8 +24,8 @@ class _Timespec(ctypes.Structure):
 
 
 def now_ns() -> int:
-    """Return the time of CLOCK_MONOTONIC in ns, which started before the process; setting the date does not change
-    it."""
+    """Return the time of CLOCK_MONOTONIC in ns. This clock started before the process, and setting the date does not
+    change its time."""
     return time.monotonic_ns()
 
 

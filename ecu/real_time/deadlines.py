@@ -55,8 +55,8 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Return the deadline moved by at most a period / LARGEST_SLEW, the shorter way, to the phase of
-        `target_ns`."""
+        """Return the deadline moved towards the phase of `target_ns`, in the direction of the smaller phase difference,
+        by at most a period / LARGEST_SLEW."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))

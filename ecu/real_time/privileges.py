@@ -81,8 +81,8 @@ def stay_ordinary() -> None:
 def step_back() -> None:
     """Give this thread a lower priority than its starting thread, if the starting thread has a real-time priority.
 
-    This thread gets the lowest real-time priority, not an ordinary one: while an ordinary thread holds the
-    interpreter's lock, for which the control loop waits, any process could take the processor from this thread.
+    This thread gets the lowest real-time priority, not an ordinary one. Any process could interrupt an ordinary thread
+    that holds the interpreter's lock, and the control loop would have to wait for the lock.
     """
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
