@@ -46,7 +46,7 @@ static measured measure(const sw_release *release, const double *cp, double spee
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
-/* Returns a mean without control; while it covers too few periods, at least 1, the value of the release's wake. */
+/* Returns a mean without control; at least 1, the release's own value, while the mean covers too few periods. */
 static double resting(const sw_benefit *benefit, double mean)
 {
     return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;

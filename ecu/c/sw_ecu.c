@@ -8,7 +8,7 @@
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* Largest number of consecutive periods without pressures that the window bridges and the jets may run. */
+/* Largest number of consecutive periods without pressures that the window bridges, and in which the jets may run. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
 /* The action that the ECU requests from the command gate in one period. */
@@ -54,7 +54,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
         sw_memory_emptied(memory);
         return;
     }
-    /* More rows change nothing: the window is then empty, and all actions in transit are the last command. */
+    /* More rows change nothing: the window is then empty, and all actions in transit equal the last command. */
     const int most = LONGEST_GAP > (int)memory->frozen ? LONGEST_GAP : (int)memory->frozen;
     for (int k = 0; k <= most && k < timing->skipped; k++) {
         sw_memory_bridged(memory);
@@ -62,7 +62,7 @@ static void after_silence(sw_memory *memory, const sw_timing *timing)
     }
 }
 
-/* Runs the sensor check; an excluded sensor is replaced by its estimate. Returns the SW_REASON_ for a shut-off. */
+/* Runs the sensor check; an excluded sensor's pressures become estimates. Returns the SW_REASON_ for a shut-off. */
 static uint8_t check_sensors(sw_ecu *ecu, const double *cp, const double *reading)
 {
     uint8_t fault = SW_REASON_NONE;
@@ -387,7 +387,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     command.flow = steps;
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
     command.enable = passed.enable;
-    /* The counter sent is that of this period's pressures, or of those from which the held command was planned. */
+    /* The command states the counter of this period's pressures, or of the pressures from which it was planned. */
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
     return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns,

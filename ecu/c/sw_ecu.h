@@ -24,8 +24,8 @@ extern "C" {
 
 /* Initialises the ECU as at power-on: nothing has been received or sent, the jets are shut, and the release's own
  * calibration is in force. Memory filled with zeros is not an initialised ECU: the zeros would mean that the request
- * was seen low, and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or the
- * present mode of the processor, does not compute as exactly as the decisions need (sw_inexact). Every step repeats
+ * for control was low, and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or
+ * the present mode of the processor, does not compute as exactly as the decisions need (sw_inexact). Every step repeats
  * this check and shuts the jets while it fails. The jets stay shut until the next init if a control step on a known
  * window differs from the exporter's (sw_known_answer). The check with the known window takes as long as the longest
  * step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.

@@ -114,7 +114,7 @@ typedef struct {
 #endif
 } sw_received;
 
-/* Evaluates a period's frames. dynamic_pressure is the pressure of Cp = 1 at the present speed, in Pa; 0 if unknown. */
+/* Evaluates a period's frames. dynamic_pressure is the dynamic pressure at the present speed, in Pa; 0 if unknown. */
 void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *frames, int count, int64_t now_ns,
                   double dynamic_pressure SW_BY_KEY(const sw_secoc *secoc));
 
@@ -132,7 +132,7 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
 void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_frame *frames, int count,
                    int64_t now_ns SW_BY_KEY(const sw_secoc *secoc));
 
-/* Returns the pressure of Cp = 1, in Pa; 0 without a speed. */
+/* Returns the dynamic pressure (Cp = 1) in Pa; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
 /* Returns the speed divided by the design speed, within the release's range; 1 if it is unknown or too far outside. */
@@ -141,7 +141,7 @@ double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 
 /* --- sw_past.c: rows of past periods, resampled at equal distances travelled --- */
 
-/* Returns the value after a period in which the value moves from `before` by a share of the way to `to`. */
+/* Returns `before` moved towards `to` by this share of their difference; `to` for a share of 1 or more. */
 double sw_followed(double before, double to, double share);
 
 #if SW_PAST > 0
@@ -181,8 +181,8 @@ void sw_sensors_start(sw_sensors *sensors);
 
 #if SW_SENSOR_CHECK
 /* Checks the pressures of a period against the window in `memory`. `cp` is NULL if there are no pressures; `reading`
- * has the pressures divided by the dynamic pressure at the design speed, at every speed of the vehicle. Returns the
- * SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+ * has the pressures divided by the dynamic pressure at the design speed, even if the vehicle has another speed. Returns
+ * the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estimator_work *work, const sw_memory *memory,
                         const double *cp, const double *reading, int64_t skipped);
@@ -192,8 +192,8 @@ uint8_t sw_sensors_next(sw_sensors *sensors, const sw_numbers *numbers, sw_estim
 
 #if SW_BENEFIT_CHECK
 /* Checks whether control helps, after a period with the pressures `cp`; `cp` is NULL if there are no pressures. `speed`
- * is divided by the design speed; `drives` states whether the jets were allowed to run during the past period. Returns
- * the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
+ * is the speed divided by the design speed; `drives` states whether the jets were allowed to run during the past
+ * period. Returns the SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE.
  */
 uint8_t sw_benefit_next(sw_benefit *benefit, const sw_release *release, const double *cp, double speed, int drives);
 #endif

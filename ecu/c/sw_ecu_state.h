@@ -20,14 +20,14 @@
 #define SW_PAIRS (SW_SENSORS * (SW_SENSORS - 1) / 2)
 #define SW_HYPOTHESES (SW_SENSORS + SW_PAIRS)
 
-/* Number of stored rows of estimates: the window's, or the past's in a release for a range of speeds. */
+/* Number of stored rows of estimates: as many as the window has, or the past in a release for a range of speeds. */
 #if SW_PAST > 0
 #define SW_KEPT SW_PAST
 #else
 #define SW_KEPT SW_WINDOW
 #endif
 
-/* Valid times are 0 to this limit (73 years), in ns, of a clock that never goes back; others are clock faults. */
+/* Valid times are 0 to this limit (73 years), in ns, and always rise; any other time is a clock fault. */
 #define SW_LATEST_NS ((int64_t)1 << 61)
 
 /* A CAN frame; bytes beyond `length` are not read. */
@@ -65,7 +65,7 @@ enum {
 
 typedef enum { SW_NODATA, SW_STREAM_INIT, SW_VALID, SW_INVALID } sw_stream;
 
-/* Checks of received frames, in the order of sw_receiver.counts. */
+/* Results of the check of a received frame, in the order of sw_receiver.counts. */
 typedef enum {
     SW_CHECK_OK,
     SW_CHECK_OK_SOME_LOST,
@@ -153,7 +153,7 @@ typedef struct {
 #endif
 } sw_memory;
 
-/* The sensor check; each row of the arrays belongs to a hypothesis. */
+/* The state of the sensor check. In an array with SW_HYPOTHESES rows, each row belongs to a hypothesis. */
 typedef struct {
     int8_t set_aside; /* number of the excluded sensor; -1 if none is excluded */
     uint8_t implausible;
@@ -170,7 +170,7 @@ typedef struct {
     double estimates[SW_KEPT][SW_SENSORS]; /* estimate of each sensor's pressure from the others; latest periods */
 } sw_sensors;
 
-/* The benefit check; suction and swing are divided by those of the release's own wake without jets. */
+/* The state of the benefit check; suction and swing are divided by those of the release's own wake without jets. */
 typedef struct {
     uint32_t waking; /* number of periods with shut jets that are still needed until the wake has recovered */
     uint32_t rested; /* number of periods in the means without control, up to SW_PROVEN_PERIODS */

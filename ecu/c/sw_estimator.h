@@ -14,7 +14,7 @@
 
 /* The network's weights, read in place: little-endian, no pointers, every member aligned to SW_ALIGNMENT. */
 typedef struct sw_estimator_weights {
-    /* Standardisation of a window's columns: (value - mean) * factor, in integers. */
+    /* Standardisation of a window's columns: (value - mean) * factor, rounded to an integer. */
     SW_ALIGNED float mean[SW_SENSORS + 1];
     SW_ALIGNED float factor[SW_SENSORS + 1];
 

@@ -213,7 +213,7 @@ static const transition *taken(uint8_t mode, const period *now)
     return &transitions[LAST];
 }
 
-/* Returns a bit for each lost period among the latest ones with a request for control, including this period. */
+/* Returns a bit for each of the latest periods with a request for control, including this one: 1 if it was lost. */
 static uint64_t lost_with(const sw_fail_safe *before, const period *now)
 {
     const unsigned counts_no_loss = FAULT | UPDATE;

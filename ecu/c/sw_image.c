@@ -58,7 +58,7 @@ static int are_within(const void *values, const sw_limits *of)
 
 /* --- Limits of several numbers together --- */
 
-/* Checks that every filter ends within the past, and that all filters together have the right number of weights. */
+/* Checks that every filter ends within the past, and that all filters together have SW_PRIOR_FILTER_ROWS weights. */
 static int filters_fit(const sw_weights *weights)
 {
     int fit = 1;
@@ -101,7 +101,7 @@ static int can_run(const sw_payload *payload)
 
 sw_image_status sw_image_open(const uint8_t *image, sw_numbers *numbers)
 {
-    /* A text that describes the layout, for tools, follows the parameters. */
+    /* The image may be longer: a text that describes the layout for tools follows the parameters. */
     uint32_t differing = length_of(image) < SW_IMAGE_HEADER + sizeof(sw_payload) ? 1u : 0u;
     for (int i = 0; i < 32; i++) differing |= (uint32_t)image[LAYOUT + i] ^ (uint32_t)sw_layout_sha256[i];
     if (differing != 0u) return SW_IMAGE_OTHER_BUILD;

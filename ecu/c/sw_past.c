@@ -45,7 +45,7 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS],
             age += past->speeds[at];
             at--;
         }
-        /* False if the stored periods do not reach back to this row of the window. */
+        /* Whether the stored periods reach back to the time of this row of the window. */
         const int is_there = at > oldest || (at == oldest && age >= steps);
         const double share = is_there ? (steps - age) / past->speeds[at] : 0.0;
         const int older = share > 0.0 ? at - 1 : at;

@@ -130,6 +130,6 @@ void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
         other->is_there = 0;
         other->until_ns = 0;
     } else {
-        /* The other ECU may only have lost its connection to the bus. */
+        /* The other ECU still counts as present: it may only have lost its connection to the bus. */
     }
 }

@@ -67,7 +67,7 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns a hypothesis's row of deviations: the sensor's own for an exchange, which leaves out only this sensor. */
+/* Returns a hypothesis's row of deviations; for an exchange, the sensor's own row, since no other is left out. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
 /* Repeats the newest estimates in new rows: one row for this period, and one row for each skipped period. */
@@ -225,7 +225,7 @@ static int any_alike(const sw_release *release, const double window[SW_WINDOW][S
     return alike;
 }
 
-/* Returns the sensor with the most evidence, the first if several have as much; -1 if no sensor has enough evidence. */
+/* Returns the sensor with the most evidence, the first of several equal ones; -1 if no sensor has enough evidence. */
 static int liar_of(const levels *found)
 {
     int liar = -1;

@@ -6,7 +6,7 @@
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* One bit for each of the latest steps that are judged together. */
+/* A mask with one bit for each of the latest steps that are judged together. */
 #define JUDGED (UINT32_MAX >> (32 - SW_DEADLINE_WINDOW))
 
 /* Divides and rounds down, as Python does, whereas C rounds towards zero. */

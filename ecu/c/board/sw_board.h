@@ -1,7 +1,7 @@
 /* The properties of this board: addresses of registers, clocks, bit timing, sectors. For another board with the same
- * kinds of peripherals, change only this file and the memories in sw_board.ld. Addresses are those of an STM32H743
- * (RM0433), except the counter's, which is Arm's (CNTReadBase). The board's maker implements sw_board_power_on, which
- * sets up the clock tree and the pins.
+ * kinds of peripherals, change only this file and the memories in sw_board.ld. The addresses are those of an STM32H743
+ * (RM0433), except the counter's address, which Arm defines (CNTReadBase). The board's maker implements
+ * sw_board_power_on, which sets up the clock tree and the pins.
  */
 #ifndef SW_BOARD_H
 #define SW_BOARD_H
@@ -66,8 +66,8 @@ void sw_board_can_start(const uint32_t *ids, uint32_t count);
 int sw_board_can_receive(sw_frame *frames, int room);
 
 /* Hands a control frame to the CAN controller, in its transmit buffer number `place`. Of the frames in the buffers, the
- * frame with the lowest identifier is sent first. An older frame that is still in the same buffer is outdated and is
- * cancelled. Returns 1 if the controller is bus-off or is sending the older frame: the new frame is then lost.
+ * frame with the lowest identifier is sent first. An older frame that is still in this buffer is outdated and is
+ * cancelled. Returns 1 if the controller is bus-off or is already sending the older frame: the new frame is then lost.
  * sw_board_lost counts lost and cancelled frames.
  */
 int sw_board_can_send(const sw_frame *frame, uint32_t place);
@@ -86,8 +86,8 @@ int sw_board_can_is_idle(void);
  */
 int sw_board_authentication(sw_authentication *found);
 
-/* Stores the freshness values of the newest accepted frames. It must be called after every step: a frame could be
- * replayed once after a restart if its value had not been stored.
+/* Stores the freshness values of the newest accepted frames. Call it after every step: a frame whose value is not
+ * stored could be replayed once after a restart.
  */
 void sw_board_keep_freshness(const sw_ecu_state *state);
 #endif

@@ -52,8 +52,8 @@
 #define FDF 0x200000u
 #define BRS 0x100000u
 
-/* The message RAM, in words: 64 filters for 11-bit identifiers and 32 for 29-bit identifiers, 64 elements for received
- * frames, and the elements for frames to send.
+/* Offsets in the message RAM, in words. The RAM has 64 filters for 11-bit identifiers, 32 filters for 29-bit
+ * identifiers, 64 elements for received frames, and the elements for frames to send.
  */
 #define FILTERS 0u
 #define EXTENDED_FILTERS 64u
@@ -196,6 +196,6 @@ void sw_board_can_health(sw_bus_health *health)
     const uint32_t errors = CAN(ECR);
     health->is_bus_off = (uint8_t)is_off();
     health->tx_errors = errors & 0xffu;
-    /* RP is set if there are 128 receive errors or more, a number that the 7-bit counter cannot show. */
+    /* Bit RP is set if there are 128 receive errors or more, which the 7-bit counter cannot count. */
     health->rx_errors = ((errors >> 15) & 1u) != 0u ? 128u : (errors >> 8) & 0x7fu;
 }

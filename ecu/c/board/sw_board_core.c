@@ -1,4 +1,4 @@
-/* The counter, random numbers, sleep and reset. Interrupts are masked, never served, and only end the core's sleep. */
+/* The counter, random numbers, sleep and reset. Interrupts are masked and never served; they only end sleep. */
 #include "sw_board.h"
 
 #define COUNTER_LOW SW_BOARD_REGISTER(SW_BOARD_COUNTER)

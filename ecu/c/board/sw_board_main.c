@@ -1,5 +1,5 @@
 /* The program: it reads frames, steps the ECU once a control period, then answers diagnosis and sleeps. A step begins
- * when the pressures arrive, or else half a period after they were due.
+ * when the pressures arrive, or half a period after they were due if they do not arrive.
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"

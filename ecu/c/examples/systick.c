@@ -8,7 +8,7 @@
  * The program simulates the vehicle with the frames of the generated pressures.h. The request for control begins low,
  * since the ECU ignores a request that is present from the start. The program prints each JetCommand, then a summary,
  * and ends. On a vehicle, a CAN driver replaces `vehicle` and the printing. The interrupt only counts periods. The step
- * runs in the main loop, where it does not delay other interrupts, above all those of the CAN controller.
+ * runs in the main loop, so that it does not delay other interrupts, above all those of the CAN controller.
  */
 #include "pressures.h"
 #include "sw_board_start.h"
@@ -156,7 +156,7 @@ void sw_board_main(void)
     figures seen = {0, 0, 0, 0};
     (void)sw_ecu_init(&ecu); /* if init refuses, the summary shows its reason */
 #if SW_SECOC
-    /* This key is only an example: on a vehicle no debugger can read it, and non-volatile memory counts the cycle. */
+    /* Only an example: on a vehicle no debugger may read the key, and non-volatile memory counts the power cycles. */
     const sw_authentication given = {PLAYED_KEY, 1, 0, 0};
     (void)sw_ecu_authenticate(&ecu, &given);
 #endif

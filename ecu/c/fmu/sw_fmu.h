@@ -1,5 +1,6 @@
-/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and one of two sides: a simulated vehicle
- * whose inputs are signals (signals/sw_fmu_signals.c), or a bus terminal as in FMI-LS-BUS (bus/sw_fmu_bus.c).
+/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and one of two connections, called sides: a
+ * simulated vehicle whose inputs are signals (signals/sw_fmu_signals.c), or a bus terminal as in FMI-LS-BUS
+ * (bus/sw_fmu_bus.c).
  */
 #ifndef SW_FMU_H
 #define SW_FMU_H

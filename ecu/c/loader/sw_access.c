@@ -15,7 +15,7 @@ static void close(sw_access *access, uint32_t place, int64_t now_ns)
     access->closed_until_ns[place] = now_ns + SW_ACCESS_DELAY_NS;
 }
 
-/* Computes the expected answer. Each level has its own key, so that no answer is valid for two levels. */
+/* Computes the expected answer. Each level has a separate key, so that no answer is valid for two levels. */
 static void expected(uint8_t level, const uint8_t key[SW_AES_BYTES], const uint8_t *seed, uint32_t length,
                      uint8_t answer[SW_ANSWER_BYTES])
 {
@@ -76,7 +76,7 @@ uint8_t sw_access_unlock(sw_access *access, sw_store *store, int64_t now_ns, uin
     if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;
     access->asked = 0;
     const uint32_t count = (uint32_t)sw_store_failed_attempts(store, level) + 1u;
-    /* An attempt must be counted, which is impossible while the jets run and the sector is full. */
+    /* Every attempt must be counted, but no count can be stored while the jets run and the sector is full. */
     if (!sw_store_has_room(store)) return SW_NRC_CONDITIONS_NOT_CORRECT;
     if (sw_store_keep_failed_attempts(store, level, count) != SW_STORE_DONE) return SW_NRC_PROGRAMMING_FAILURE;
     expected(level, key, access->seed, SW_SEED_BYTES, right);

@@ -1,4 +1,4 @@
-/* The calibration of the ECU through UDS and XCP: values in force, stored and restored. */
+/* The calibration of the ECU through UDS and XCP: its values are put in force, stored and restored. */
 #include "sw_calibrating.h"
 
 #include <stddef.h>
@@ -88,7 +88,7 @@ uint8_t sw_calibrating_read(const sw_calibrating *calibrating, uint32_t number, 
     return 0;
 }
 
-/* Stores `length` bytes of these values; 0 deletes the stored values. The write may outlast a control period. */
+/* Stores `length` bytes of these values; length 0 deletes the stored values. The write may outlast a control period. */
 static uint8_t keep(sw_calibrating *calibrating, const sw_calibration *values, uint32_t length)
 {
     if (calibrating->request->drives_jets) return SW_NRC_CONDITIONS_NOT_CORRECT;

@@ -33,7 +33,7 @@ void sw_calibrating_restore(sw_calibrating *calibrating);
 /* Passes the values in force to the ECU if they have changed. It is called at the beginning of a control period. */
 void sw_calibrating_hand_over(sw_calibrating *calibrating);
 
-/* Read or write the value of an identifier. Both return 0 or the SW_NRC_ of the refusal. */
+/* Read or write the value of an identifier. Both functions return 0 or the SW_NRC_ of the refusal. */
 uint8_t sw_calibrating_read(const sw_calibrating *calibrating, uint32_t number, sw_answer *answer);
 uint8_t sw_calibrating_write(sw_calibrating *calibrating, uint32_t number, const uint8_t *value);
 
@@ -54,7 +54,7 @@ void sw_calibrating_copy_release(sw_calibrating *calibrating);
 void sw_calibrating_bytes(const sw_calibrating *calibrating, uint8_t page, uint32_t at, uint32_t length, uint8_t *bytes);
 
 /* Writes up to SW_XCP_MAX_CTO - 2 bytes of the working page, in order: `at` is the beginning of a value, or the end of
- * the last write. The bytes of a partly written value wait for the value's other bytes; a write to another place
+ * the last write. The bytes of a partly written value wait for the value's remaining bytes; a write at any other offset
  * discards the waiting bytes. Returns whether the write succeeded; if not, the values are unchanged.
  */
 int sw_calibrating_write_bytes(sw_calibrating *calibrating, uint32_t at, const uint8_t *data, uint32_t length);

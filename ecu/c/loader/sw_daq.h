@@ -1,8 +1,8 @@
 /* Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period. This file corresponds to
  * can_bridge/calibration/daq.py and measured.py.
  *
- * If a control period ends before all frames of an earlier period are sent, the new period is not measured, so that all
- * frames of a set belong to one period.
+ * If a control period ends before all frames of an earlier period are sent, the new period is not measured, so that
+ * frames of two periods are never mixed.
  */
 #ifndef SW_DAQ_H
 #define SW_DAQ_H
@@ -54,7 +54,7 @@ void sw_daq_free(sw_daq *daq);
 /* Copies the values of a control period that has ended. */
 void sw_daq_sample(sw_daq *daq, const sw_ecu *ecu, uint8_t mode);
 
-/* Writes the next packet of the period, of at most SW_XCP_MAX_CTO bytes. Returns its length; 0 if none is due. */
+/* Writes the next packet of the period, of at most SW_XCP_MAX_CTO bytes. Returns its length; 0 if no packet is due. */
 uint32_t sw_daq_packet(sw_daq *daq, uint8_t *packet);
 
 /* Answers a measurement command; the caller checks its length. Returns SW_XCP_DONE or the refusal's SW_XCP_ERROR_. */

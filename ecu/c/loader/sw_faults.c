@@ -153,7 +153,7 @@ static void take(sw_faults *faults, uint8_t reason, const uint8_t snapshot[SW_SN
     faults->is_changed = 1;
 }
 
-/* Records a test result; while `is_off` is set, stores the result in place of the waiting one (take_waiting). */
+/* Records a test result. While `is_off` is set, the result replaces the waiting result instead (see take_waiting). */
 static void note(sw_faults *faults, uint8_t reason)
 {
     if (faults->is_off) {
@@ -259,7 +259,7 @@ static void put_fault(const sw_faults *faults, uint32_t place, sw_answer *answer
     sw_answer_byte(answer, faults->faults[place].status);
 }
 
-/* Returns how many faults have one of these status bits (0: all faults), and writes them if `answer` is not NULL. */
+/* Returns how many faults have a bit of `mask` (0: all faults); writes these faults if `answer` is not NULL. */
 static uint32_t list(const sw_faults *faults, uint32_t mask, sw_answer *answer)
 {
     uint32_t found = 0;

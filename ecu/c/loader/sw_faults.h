@@ -1,5 +1,5 @@
 /* The fault memory: status, age and one snapshot of each trouble code, which survive resets. This file corresponds to
- * can_bridge/uds/fault_memory.py, to fault_reports.py next to it, and to ecu/flashable/watched_control.py.
+ * can_bridge/uds/fault_memory.py and to ecu/flashable/watched_control.py.
  *
  * The fault memory is written only while no jet can run, and only if its content has changed.
  */
@@ -36,7 +36,7 @@ typedef struct {
     float pressures_cp[SW_SENSORS]; /* newest pressures before the period */
 } sw_faults;
 
-/* Begins the next operation cycle of the stored faults: at power-on, after the store is open. */
+/* Begins the next operation cycle of the stored faults. Call it at power-on, after the store is open. */
 void sw_faults_open(sw_faults *faults);
 
 /* These two functions examine the ECU before and after each control period. */

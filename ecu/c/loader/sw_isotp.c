@@ -138,14 +138,14 @@ static void wait_for_flow(sw_isotp *end, int64_t now_ns)
     end->flow_until_ns = now_ns + SW_ISOTP_WAIT_NS;
 }
 
-/* Returns the least time in ns between two frames for a separation-time code; the longest for a reserved code. */
+/* Returns the least time in ns between two frames by a separation-time code; the longest time for a reserved code. */
 static int64_t separation_ns(uint32_t code)
 {
     if (code >= SHORTEST_CODE && code <= LONGEST_CODE) return (int64_t)(code - SHORTEST_CODE + 1u) * (MS / 10);
     return (code < LONGEST_MS ? code : LONGEST_MS) * MS;
 }
 
-/* Processes the receiver's flow control; ignores it if no flow control is due. */
+/* Processes the receiver's flow control; ignores it if no flow control is expected. */
 static void flow(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < 3u || end->state != WAITING) return;

@@ -135,7 +135,7 @@ static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *fra
     return requests;
 }
 
-/* Sets how records may be stored now, and checks the progress of an erasure. */
+/* Sets the permitted way to store records (sw_records_limit), and checks the progress of an erasure. */
 static void look_after_records(sw_node *node)
 {
     if (!node->has_begun) node->begun_ns = node->services.request.now_ns;
@@ -144,8 +144,8 @@ static void look_after_records(sw_node *node)
     if (sw_store_is_erasing(&node->store) && node->store.work != SW_WORK_CLEAR) sw_records_care(&node->store.records);
 }
 
-/* Maintains the records while diagnosis is idle. No erasure begins while the vehicle asks for control, or could soon do
- * so after power-on; an erasure that has begun is completed.
+/* Maintains the records while diagnosis is idle. No erasure begins while the vehicle asks for control, or shortly after
+ * power-on, when it may soon ask; an erasure that has begun is completed.
  */
 static void care_for_records(sw_node *node)
 {

@@ -17,7 +17,8 @@
  * would have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer
  * until a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
  *
- * A call executes at most one part of long work (hash, signature, erasure). No call for a node may interrupt another.
+ * A call executes at most one part of long work (hash, signature, erasure). A call for a node must not interrupt
+ * another call for the same node.
  */
 #ifndef SW_NODE_H
 #define SW_NODE_H
@@ -77,7 +78,7 @@ int sw_node_is_request(const sw_frame *frame);
 /* Returns whether sw_node_service has work to do without another frame. */
 int sw_node_is_busy(const sw_node *node);
 
-/* Returns whether the work waits for flash or for frames to be sent: one call per millisecond is then enough. */
+/* Returns whether the work waits for the flash, or until frames are sent: one call per millisecond is then enough. */
 int sw_node_waits(const sw_node *node);
 
 int sw_node_wants_reset(const sw_node *node);

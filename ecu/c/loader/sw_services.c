@@ -147,7 +147,7 @@ static uint8_t identifier(const sw_services *services, uint32_t number, sw_answe
     return code;
 }
 
-/* Reads identifiers. As in the standard, unknown identifiers are left out of the answer if at least one is known. */
+/* Reads identifiers. As in the standard, unknown identifiers are left out of the answer, unless all are unknown. */
 static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const uint32_t before = answer->length;
@@ -161,7 +161,7 @@ static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length,
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
-/* Handles security access: an odd sub-function requests its level's seed, the next number answers the seed. */
+/* Handles security access: an odd sub-function requests its level's seed, and the next number answers this seed. */
 static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
@@ -242,7 +242,7 @@ static uint8_t download(sw_services *services, const uint8_t *body, uint32_t len
     return SW_UDS_DONE;
 }
 
-/* Judges a block: SW_UDS_MORE to write it, SW_UDS_DONE for a repeated last block, or the SW_NRC_ of the refusal. */
+/* Returns SW_UDS_MORE if a block must be written, SW_UDS_DONE for a repeated last block, or the refusal's SW_NRC_. */
 static uint8_t judged(const sw_transfer *transfer, uint8_t counter, uint32_t bytes, const uint8_t *digest)
 {
     const int is_last = transfer->has_last && transfer->last == counter

@@ -1,5 +1,5 @@
 /* The services of the UDS server: the parts of the ECU that the services use, and the table of services. This file
- * corresponds to can_bridge/uds/permissions.py and transfer.py, and to the handlers in server.py.
+ * corresponds to can_bridge/uds/services.py, to Download in under_way.py, and to the handlers in server.py.
  */
 #ifndef SW_SERVICES_H
 #define SW_SERVICES_H

@@ -5,7 +5,7 @@
 
 #define MS INT64_C(1000000)
 #define S3_NS ((int64_t)SW_S3_MS * MS)
-/* The code uses half of each limit, since a limit ends only when the answer is on the bus. */
+/* The code uses half of each limit, since the answer must be on the bus before the limit ends. */
 #define FIRST_PENDING_NS ((int64_t)SW_P2_MS * MS / 2)
 #define NEXT_PENDING_NS ((int64_t)SW_P2_EXTENDED_MS * MS / 2)
 #define POSITIVE 0x40u
@@ -106,7 +106,7 @@ static uint8_t put_off(sw_uds *uds, const uint8_t *request, uint32_t length)
     return SW_UDS_MORE;
 }
 
-/* Executes the first part of a request, after removing the bit that suppresses the answer. */
+/* Clears the bit that suppresses the answer, then executes the first part of a request. */
 static uint8_t began(sw_uds *uds, uint8_t *request, uint32_t length, sw_answer *answer)
 {
     const sw_service *service = service_of(uds, request[0]);

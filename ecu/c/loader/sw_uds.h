@@ -1,5 +1,5 @@
 /* The ECU's side of UDS (ISO 14229-1): it processes requests and returns answers; the time is an argument. This file
- * corresponds to can_bridge/uds/server.py, job.py and sessions.py. The caller gives the table of services.
+ * corresponds to can_bridge/uds/server.py and under_way.py. The caller gives the table of services.
  *
  * Every request is checked in the order of the standard's figures: service, session, length, sub-function and its
  * session, security level, sequence. The function of the service may then refuse for its own reasons. Requests are

@@ -119,7 +119,7 @@ static uint8_t answered(sw_xcp *xcp, const uint8_t *data, uint32_t length, sw_an
     return SW_XCP_ERROR_CMD_UNKNOWN;
 }
 
-/* Ends an idle connection. The connection of a tool that measures stays open, but is locked. */
+/* Ends an idle connection. If a tool is measuring, its connection stays open, but is locked. */
 static void end_if_idle(sw_xcp *xcp, int64_t now_ns)
 {
     if (!xcp->is_connected || now_ns - xcp->last_ns <= SW_XCP_IDLE_NS) return;

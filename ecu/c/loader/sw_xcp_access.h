@@ -1,4 +1,4 @@
-/* The unlocking of the calibration with XCP's seed and key, like XcpAccess in can_bridge/calibration/xcp.py. */
+/* XCP's seed and key, which unlock the calibration; they correspond to XcpAccess in can_bridge/calibration/xcp.py. */
 #ifndef SW_XCP_ACCESS_H
 #define SW_XCP_ACCESS_H
 

@@ -49,7 +49,7 @@ static int read_word(const sw_records *records, uint32_t sector, uint32_t word, 
     return records->flash->read(records->flash->context, address_of(sector, word), data, WORD);
 }
 
-/* Writes a word and reads it back. Returns 1 if the word read differs from the word written. */
+/* Writes a word and reads it back. Returns 1 if the word that was read differs from the word that was written. */
 static int write_word(const sw_records *records, uint32_t sector, uint32_t word, const uint8_t data[WORD])
 {
     uint8_t found[WORD];
@@ -274,7 +274,7 @@ static int write_record(const sw_records *records, uint32_t sector, uint32_t wor
     return 0;
 }
 
-/* Copies words to another sector. Returns 1 if a word cannot be read, 2 if one cannot be written. */
+/* Copies words to another sector. Returns 1 if a word cannot be read, 2 if a word cannot be written. */
 static int copied(const sw_records *records, uint32_t from, uint32_t sector, uint32_t to, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {

@@ -1,9 +1,9 @@
 /* Records that survive a power loss, in two sectors: one sector is written until it is full, then the other.
  *
- * A record is a run of words. The first word of a record has kind, length and a CRC-32; the first byte of each word
- * states whether the word is the first word or a further word, so that no part of a record can be mistaken for another
- * record. The newest complete record of a kind is valid. When a sector is full, the newest records are copied into the
- * other sector. The first word of a sector makes the sector valid, and is written last.
+ * A record consists of consecutive words. The first word of a record has kind, length and a CRC-32; the first byte of
+ * each word states whether the word is the first word or a further word, so that no part of a record can be mistaken
+ * for another record. The newest complete record of a kind is valid. When a sector is full, the newest records are
+ * copied into the other sector. The first word of a sector makes the sector valid, and is written last.
  *
  * An erasure takes longer than a control period. Before control begins, the code waits for the erasure. Later
  * sw_records_care begins and checks an erasure while the jets are shut, so that the other sector is blank in time.
@@ -51,10 +51,10 @@ typedef struct {
 /* Finds the records after power-on; writes nothing. */
 void sw_records_open(sw_records *records, const sw_flash *flash);
 
-/* Blanks the other sector before control begins, if the sector in use is more than half full; ignores a failure. */
+/* Blanks the unused sector before control begins, if the sector in use is more than half full; ignores a failure. */
 void sw_records_tidy(sw_records *records);
 
-/* Executes one part of maintenance: blanks the other sector, or moves the records out of a sector that fills up. */
+/* Executes one part of maintenance: blanks the unused sector, or moves the records out of a sector that fills up. */
 void sw_records_care(sw_records *records);
 
 /* Begins to erase any sector; sw_records_erased checks the progress. All erasures use these two functions. */
@@ -75,7 +75,7 @@ uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 
-/* A part of a record: the bytes at `data` or, if that is NULL, of the stored record of this kind from `place` on. */
+/* A part of a record: the bytes at `data` or, if `data` is NULL, of the stored record of this kind from `place` on. */
 typedef struct {
     const uint8_t *data;
     uint32_t place, length;

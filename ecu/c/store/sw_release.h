@@ -12,7 +12,7 @@
 /* Returns whether a list is signed by the root key and well-formed. */
 int sw_key_list_is_good(const uint8_t *data, uint32_t length, const uint8_t root[32]);
 
-/* Returns the version of a valid list; 0 for a list of zeros, which means that there is no list. */
+/* Returns the version of a valid list. A list of zeros means that there is no list; its version is 0. */
 uint32_t sw_key_list_version(const uint8_t *list);
 int sw_key_is_allowed(const uint8_t *list, const uint8_t key[32]);
 int sw_key_is_revoked(const uint8_t *list, const uint8_t key[32]);
@@ -70,7 +70,7 @@ sw_verdict sw_release_judge(const uint8_t header[SW_HEADER_BYTES], uint32_t leng
 /* Returns the length of a name of printable ASCII characters, padded with zeros; 0 if the name is invalid. */
 uint32_t sw_name_length(const uint8_t field[SW_NAME_BYTES]);
 
-/* Reads these data from the header of an image whose verdict is GOOD. */
+/* Reads the facts about a release from the header of an image whose verdict is GOOD. */
 void sw_release_read(const uint8_t header[SW_HEADER_BYTES], sw_release_facts *facts);
 
 #endif

@@ -300,7 +300,7 @@ sw_store_result sw_store_confirm(sw_store *store)
     sw_store_state *next = sw_state_draft(store);
     sw_slot_state *standing = &next->slots[slot];
     if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
-    /* If the release's key has been removed from the list, the release would not boot again once confirmed, and the
+    /* If the release's key has been removed from the list, the release, once confirmed, would not boot again, and the
      * earlier release's version might be below the new minimum.
      */
     if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(store->keys, standing->facts.signer)) {

@@ -115,7 +115,7 @@ typedef struct {
 /* Finds the stored records after power-on. The arguments must stay valid while the store is used. */
 void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules, sw_store_opens opens);
 
-/* Chooses an image and checks it completely, after counting a boot on trial. One or two images are checked. */
+/* Chooses an image and checks it completely; a boot on trial is counted first. One or two images are checked. */
 void sw_store_boot(sw_store *store);
 
 /* Returns the booted image's address in the flash, or NULL. It is valid until the image's slot is announced again. */
@@ -149,7 +149,7 @@ void sw_store_drop(sw_store *store);
 sw_store_result sw_store_activate(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 sw_store_result sw_store_confirm(sw_store *store);  /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
-/* Reverts at the next reset. Afterwards store->verdict is GOOD, or the reason why the earlier release may not run. */
+/* Lets the earlier release boot at the next reset. store->verdict is then GOOD, or the reason why it may not run. */
 sw_store_result sw_store_revert(sw_store *store); /* errors: OUT_OF_ORDER, BAD_MEMORY */
 
 /* Replaces the key list by a list that the root key signed. Errors: BAD_KEYS, BAD_MEMORY. */
@@ -161,7 +161,7 @@ sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, 
 /* Returns the length of the running release's stored calibration, or 0. Copies it if it has at most `room` bytes. */
 uint32_t sw_store_calibration(const sw_store *store, uint8_t *data, uint32_t room);
 
-/* Returns whether the state can be stored now. It cannot while the jets run and the sector is full. */
+/* Returns whether the state can be stored now: not while the jets run and the sector is full. */
 int sw_store_has_room(const sw_store *store);
 
 /* Read and store the number of consecutive wrong keys at a security level (0x01 programming, 0x03 calibration). Errors:
@@ -179,7 +179,7 @@ sw_store_result sw_store_keep_faults(sw_store *store, const uint8_t *data, uint3
 /* Writes the report for testers (can_bridge/flashing/report.py), up to SW_MAX_REPORT bytes; returns its length. */
 uint32_t sw_store_report(const sw_store *store, uint8_t *data);
 
-/* Returns the number of received bytes of the announced image; 0xffffffff if none is announced. */
+/* Returns the number of received bytes of the announced image; 0xffffffff if no image is announced. */
 uint32_t sw_store_received(const sw_store *store);
 
 /* --- Functions that the store's sources share; not for callers --- */

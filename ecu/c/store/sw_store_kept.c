@@ -298,7 +298,7 @@ sw_store_result sw_store_keep_calibration(sw_store *store, const uint8_t *data, 
     if (length > SW_MAX_CALIBRATION) return SW_STORE_OUT_OF_RANGE;
     const uint8_t *own = store->state.slots[store->running].facts.digest;
     const uint8_t *other = store->state.slots[1u - store->running].facts.digest;
-    /* If both slots have the same release, it has one calibration. */
+    /* If both slots have the same release, only one calibration is stored for it. */
     const uint32_t kept = sw_bytes_equal(own, other, DIGEST) ? 0u : readable(store, other, &place);
     const uint32_t first = is_before(own, other) ? 1u : 3u;
     sw_part parts[5] = {0};

@@ -10,7 +10,7 @@
 
 #include "sw_fmu_bus.h"
 
-/* Codes of operations, and of their arguments. */
+/* The codes of operations, and of the values of their arguments. */
 enum {
     FORMAT_ERROR = 0x01,
     CAN_TRANSMIT = 0x10,
@@ -97,7 +97,7 @@ static void put_answers(fmu_side *side)
 
 /* --- The controller's errors --- */
 
-/* Reports a changed state. A bus-off controller drops its frames; recovery takes 128 times eleven bits of free bus. */
+/* Reports a changed state. A bus-off controller drops its frames; recovery takes 128 times eleven recessive bits. */
 static void update_status(fmu_side *side)
 {
     sw_bus_health *health = &side->health;
@@ -160,7 +160,7 @@ static int is_length(uint32_t length, int is_fd)
     return length <= 8 || (is_fd && is_coded);
 }
 
-/* Processes a transmitted frame; returns 0 for an impossible frame. `bytes` is the length of the arguments. */
+/* Processes a frame from another node; returns 0 for an impossible frame. `bytes` is the length of the arguments. */
 static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, int is_fd)
 {
     const uint32_t before = is_fd ? 9 : 8;

@@ -34,7 +34,7 @@ typedef struct {
     int has_stop;
 } component;
 
-/* The functions that the binary has for FMI 3.0. */
+/* The functions of this binary for FMI 3.0, which the functions for FMI 2.0 call. */
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String, fmi3String, fmi3Boolean, fmi3Boolean, fmi3Boolean,
                                          fmi3Boolean, const fmi3ValueReference[], size_t, fmi3InstanceEnvironment,
                                          fmi3LogMessageCallback, fmi3IntermediateUpdateCallback);
@@ -129,7 +129,7 @@ SW_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2Stri
     return NULL;
 }
 
-/* Begins a function of FMI 2.0 with a component in `found`. */
+/* The first lines of a function of FMI 2.0, which take the component `found`, and return an error if it is NULL. */
 #define COMPONENT         \
     component *found = fmu; \
     if (found == NULL) return fmi3Error
@@ -166,7 +166,7 @@ SW_EXPORT fmi2Status fmi2DoStep(fmi2Component fmu, fmi2Real point, fmi2Real size
     return fmi3DoStep(found->fmu, point, size, no_earlier_state != 0, &event, &terminate, &early, &reached);
 }
 
-/* Functions that have the same arguments in both standards. */
+/* Functions of FMI 2.0 that have the same arguments in FMI 3.0. */
 #define THE_SAME(NAME, NAME3, ARGUMENTS, ...) \
     SW_EXPORT fmi2Status fmi2##NAME ARGUMENTS \
     {                                         \

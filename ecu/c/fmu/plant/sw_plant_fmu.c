@@ -54,7 +54,7 @@ typedef struct {
     fmi3FMUState plant;
 } saved;
 
-/* Loads the binary in the same folder; returns NULL if that fails. */
+/* Loads pythonfmu3's binary, which is in the same folder; returns NULL on failure. */
 static void *beside(void)
 {
     Dl_info own;

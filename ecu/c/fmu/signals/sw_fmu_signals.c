@@ -14,7 +14,7 @@ void fmu_sent(fmu_memory *kept, const sw_frame *frames, int count) {}
 int fmu_reached(fmu_instance *fmu, double until_ns) { return 0; }
 int fmu_is_possible(const fmu_side *side) { return 1; }
 
-/* Writes the bits of a signal, which count from the lowest bit of the first byte on, as in the DBC. */
+/* Writes the bits of a signal. Bits are numbered from the lowest bit of the first byte on, as in the DBC. */
 static void put(uint8_t *data, uint32_t reference, int32_t steps)
 {
     const variable *signal = &fmu_variables[reference];
@@ -37,8 +37,9 @@ static int32_t nearest(double value, int32_t least, int32_t most, int32_t otherw
     return found >= least && found <= most ? found : otherwise;
 }
 
-/* Converts an age in s to units of its signal, rounding to the nearest; in the classic set, whose units are coarse,
- * rounding up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the largest value.
+/* Converts an age in s to units of its signal. The age is rounded to the nearest unit; in the classic set, whose units
+ * are coarse, it is rounded up, so that no pressure looks fresher than it is. An age out of range, or NaN, becomes the
+ * largest value.
  */
 static int32_t age_steps(double seconds)
 {

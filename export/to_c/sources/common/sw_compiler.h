@@ -1,5 +1,5 @@
-/* This header rejects arithmetic that would make control wrong, if macros show this arithmetic; a known answer detects
- * the other cases (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
+/* This header rejects compiler flags whose arithmetic would make control wrong, if predefined macros show the flags; a
+ * known answer detects the other cases (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
  */
 #ifndef SW_COMPILER_H
 #define SW_COMPILER_H
@@ -21,8 +21,8 @@
 #endif
 #endif
 
-/* Unroll the following loop on a Cortex-M, so that compilers interleave the passes of the loop: the core issues two
- * instructions at a time, in order.
+/* These macros unroll the following loop on a Cortex-M, so that compilers interleave the passes of the loop: the core
+ * issues two instructions at a time, in order.
  */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__clang__)
 #define SW_FOUR_TIMES _Pragma("clang loop unroll_count(4)")

@@ -6,7 +6,7 @@
 
 #include "sw_settings.h"
 
-/* A row of the past: the differences of the sensors' pairs, then the action. */
+/* Length of a row of the past: the differences of the sensors' pairs, then the action. */
 #define SW_PRIOR_ROW (SW_SENSORS / 2 + 1)
 #define SW_PRIOR_PAST (SW_PRIOR_MEMORY * SW_PRIOR_ROW)
 

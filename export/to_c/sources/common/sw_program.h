@@ -9,14 +9,14 @@
 
 #include "sw_settings.h"
 
-/* Columns of the window: the sensors, then the action. */
+/* Number of columns of the window: the sensors, then the action. */
 #define SW_COLUMNS (SW_SENSORS + 1)
 
 /* A length rounded up to whole registers, or, for int8 weights, to whole pairs of words; the padding is zero. */
 #define SW_PADDED(n) (((n) + SW_LANES - 1) / SW_LANES * SW_LANES)
 
-/* Tables are aligned to SW_ALIGNMENT bytes if the compiler supports alignment. SW_ALIGNMENT is the size of a cache
- * line, or of the words that products on a Cortex-M read completely. Images need a compiler that supports alignment.
+/* Tables are aligned to SW_ALIGNMENT bytes if the compiler supports alignment. SW_ALIGNMENT is the size of a cache line
+ * or, on a Cortex-M, of the words that the products load whole. Images need a compiler that supports alignment.
  */
 #if defined(__GNUC__)
 #define SW_ALIGNED __attribute__((aligned(SW_ALIGNMENT)))

@@ -71,8 +71,8 @@ static inline void sw_dots(float *restrict y, const float *restrict w, const flo
 }
 
 /* Computes y[o][t] += sum over i of w(o, i) x[i][t] for every output o and every step t of the horizon. w(o, i) = w[o
- * stride_o + i stride_i], so that one copy gives the matrix or its transpose. The steps fill the registers. Four
- * outputs at a time share the loads of x.
+ * stride_o + i stride_i], so that one copy gives the matrix or its transpose. The steps of the horizon fill the
+ * registers. Four outputs at a time share the loads of x.
  */
 static inline void sw_product(float *restrict y, const float *restrict w, int stride_o, int stride_i,
                               const float *restrict x, int outputs, int inputs)

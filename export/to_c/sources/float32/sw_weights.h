@@ -1,6 +1,6 @@
 /* The parameters of a trained program; the generated sw_weights.c defines the parameters that are compiled in. The rows
- * of a stored matrix are its inputs, or its shorter side, so that rows are long; matrices before a norm are centred
- * (sw_norm.h).
+ * of a stored matrix belong to its inputs, or to the shorter of its two sides, so that the rows are long. Matrices
+ * before a norm are centred (sw_norm.h).
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H

@@ -5,7 +5,7 @@
 #include "sw_math.h"
 #include "sw_workspace.h"
 
-/* Largest magnitude of an activation or adjoint in a vector of n numbers, so that no product can overflow 32 bits. */
+/* Largest magnitude of an activation or adjoint in a vector of n numbers, so that no sum of products overflows. */
 #define SW_QMAX(n) ((n) <= SW_FULL_RANGE_WIDTH ? SW_INT16_QMAX : SW_SUM_QMAX / (n))
 
 /* Returns the nearest integer to a number between -32768 and 32767; a tie goes to the even integer. */
@@ -41,7 +41,7 @@ static inline int32_t sw_scaled(int32_t value, int32_t factor)
     return (int32_t)(((int64_t)value * factor + 0x80000000LL) >> 32);
 }
 
-/* Returns start + value * factor / 2^16, rounded down: also one instruction. */
+/* Returns start + value * factor / 2^16, rounded down: one instruction, like sw_scaled. */
 static inline int32_t sw_scaled_on(int32_t start, int32_t factor, int16_t value)
 {
     return sw_sum(start, (int32_t)(((int64_t)factor * value) >> 16));

@@ -15,7 +15,7 @@
 #include "sw_tables.h"
 #include "sw_weights.h"
 
-/* Functions marked SW_ONCE are not inlined: with its unrolled loops, their caller would need a deeper stack. */
+/* Functions marked SW_ONCE are not inlined, because their unrolled loops would deepen the caller's stack. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__)
 #include "sw_norm_dsp.h"
 #define SW_ONCE static __attribute__((noinline, unused))

@@ -22,8 +22,8 @@ static sw_output output;
 
 /* Compilers round in different orders. This may change the sign of a gradient near zero, and a step of Adam then has
  * the other direction; its size is the learning rate, 1e-3. The effect of such steps on the forces depends on the
- * plant, so forces are compared in units of their standard deviation in training. Plans are not used in the next step,
- * since a sequence of control steps can amplify any such difference.
+ * plant, so forces are compared in units of their standard deviation in training. A plan is not used in the next step,
+ * since a sequence of control steps can amplify these differences.
  */
 static const double tolerance = 5e-3, force_tolerance = 3e-2;
 

@@ -2,10 +2,10 @@
  *
  * The code is freestanding C99, without allocation, recursion, library calls or static state: it writes only to the
  * caller's structures, so that several controllers may run side by side. The work of a step does not depend on the
- * data, except for a few comparisons in the cost, and except that the iterations are skipped if no cost weight needs
- * them. Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the hash
- * of the program, and sw_weights.c its parameters. The parameters need not be compiled in: the functions whose names
- * end in _of use parameters anywhere in memory (sw_program.h).
+ * data, with two exceptions: a few comparisons in the cost, and the iterations, which are skipped if no cost weight
+ * needs them. Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the
+ * hash of the program, and sw_weights.c its parameters. The parameters need not be compiled in: the functions whose
+ * names end in _of use parameters anywhere in memory (sw_program.h).
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H

@@ -33,7 +33,7 @@ static void take_schedule(float schedule[SW_SCHEDULED], const sw_workspace *work
     schedule[LIMIT] = sw_min(sw_max((1.0f - share) / (1.0f - SW_NARROWEST), 0.0f), 1.0f);
 }
 
-/* Returns the speed variable that is not zero, if there is one. */
+/* Returns the index of the speed variable that is not zero; SLOWER if both are zero. */
 static int speed_in(const float schedule[SW_SCHEDULED])
 {
     return schedule[FASTER] > 0.0f ? FASTER : SLOWER;
