@@ -30,7 +30,7 @@ class OtherEcu:
 
     @property
     def fault(self) -> Reason | None:
-        """The fault for which the ECU must switch itself off."""
+        """The fault for which the ECU must switch itself off, or None."""
         return None if self.until_ns is None else Reason.OTHER_ECU
 
     def next(self, heard: int, step_ns: int) -> "OtherEcu":

@@ -88,8 +88,8 @@ class SensorCheckState(ArrayValue):
         residual: residual in Cp of the latest period in which the sensors were judged; NaN before the first.
         fast, slow: running means of the residual over few and over many periods.
         noise: running variance of the residual's change from one period to the next, in Cp^2.
-        score: running mean of a ratio: the square of the fast mean, divided by its variance for healthy sensors with
-            this noise.
+        score: running mean of a ratio: the square of the fast mean, divided by the variance of the fast mean for
+            healthy sensors with this noise.
         readings: (S,) latest readings; NaN before the first.
         flat: (S,) number of consecutive periods with unchanged readings.
         estimates: (n, S) estimate of each sensor by all others, one row for each of the n periods of the controller's

@@ -11,7 +11,8 @@ repository have the placeholder `__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
-    """Return the sources, headers and linker scripts in a subfolder, or without a name in this folder, by file name."""
+    """Return the sources, headers and linker scripts in a subfolder of this folder, or in this folder itself, by file
+    name."""
     return c_files(files("ecu.c").joinpath(folder))
 
 

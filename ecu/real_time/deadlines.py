@@ -20,7 +20,7 @@ middle arrival is 7 periods old; in 7 periods of 20 ms, clocks whose rates diffe
 
 @dataclass(frozen=True, kw_only=True)
 class Deadlines:
-    """The next period; times are in ns of one clock that never goes back.
+    """The next period and its deadline; times are in ns of one clock that never goes back.
 
     Attributes:
         period_ns: time from one deadline to the next.

@@ -67,7 +67,8 @@ class VehicleStage(IntEnum):
 
 
 class StageTimes:
-    """A table of one node. It has `periods` rows; when all are used, the oldest rows are overwritten."""
+    """The table of stage times of one node. It has `periods` rows; when all rows are used, the oldest are
+    overwritten."""
 
     def __init__(self, stages: type[IntEnum], periods: int = USUAL_PERIODS) -> None:
         if periods < 1:
