@@ -15,7 +15,7 @@
 /* --- sw_inexact.c --- */
 
 /* Returns SW_REASON_INTERNAL if this build, or the present mode of the processor, does not compute floats or doubles
- * exactly as the decisions need: sw_arithmetic fails, or operations are contracted. Otherwise SW_REASON_NONE.
+ * exactly as the decisions need: sw_arithmetic fails, or operations are contracted. Otherwise returns SW_REASON_NONE.
  */
 uint8_t sw_inexact(void);
 
@@ -226,7 +226,7 @@ uint8_t sw_mode_on_wire(uint8_t mode);
 /* Returns the least and the greatest permitted values; the release's own weights are within these limits. */
 void sw_calibration_bounds(const float weights[SW_TERMS], sw_calibration *low, sw_calibration *high);
 
-/* Returns the number of the first value outside its limits, counted from 1; 0 if there is none. */
+/* Returns the number of the first value outside its limits, counted from 1; 0 if no value is outside. */
 int sw_calibration_beyond(const sw_calibration *values, const sw_release *release);
 
 /* Returns a release's own calibration in this vehicle. */

@@ -1,5 +1,5 @@
-/* This header forbids the compiler to fuse a multiplication with an addition, so that decisions equal those of the
- * Python ECU bit for bit. GCC ignores this pragma: compile the ECU with -ffp-contract=off. sw_compiler.h rejects
+/* A pragma in this header forbids the compiler to fuse a multiplication with an addition, so that decisions equal those
+ * of the Python ECU bit for bit. GCC ignores the pragma: compile the ECU with -ffp-contract=off. sw_compiler.h rejects
  * unsuitable arithmetic.
  */
 #ifndef SW_EXACT_H

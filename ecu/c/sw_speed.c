@@ -12,7 +12,7 @@ static uint64_t age_of(const sw_speed_state *speed, int64_t now_ns)
     return now_ns > speed->measured_ns ? (uint64_t)now_ns - (uint64_t)speed->measured_ns : 0u;
 }
 
-/* Returns whether a vehicle can change from the last accepted speed to this one in the elapsed time. */
+/* Returns whether a vehicle can change from the last accepted speed to this speed in the elapsed time. */
 static int is_plausible(const sw_speed_state *speed, const sw_release *release, double speed_m_per_s, int64_t now_ns)
 {
     const double elapsed_s = (double)age_of(speed, now_ns) * 1e-9;

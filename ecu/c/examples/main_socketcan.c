@@ -92,7 +92,7 @@ static int open_bus(const char *interface)
     return -1;
 }
 
-/* Returns the kernel's arrival time, converted to CLOCK_MONOTONIC; the present time if the kernel gives none. */
+/* Returns the kernel's arrival time, converted to CLOCK_MONOTONIC; the present time if the kernel gives no time. */
 static int64_t arrival_ns(struct msghdr *message)
 {
     const int64_t now_ns = clock_ns(CLOCK_MONOTONIC), date_ns = clock_ns(CLOCK_REALTIME);
@@ -178,7 +178,7 @@ static int send_frames(int bus, const sw_frame *frames, int count)
     return 0;
 }
 
-/* Returns the arrival time of the pressures that the latest step used; -1 if it used none. */
+/* Returns the arrival time of the pressures that the latest step used; -1 if it used no pressures. */
 static int64_t used_arrival_ns(int count, uint32_t missed_before)
 {
     int64_t found = -1;

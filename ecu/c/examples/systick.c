@@ -72,7 +72,7 @@ static void print_frame(const char *name, const sw_frame *frame)
 
 void sw_board_tick(void) { periods++; }
 
-/* Returns the ns since the start: the whole periods, and the elapsed part of this one, as SysTick counts down. */
+/* Returns the time since the start in ns: whole periods, and the elapsed part of this period (SysTick counts down). */
 static int64_t now_ns(void)
 {
     uint32_t before, value;

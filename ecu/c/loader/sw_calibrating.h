@@ -50,7 +50,7 @@ void sw_calibrating_select(sw_calibrating *calibrating, uint8_t page);
 /* Copies the release's own values to the working page. */
 void sw_calibrating_copy_release(sw_calibrating *calibrating);
 
-/* Copies `length` bytes of a page from the valid offset `at` on, including those of a partly written value. */
+/* Copies `length` bytes of a page from the valid offset `at` on, including the bytes of a partly written value. */
 void sw_calibrating_bytes(const sw_calibrating *calibrating, uint8_t page, uint32_t at, uint32_t length, uint8_t *bytes);
 
 /* Writes up to SW_XCP_MAX_CTO - 2 bytes of the working page, in order: `at` is the beginning of a value, or the end of

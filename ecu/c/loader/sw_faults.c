@@ -118,7 +118,7 @@ void sw_faults_open(sw_faults *faults)
     }
 }
 
-/* Stores the record if it differs from the stored one. Returns an sw_store_result. */
+/* Stores the record if it differs from the stored record. Returns an sw_store_result. */
 static sw_store_result keep_if_different(sw_faults *faults)
 {
     uint8_t record[RECORD_BYTES];

@@ -61,9 +61,9 @@ int sw_isotp_is_request(const sw_frame *frame);
  */
 uint32_t sw_isotp_functional(const sw_frame *frame, uint8_t message[SW_FRAME_BYTES]);
 
-/* Processes a frame from the bus; frames for others are ignored. Returns the length of a message that is now complete,
- * or 0. `whole` points to the message: in `single` after a single frame, otherwise in `message`. The pointer is valid
- * until the next call, or as long as `is_held` is 1.
+/* Processes a frame from the bus; frames for other nodes are ignored. Returns the length of a message that is now
+ * complete, or 0. `whole` points to the message: in `single` after a single frame, otherwise in `message`. The pointer
+ * is valid until the next call, or as long as `is_held` is 1.
  */
 uint32_t sw_isotp_receive(sw_isotp *end, int64_t now_ns, const sw_frame *frame, uint8_t single[SW_FRAME_BYTES]);
 

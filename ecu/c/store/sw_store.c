@@ -318,7 +318,7 @@ sw_store_result sw_store_confirm(sw_store *store)
 sw_store_result sw_store_revert(sw_store *store)
 {
     const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
-    /* The running release, not the active one, decides which release is the earlier one: a tester that missed the
+    /* The running release, not the active one, decides which release is the earlier release: a tester that missed the
      * answer repeats its request, and the repeated request must not undo the first.
      */
     const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;

@@ -1,5 +1,5 @@
-/* The functions of FMI 2.0 for a co-simulation, which call those of FMI 3.0 in the same binary. Real is Float64,
- * Integer is Int32; an FMU for FMI 2.0 has no variables of other integer types.
+/* The functions of FMI 2.0 for a co-simulation, which call the functions of FMI 3.0 in the same binary. Real is
+ * Float64, Integer is Int32; an FMU for FMI 2.0 has no variables of other integer types.
  */
 #include <stdlib.h>
 #include <string.h>

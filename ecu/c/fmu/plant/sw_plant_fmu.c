@@ -1,5 +1,6 @@
-/* The front end of the plant's FMU, which is written in Python. It checks the order of calls, references, numbers and
- * times. Only valid calls reach pythonfmu3's binary in the same folder: in this binary every error in Python is fatal.
+/* The front end, in C, of the plant's FMU, whose model is written in Python. The front end checks the order of calls,
+ * references, numbers and times. Only valid calls reach pythonfmu3's binary in the same folder: in this binary every
+ * error in Python is fatal.
  */
 #define _GNU_SOURCE /* for dladdr */
 #include <dlfcn.h>

@@ -1,6 +1,7 @@
 /* The parameters of a trained program; the generated sw_weights.c defines the parameters that are compiled in. Matrices
- * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h, and each is
- * followed by SW_AHEAD zeros for loads ahead of their use. The adjoint has a transposed copy of each matrix.
+ * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h, and each
+ * matrix is followed by SW_AHEAD zeros, because weights are loaded ahead of their use. The adjoint has a transposed
+ * copy of each matrix.
  *
  * An activation is a scale times an int16. Forward scales are constants from calibration; an adjoint's scale is
  * computed when the adjoint is rounded.

@@ -1,4 +1,4 @@
-/* The optimiser's initial plan: a feedback on pressure differences, past ones and ones predicted over the horizon. */
+/* The optimiser's initial plan: a feedback on past pressure differences, and on those predicted over the horizon. */
 #include "sw_prior.h"
 
 #include "sw_math.h"
