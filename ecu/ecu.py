@@ -308,8 +308,8 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the state of the sensor check, the memory with a faulty sensor's readings replaced by its estimates,
-        and the reason to shut the jets, or None."""
+        """Return the state of the sensor check, the memory with estimates instead of a faulty sensor's readings, and
+        the reason to shut the jets, or None."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(

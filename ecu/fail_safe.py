@@ -136,8 +136,7 @@ def _waiting(period: Period) -> Reason:
 
 
 def _unless_refused(reason: Reason) -> Callable[[Period], Reason]:
-    """Return a rule that gives `reason`. If no frame is authentic, and therefore no request for control is accepted,
-    the rule gives NOT_AUTHENTIC."""
+    """Return a rule that gives `reason`, or NOT_AUTHENTIC if requests are refused because no frame is authentic."""
     return lambda period: Reason.NOT_AUTHENTIC if _missing(period) is Reason.NOT_AUTHENTIC else reason
 
 

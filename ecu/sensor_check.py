@@ -53,8 +53,8 @@ residuals. A constant reading counts as stuck only if this median reaches the li
 limit is 0.015 in Cp; in this recording, the median in ten periods is 0.022 or more."""
 
 ALIKE: Final = 0.1
-"""Largest rms difference of two sensors' readings over a window at which one sensor may be a copy of the other, in
-standard deviations of healthy sensors' residuals: 0.004 in Cp. The rms difference of healthy sensors exceeds 0.011."""
+"""Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
+deviations of healthy sensors' residuals: 0.004 in Cp. The difference of healthy sensors exceeds 0.011."""
 
 COPIED: Final = 2.0
 """Smallest range of a sensor's readings over the window at which another sensor may be its copy, in standard deviations
@@ -67,8 +67,8 @@ sensors' slow means reaches 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
 """Factor by which the permitted disagreement of the sensors rises when one sensor is set aside, because an estimate
-from two other sensors is less accurate than an estimate from three. The disagreement of healthy sensors then reaches
-28, in a gust that the bus does not state."""
+from two other sensors is less accurate than from three. Healthy sensors then disagree by up to 28, in a gust that the
+speed on the bus does not show."""
 
 
 class EstimatorModel(Protocol):

@@ -11,8 +11,7 @@ repository have the placeholder `__git__`."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
-    """Return the sources, headers and linker scripts in a subfolder of this folder, or in this folder itself, by file
-    name."""
+    """Return the sources, headers and linker scripts in this folder, or in a subfolder of it, by file name."""
     return c_files(files("ecu.c").joinpath(folder))
 
 

@@ -2,8 +2,7 @@
 interface is switched off.
 
 A thread opens the bus, because this can take seconds with a serial adapter. Meanwhile the control steps continue and
-report BUS_OFF, which is a fault. When the bus has returned, control therefore starts only after the enable request has
-risen again.
+report BUS_OFF, which is a fault. So when the bus is back, control starts only after the enable request has risen again.
 """
 
 import time
@@ -108,8 +107,7 @@ class Connection:
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Return the number of receptions on the open bus that were no frames of the kind that this node uses, by
-        reason."""
+        """Return, by reason, how many receptions on the open bus were not frames of the kind that this node uses."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:

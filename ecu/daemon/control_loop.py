@@ -31,8 +31,7 @@ from ecu.stepped import SteppedEcu
 GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
-"""Number of periods at the end of the process in which the ECU sends commands that shut the jets. One period is not
-enough, because a frame may be lost."""
+"""Number of final periods, in which the ECU sends commands to shut the jets: more than one, as a frame may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes that last too briefly to be reported in the log."""
 

@@ -89,8 +89,7 @@ class CEcuState(NeverCopied):
 
     def restore(self, state: EcuState | bytes) -> None:
         """Continue from the bytes of `saved`, or from the state of any ECU with the same release, settings and
-        calibration. Raises ValueError if the C code rejects the state, because the state has another delay or no ECU
-        can reach the state."""
+        calibration. Raises ValueError if the C code rejects the state: it has another delay, or no ECU can reach it."""
         ffi, place = self.structs.ffi, self.structs.ffi.new("sw_ecu_state *")
         if isinstance(state, bytes):
             ffi.buffer(place)[:] = state

@@ -15,8 +15,7 @@ from typing import Any, Final
 TIMER_ABSTIME: Final = 1
 """Flag of time.h: the time is an instant, not a duration."""
 LONGEST_NAP_NS: Final = 100_000_000
-"""Longest single sleep in ns where a sleep needs a duration: short sleeps limit the delay after the computer was
-suspended."""
+"""Longest sleep in ns where a sleep needs a duration: this limits the delay after the computer was suspended."""
 
 
 class _Timespec(ctypes.Structure):

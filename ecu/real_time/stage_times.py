@@ -67,8 +67,7 @@ class VehicleStage(IntEnum):
 
 
 class StageTimes:
-    """The table of stage times of one node. It has `periods` rows; when all rows are used, the oldest are
-    overwritten."""
+    """The stage times of one node, in `periods` rows; when all rows are used, the oldest are overwritten."""
 
     def __init__(self, stages: type[IntEnum], periods: int = USUAL_PERIODS) -> None:
         if periods < 1:
