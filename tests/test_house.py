@@ -18,11 +18,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 67_063, "benchmarks": 5_126, "tests": 56_857, "own C": 15_493, "JavaScript": 2_746, "docs": 2_278,
+    "source": 67_245, "benchmarks": 5_227, "tests": 56_949, "own C": 15_499, "JavaScript": 2_746, "docs": 2_278,
     "examples": 2_030,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 70_836
+MOST_WORDS = 70_841
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Episode Freshness Key
@@ -166,3 +166,13 @@ def test_nothing_grows_over_its_ceiling():
     pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
     words = sum(len(whole(page.read_text(encoding="utf-8")).split()) for page in pages)
     assert words <= MOST_WORDS, f"docs: {words} words, {MOST_WORDS} are allowed"
+
+
+def test_the_python_that_the_text_beside_c_names_exists():
+    named = {
+        (path.name, name)
+        for path in [*others(".c", ".h"), *ROOT.glob("ecu/c/**/*.md")]
+        for name in re.findall(r"\w+(?:/\w+)+\.py\b", path.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 10
+    assert [one for one in sorted(named) if not (ROOT / one[1]).exists()] == []

@@ -1,9 +1,9 @@
 """Let the prior of a model take over what the priors of other models do at other speeds.
 
-    python -m benchmarks.release.join OUTPUT --base MODEL --teacher 0.6 MODEL --teacher 1.4 MODEL ...
+    python -m benchmarks.release.join OUTPUT --base MODEL --expert 0.6 MODEL --expert 1.4 MODEL ...
 
-Each teacher runs in closed loop on the mesh of `stillwake refine`, at its speed, from two phases of the developed wake.
-Then the base's prior is fitted to the teachers' actions (`train.refinement.imitation`). At the design speed it stays
+Each expert runs in closed loop on the mesh of `stillwake refine`, at its speed, from two phases of the developed wake.
+Then the base's prior is fitted to the experts' actions (`train.refinement.imitation`). At the design speed it stays
 the same, and so does everything else of the base: networks, sensors, configuration and the parts for the goal.
 """
 
@@ -26,10 +26,10 @@ from train import model_store
 from train.fitting.threads import torch_threads, without_denormals
 from train.model_store import TrainedModel
 from train.refinement.feedback import Feedback, scales_of
-from train.refinement.imitation import Lessons, imitate, lessons
+from train.refinement.imitation import Demonstration, demonstrate, imitate
 
 PERIODS: Final = 1000
-"""Periods of a teacher's run: 200 convective times of the design speed. The wake at 60 % of the speed takes half of
+"""Periods of an expert's run: 200 convective times of the design speed. The wake at 60 % of the speed takes half of
 that until its drag no longer changes."""
 STARTS: Final = 2
 
@@ -50,37 +50,39 @@ def feedback_of(model: TrainedModel, base: TrainedModel, units: int) -> Feedback
     return made
 
 
-def taught(speed: float, teacher: Path, *, base: TrainedModel, config: Config, goal: Goal) -> list[Lessons]:
-    """Run a teacher in closed loop from each start. Raises PlantError if the flow diverges."""
-    model = model_store.load(teacher)
+def demonstrations_of(
+    speed: float, expert: Path, *, base: TrainedModel, config: Config, goal: Goal
+) -> list[Demonstration]:
+    """Run an expert in closed loop from each start. Raises PlantError if the flow diverges."""
+    model = model_store.load(expert)
     units = 0 if model.prior is None else len(model.prior["output"])
     feedback = feedback_of(model, base, units)
     with torch_threads(1), without_denormals():
         flow, starts = differentiable_wake(config, base.sensors, None, lambda *_: None)
-        found = [lessons(flow, feedback, start, speed, goal, periods=PERIODS) for start in starts]
+        found = [demonstrate(flow, feedback, start, speed, goal, periods=PERIODS) for start in starts]
     late = [float(one.Cd[PERIODS // 5 :].mean()) for one in found]
-    make_console().print(f"{teacher} at {speed}: Cd {', '.join(f'{Cd:.3f}' for Cd in late)}", soft_wrap=True)
+    make_console().print(f"{expert} at {speed}: Cd {', '.join(f'{Cd:.3f}' for Cd in late)}", soft_wrap=True)
     return found
 
 
-def join(base: TrainedModel, teachers: Sequence[tuple[float, Path]], *, workers: int = 2) -> TrainedModel:
-    """Return the base with a prior that imitates each teacher near the teacher's speed.
+def join(base: TrainedModel, experts: Sequence[tuple[float, Path]], *, workers: int = 2) -> TrainedModel:
+    """Return the base with a prior that imitates each expert near the expert's speed.
 
     Raises:
-        ModelError: a model has no prior or other sensors, or a teacher's speed is the design speed.
+        ModelError: a model has no prior or other sensors, or an expert's speed is the design speed.
         PlantError: the flow diverged.
     """
-    if any(speed == 1.0 for speed, _ in teachers):
-        raise ModelError("a teacher's speed is 1, where the base stays the same: give another speed")
+    if any(speed == 1.0 for speed, _ in experts):
+        raise ModelError("an expert's speed is 1, where the base stays the same: give another speed")
     config = replace(base.config, refine=replace(base.config.refine, streams=STARTS))
     goal = Goal.of(config.mpc.weights)
     student = feedback_of(base, base, 0 if base.prior is None else len(base.prior["output"]))
     with process_pool(workers, None) as pool:
-        speeds, paths = zip(*teachers, strict=True)
-        all_lessons = list(pool.map(partial(taught, base=base, config=config, goal=goal), speeds, paths))
+        speeds, paths = zip(*experts, strict=True)
+        demonstrations = list(pool.map(partial(demonstrations_of, base=base, config=config, goal=goal), speeds, paths))
     for faster in (False, True):
         given = [
-            one for speed, found in zip(speeds, all_lessons, strict=True) for one in found if (speed > 1) == faster
+            one for speed, found in zip(speeds, demonstrations, strict=True) for one in found if (speed > 1) == faster
         ]
         if given:
             error, action = imitate(student, given, goal, faster=faster)
@@ -93,7 +95,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("output", type=Path)
     parser.add_argument("--base", type=Path, required=True, help="model whose prior is fitted")
-    parser.add_argument("--teacher", nargs=2, action="append", required=True, metavar=("SPEED", "MODEL"))
+    parser.add_argument("--expert", nargs=2, action="append", required=True, metavar=("SPEED", "MODEL"))
     given = parser.parse_args()
-    pairs = [(float(speed), Path(model)) for speed, model in given.teacher]
+    pairs = [(float(speed), Path(model)) for speed, model in given.expert]
     model_store.save(given.output, join(model_store.load(given.base), pairs))

@@ -19,19 +19,19 @@ from contract.differentiable import DifferentiableFlow, FlowState
 from train.refinement.feedback import Feedback
 from train.refinement.windows import Stream, StretchReadings, closed_loop
 
-STRETCH: Final = 100
+PERIODS_AT_ONCE: Final = 100
 """Periods that the tape stores at once."""
 RAMP: Final = 40
 """Periods over which the speed changes from the design speed."""
-STEPS: Final = 400
+OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
 """Price of the mean squared change of the weights, relative to the mean squared error of the action divided by its
-limit. It determines the weights that the lessons do not."""
+limit. It determines the weights that the demonstrations do not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Lessons:
+class Demonstration:
     """What a prior read and did in n control periods.
 
     Attributes:
@@ -47,9 +47,9 @@ class Lessons:
     Cd: Array
 
 
-def lessons(
+def demonstrate(
     flow: DifferentiableFlow, feedback: Feedback, start: FlowState, speed: float, goal: Goal, *, periods: int
-) -> Lessons:
+) -> Demonstration:
     """Run a feedback in closed loop from a developed wake: a ramp to a constant speed, then `periods` at this speed.
 
     Raises:
@@ -60,8 +60,8 @@ def lessons(
     course = np.concatenate([np.linspace(1.0, speed, RAMP + 1), np.full(periods, speed)])
     rows, speeds, actions, Cd = list[Tensor](), list[float](), list[float](), list[float]()
     with torch.no_grad():
-        for first in range(0, len(course) - 1, STRETCH):
-            part = course[first : first + STRETCH + 1]
+        for first in range(0, len(course) - 1, PERIODS_AT_ONCE):
+            part = course[first : first + PERIODS_AT_ONCE + 1]
             run = closed_loop(
                 flow,
                 feedback,
@@ -75,7 +75,7 @@ def lessons(
                 speeds.append(told)
                 actions.append(float(action))
             Cd += [one.Cd for one in run.seen[1:]]
-    return Lessons(
+    return Demonstration(
         rows=torch.stack(rows),
         speeds=np.array(speeds),
         actions=torch.tensor(actions, dtype=torch.float64),
@@ -83,13 +83,13 @@ def lessons(
     )
 
 
-def imitate(feedback: Feedback, given: Sequence[Lessons], goal: Goal, *, faster: bool) -> tuple[float, float]:
-    """Fit the feedback's scheduled weights of one side of the design speed to lessons.
+def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, faster: bool) -> tuple[float, float]:
+    """Fit the feedback's scheduled weights of one side of the design speed to demonstrations.
 
     Args:
         feedback: changed in place.
-        given: lessons at speeds of this side.
-        goal: goal of the lessons.
+        given: demonstrations at speeds of this side.
+        goal: goal of the demonstrations.
         faster: whether the side is above the design speed.
 
     Returns:
@@ -107,7 +107,9 @@ def imitate(feedback: Feedback, given: Sequence[Lessons], goal: Goal, *, faster:
         gates = torch.cat([scheduled, even], dim=1) @ feedback.gate - share * gate
     new_first, new_gate = first.clone().requires_grad_(), gate.clone().requires_grad_()
     output = feedback.output.detach()
-    optimiser = torch.optim.LBFGS([new_first, new_gate], max_iter=STEPS, history_size=20, line_search_fn="strong_wolfe")
+    optimiser = torch.optim.LBFGS(
+        [new_first, new_gate], max_iter=OPTIMISER_STEPS, history_size=20, line_search_fn="strong_wolfe"
+    )
 
     def error() -> Tensor:
         units = torch.tanh(inner + share * (odd @ new_first))

@@ -1,6 +1,6 @@
 /* The calibration of the ECU through UDS and XCP: the values that both protocols read and write and that control reads
  * between two periods, and the stored values, which survive a power loss. Values are sent as in memory: little-endian.
- * This file corresponds to can_bridge/calibration/segment.py and uds/calibration_service.py.
+ * This file corresponds to can_bridge/calibration/segment.py and can_bridge/uds/calibration_service.py.
  */
 #ifndef SW_CALIBRATING_H
 #define SW_CALIBRATING_H

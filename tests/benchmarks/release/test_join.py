@@ -1,4 +1,4 @@
-"""A model that cannot teach or be taught is refused before any flow is run."""
+"""A model that cannot imitate or be imitated is refused before any flow is run."""
 
 from dataclasses import replace
 

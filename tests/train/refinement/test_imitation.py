@@ -8,7 +8,7 @@ from contract.controller.goal import Goal
 from contract.differentiable import FlowState
 from tests.train.refinement.oscillator import MIDDLES, START, Oscillator
 from train.refinement.feedback import Feedback
-from train.refinement.imitation import RAMP, STRETCH, Lessons, imitate, lessons
+from train.refinement.imitation import PERIODS_AT_ONCE, RAMP, Demonstration, demonstrate, imitate
 
 MEMORY, LIMIT, PERIODS = 6, 0.075, 110
 GOAL = Goal(lift=0.2)
@@ -21,14 +21,14 @@ def feedback(seed: int, units: int = 5) -> Feedback:
     return made
 
 
-def lesson_of(policy: Feedback, speed: float, start: FlowState = START) -> Lessons:
-    return lessons(Oscillator(), policy, start, speed, GOAL, periods=PERIODS)
+def demonstrated(policy: Feedback, speed: float, start: FlowState = START) -> Demonstration:
+    return demonstrate(Oscillator(), policy, start, speed, GOAL, periods=PERIODS)
 
 
-def test_lessons_are_what_the_feedback_read_and_did_over_several_stretches():
+def test_a_demonstration_is_what_the_feedback_read_and_did_over_several_stretches():
     policy = feedback(1)
-    found = lesson_of(policy, 0.8)
-    assert len(found.rows) == RAMP + PERIODS > STRETCH
+    found = demonstrated(policy, 0.8)
+    assert len(found.rows) == RAMP + PERIODS > PERIODS_AT_ONCE
     assert found.speeds[[0, RAMP, -1]] == pytest.approx([1.0, 0.8, 0.8])
     with torch.no_grad():
         expected = [float(policy(rows, speed, GOAL)) for rows, speed in zip(found.rows, found.speeds, strict=True)]
@@ -44,20 +44,20 @@ def test_lessons_are_what_the_feedback_read_and_did_over_several_stretches():
 def test_a_prior_takes_over_other_priors_on_each_side_and_stays_the_same_at_the_design_speed():
     student, slow, fast = feedback(1, units=8), feedback(2), feedback(3)
     before = feedback(1, units=8)
-    for teacher, speed in ((slow, 0.7), (fast, 1.4)):
-        given = [lesson_of(teacher, speed, FlowState(flat=np.array(flat))) for flat in ((0.3, -0.2), (-0.1, 0.5))]
-        unseen = lesson_of(teacher, speed, FlowState(flat=np.array((0.1, 0.3))))
+    for expert, speed in ((slow, 0.7), (fast, 1.4)):
+        given = [demonstrated(expert, speed, FlowState(flat=np.array(flat))) for flat in ((0.3, -0.2), (-0.1, 0.5))]
+        unseen = demonstrated(expert, speed, FlowState(flat=np.array((0.1, 0.3))))
         apart = error_of(student, unseen)
         imitate(student, given, GOAL, faster=speed > 1.0)
         # Part of the difference remains: near the design speed, and because the units keep their weights of the sums.
         assert error_of(student, unseen) < 0.2 * apart, speed
-    rows = lesson_of(student, 1.0).rows
+    rows = demonstrated(student, 1.0).rows
     with torch.no_grad():
         assert [float(student(one, 1.0, GOAL)) for one in rows] == [float(before(one, 1.0, GOAL)) for one in rows]
 
 
-def error_of(policy: Feedback, given: Lessons) -> float:
-    """Root mean square of the policy's action minus the lesson's."""
+def error_of(policy: Feedback, given: Demonstration) -> float:
+    """Root mean square of the policy's action minus the demonstrated one."""
     with torch.no_grad():
         done = [float(policy(rows, at, GOAL)) for rows, at in zip(given.rows, given.speeds, strict=True)]
     return float(np.sqrt(np.mean((np.array(done) - given.actions.numpy()) ** 2)))
