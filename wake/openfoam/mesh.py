@@ -171,8 +171,8 @@ def _sides(cells: Index) -> tuple[Index, Index]:
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return the edges of all cells, the cell of each edge, and the index of the same edge as listed by the cell on its
-    other side (-1 if there is none); also a code of each edge's vertex pair."""
+    """Return four arrays with an entry for each edge of each cell: the vertex pair; the cell; the entry of the same
+    edge for the cell on its other side, or -1 if there is none; and a code of the vertex pair."""
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)

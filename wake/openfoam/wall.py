@@ -69,10 +69,10 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float) -> None:
-    """Write the instants of a case in closed loop: the jets start from `action`, and the end of every time step is an
-    instant.
+    """Write the files of the instants of a case in closed loop: the jets start from `action`, and the end of every time
+    step is an instant.
 
-    The instants are links to one folder per jet, which holds the jet's pipe.
+    The folder of an instant is a link to the folder that holds the jet's pipe.
     """
     for jet in JETS:
         data, end = _begin(folder, mesh, jet, action), pipe(folder, jet)

@@ -4,9 +4,9 @@
 recording. `owner` holds the token of the call that records; a worker stops when it finds another token there.
 
 For each block there are a file of samples and a file of the state at the block's end: the flow and the policy's memory.
-The state is written before the samples, so that every complete block can be continued. After that, the states of
-earlier blocks are no longer needed. A file is either complete or absent, so a stopped recording continues as if it had
-not been stopped.
+The state is written before the samples, so that every complete block can be continued. Then the states of earlier
+blocks are removed, except the last of them. A file is either complete or absent, so a stopped recording continues as if
+it had not been stopped.
 """
 
 import io

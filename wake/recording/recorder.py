@@ -63,7 +63,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
         made, wanted = dict(episode.provenance), json.loads(json.dumps(job.provenance))
         made.pop(_NOT_COMPARED, None)
         if made.get("start_sha256") == wanted.get("start_sha256"):
-            # The states are equal, so the names of their files do not matter.
+            # Both recordings begin in the same state, so the names of its files may differ.
             made.pop("start", None)
         difference = _first("", made, wanted)
         if difference:
@@ -73,7 +73,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
 
 
 def _first(name: str, there: Any, here: Any) -> str | None:
-    """Describe the first entry whose values differ; entries that only one side has are skipped."""
+    """Describe the first entry whose values differ; entries that are only in `there` or only in `here` are skipped."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         common = sorted(there.keys() & here.keys())
         differences = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
