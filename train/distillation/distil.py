@@ -60,7 +60,8 @@ def distil(
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
     noise = slim_rows.noise(settings.sensor_noise)
-    # Windows are drawn one by one: without an unroll and with few inputs, sharing computations would save nothing.
+    # Windows are drawn one by one. Overlapping windows could share computations, but without an unroll and with few
+    # inputs this would save nothing.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
     )

@@ -120,9 +120,10 @@ class Feedback(nn.Module):
         return (self._filters.T @ odd).flatten(-2), (self._filters.T @ even).flatten(-2)
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
-        """Load the weights of a prior from `as_prior`, or of the prior of release 1.0.0, which has no goal and no sums.
+        """Load the weights of a prior that `as_prior` returned, or of the prior of release 1.0.0, which has no inputs
+        for goal and sums.
 
-        If the prior has fewer units than this feedback, the other units stay unchanged.
+        If the prior has fewer units than this feedback, the feedback's further units stay unchanged.
         """
         units, pairs, count = len(prior["output"]), self.pairs, self._filters.shape[1]
         first, gate, sums = of_two_speeds(prior["first"]), prior.get("gate"), prior.get("sums")

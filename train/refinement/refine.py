@@ -33,7 +33,8 @@ from train.refinement.windows import Price, Stream, StretchReadings
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a stretch's gradient is clipped, because some stretches have a gradient ten times the usual one."""
 MEAN_OVER: Final = 30
-"""Number of updates after which an update's share in the exponential mean of the weights is down to 1 / e."""
+"""Number of updates in which an update's share in the exponential mean of the weights falls to 1 / e of its first
+value."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
 """Fraction of the distance to a randomly drawn speed by which the speed changes during a stretch. The speed changes in

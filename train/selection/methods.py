@@ -128,7 +128,7 @@ def select(
 
     Args:
         rows: samples with all sensors' columns.
-        settings: settings of the training, whose seed is used and, for "shap", whose numbers of draws.
+        settings: settings of the training; the method uses their seed and, for "shap", their numbers of draws.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")
