@@ -40,7 +40,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""The commands that make the files for these options, by option."""
+"""A text that names the command by which the user makes an option's file, by the name of the option."""
 
 
 class _RunsByDefault(TyperGroup):

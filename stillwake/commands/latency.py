@@ -199,7 +199,7 @@ _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
 
 
 def _given(loaded: Loaded) -> list[Any]:
-    """Return the sections with only the settings that the user gave; the rest has the same defaults in both
+    """Return the sections with only the settings that the user gave; all other settings have the same defaults in both
     processes."""
     listed = (
         replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))

@@ -260,7 +260,7 @@ def _continued(output: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
-    # Steps are counted when their block is complete, after seconds, so the rate is averaged over many blocks.
+    # Steps are counted when their block is complete. A block takes seconds, so the rate is averaged over many blocks.
     with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
 

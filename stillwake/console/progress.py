@@ -153,7 +153,8 @@ class Report:
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # Steps that an earlier call of the command did must not count for the speed. (rich accepts fractions.)
+            # Steps that an earlier call of the command did must not count for the speed. rich accepts fractions of a
+            # step, although its types do not.
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now
