@@ -100,7 +100,7 @@ Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g
 
 
 def times(found: dict[str, Any]) -> str:
-    """Return the table of a transfer of the shipped release over the simulated bus: the durations measured last."""
+    """Return the table of the durations of a transfer of the shipped release over the simulated bus."""
     of = found["figures"]
     rows = [
         (

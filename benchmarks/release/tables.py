@@ -151,8 +151,7 @@ def _from_phases(results: Path) -> tuple[object, ...]:
 
 
 def _linear(results: Path) -> tuple[object, ...]:
-    """Return the row of the linear controller that version 1.0.0 identified, with its means over the starting
-    phases."""
+    """Return the row of the linear controller of version 1.0.0, with its means over the starting phases."""
     row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
     return (
         f"linear controller (of version 1.0.0), mean of {len(row['outcomes'])} starts",
