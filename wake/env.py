@@ -65,7 +65,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     Raises:
         ConfigError: for a sensor that does not exist or is named twice, one string for all names, or a setting out of
             its range.
-        PlantError: for a start state of another plant or within a control period, or an unstable time step.
+        PlantError: for a start state that is of another plant or lies within a control period, or for an unstable time
+            step.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
@@ -110,7 +111,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. Raises ConfigError for an option that does not exist or is out of its range; PlantError for
-        a start state of another plant or within a control period."""
+        a start state that is of another plant or lies within a control period."""
         super().reset(seed=seed)
         # On the first use after an installation, this reset compiles the solver; the notice explains the long wait.
         notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})

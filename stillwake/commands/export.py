@@ -172,7 +172,8 @@ class _Files:
 
     @contextmanager
     def library(self) -> Iterator[Path]:
-        """Yield the folder for the C library: the given one, or a temporary folder that is deleted after the block."""
+        """Yield the folder for the C library: the folder that the user gave, or a temporary folder that is deleted
+        after the block."""
         with tempfile.TemporaryDirectory() as scratch:
             yield Path(scratch, "library") if self.c is None else self.c
 

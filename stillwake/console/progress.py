@@ -129,8 +129,8 @@ class Report:
     """A receiver of reports on tasks. A task begins with its first report; the steps in this report do not count for
     the speed.
 
-    The first and the last report of a task are shown immediately. A task of which no report was shown before its end is
-    never shown.
+    The first and the last report of a task are shown immediately. A task is never shown if no report of it was shown
+    before its end.
     """
 
     def __init__(self, bar: Progress, clock: Callable[[], float]) -> None:

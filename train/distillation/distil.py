@@ -4,6 +4,7 @@
 
 The loss is the mean over the latent dimensions, as in the joint loss (`train.networks.loss.prediction_loss`). Adam's
 steps do not depend on this constant factor. The teacher is frozen, so its latents of every window are computed once.
+B is the number of windows, N_z the number of latent dimensions.
 """
 
 import torch
@@ -20,7 +21,7 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
-"""Number of windows that are encoded together; at this number the gates fit into the processor's cache."""
+"""Number of windows that are encoded together; at this number the LSTM's gates fit into the processor's cache."""
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:

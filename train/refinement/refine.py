@@ -44,8 +44,8 @@ AT_DESIGN: Final = 3
 GOAL_OVER: Final = 3
 """Number of stretches after which a stream draws a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Probability that a stretch has the true speed, that it loses no frames, and that a part of its goal is as
-configured."""
+"""Probability that a stretch is given the true speed; also that it loses no frames, and that a part of its goal is the
+configured part."""
 LAST_ROWS: Final = 20_000
 """Number of the newest control periods to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1

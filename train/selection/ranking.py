@@ -106,7 +106,7 @@ class SensorChoice:
     @classmethod
     def of_ranking(cls, ranking: Ranking) -> "SensorChoice":
         """Build the choice from a ranking by the paper's method."""
-        # The set of all sensors is always stable.
+        # The set of all sensors is always stable, so its size is left out.
         sizes = [count for count in STABILITY_SETS if count < len(ranking.names)]
         return cls(
             method="shap.GradientExplainer",

@@ -120,8 +120,8 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the fraction of a slot's flow through each of its equal faces, (cells,), as exact integrals of the
-    parabola."""
+    """Return the fraction of a slot's flow through each of its equal faces, (cells,), as exact integrals of the jet's
+    parabolic profile."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 
