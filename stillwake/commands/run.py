@@ -178,7 +178,7 @@ def _spans(
     *,
     averages: bool,
 ) -> "Spans":
-    """Return the times of a run's phases; an error in them is raised here, before a C library is made."""
+    """Return the times of a run's phases; an error in these times is raised before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:

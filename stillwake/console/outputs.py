@@ -27,7 +27,8 @@ def check_output(
     path: Path, *, overwrite: bool | None, folder: bool = False, occupant: str = "", mark: str = ""
 ) -> None:
     """Check that an output can be written, and lock its path until the command ends. Raises OutputError if the output
-    exists and must not be replaced, or another command writes there; StillwakeError if nothing can be written there.
+    exists and must not be replaced, or another command writes to the path; StillwakeError if nothing can be written to
+    the path.
 
     Args:
         overwrite: whether the user asked to replace an existing output; None for outputs that are never replaced.

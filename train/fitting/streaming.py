@@ -23,7 +23,7 @@ from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _MORE = 8
 """Ratio of the batch size to the batch size of windowed training. It is larger than 1 because neighbouring latents are
-similar, and additional latents cost little here."""
+similar, and additional latents of a stream cost little."""
 
 
 def encode_stream(encoder: Encoder, rows: Rows) -> Tensor:

@@ -101,8 +101,8 @@ def pressure_points(mesh: Mesh) -> Array:
 
 
 def sensor_weights(mesh: Mesh) -> Array:
-    """Return the weights, (92, n), that convert kinematic pressures at the n `pressure_points` into Cp at the 90
-    sensors and into the mean Cp, weighted with the jet profile, over the upper and the lower slot."""
+    """Return the weights, (92, n), of the kinematic pressures at the n `pressure_points`. The weighted sums are Cp at
+    the 90 sensors, and the mean Cp over the upper and over the lower slot, weighted with the jet profile."""
     at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
     on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
     rows = []

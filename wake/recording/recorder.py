@@ -199,7 +199,7 @@ def finished_jobs(
             for job in unfinished:
                 job.run(wake, progress)
         else:
-            # The import is here, because a recording in one process needs no dask.
+            # dask is imported only in this case, because a recording in one process does not need it.
             from wake.recording.parallel import run_parallel
 
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)

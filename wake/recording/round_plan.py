@@ -4,8 +4,9 @@ A round under a controller adds the flow states that the controller of the last 
 Bagnell 2011).
 
 Forced or controlled episodes of the developed wake never come near the steady symmetric wake, so a model trained on
-them is wrong about the growth of small disturbances there. Calm episodes begin at the steady wake. Small random
-actions, with another amplitude in each episode, disturb it, and the episodes show the growth up to shedding.
+them predicts a wrong growth of small disturbances of the steady wake. Calm episodes begin at the steady wake. Small
+random actions, with another amplitude in each episode, disturb the wake, and the episodes show the growth of the
+disturbances up to shedding.
 """
 
 from collections.abc import Mapping

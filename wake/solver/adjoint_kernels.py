@@ -71,8 +71,8 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     rows = np.zeros((8, ny + 1), u.dtype)
     shares, shifts, through, crossing, part, inner = rows[0:2], rows[2:4], rows[4], rows[5], rows[6], rows[7]
     for i in range(nx + 2):
-        # The coefficients of neighbours beyond the first and the last row are zero, so any row may be read there; index
-        # -1 reads the last entry.
+        # The coefficients of neighbours beyond the first and the last row are zero, so any row may be read in place of
+        # these neighbours; index -1 reads the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
         g, ui, va, vb, ga, gb = gu[i], u[i], v[i], v[ahead], gv[i], gv[ahead]
         w0, w1, s0, s1 = shares[(i + 1) % 2], shares[i % 2], shifts[(i + 1) % 2], shifts[i % 2]

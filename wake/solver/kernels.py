@@ -87,8 +87,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops, because the compiler does not
-    vectorise a loop whose indices could be negative, or with more arrays than it can prove distinct.
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The compiler does not vectorise a
+    loop whose indices could be negative, or a loop with more arrays than it can prove distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)

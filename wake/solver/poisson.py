@@ -9,9 +9,9 @@ are the links between a fluid and a solid cell and K their conductances, hence (
 Grid and body are symmetric in y, so even and odd right-hand sides are solved separately on the lower half. This halves
 the arithmetic, and a symmetric flow remains symmetric bit for bit.
 
-No product uses BLAS, whose rounding depends on the number of threads. The functions here give equal bits with any
-number of threads, in any thread, and are as fast as BLAS: `_product` computes three rows of its result at a time, the
-width is padded to whole vectors, and arrays are aligned to vectors.
+No product uses BLAS, whose rounding depends on the number of threads. The functions in this module give results that
+are equal bit for bit with any number of threads, in any thread, and they are as fast as BLAS: `_product` computes three
+rows of its result at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
 
 Work arrays are allocated once and used again. Allocating them in every step can cost as much as all other work: in a
 worker's thread the C library may return the memory to the system each time, and the system must then map every page
