@@ -83,7 +83,7 @@ class Ahead:
         self.at = 0
 
     def estimates(self, window: Array) -> Array:
-        """See `ecu.sensor_check.EstimatorModel`."""
+        """Return the estimates of step `at` (see `ecu.sensor_check.EstimatorModel`)."""
         del window
         found: Array = self._found[self.at]
         return found

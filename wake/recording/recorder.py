@@ -183,7 +183,7 @@ def finished_jobs(
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
     """Record the missing blocks of a call's jobs, and yield the jobs, whose episodes the caller then stores. Afterwards
-    remove their parts, unless an error was raised.
+    remove the parts of the jobs, unless an error was raised.
 
     Arguments and errors are those of `record`.
     """

@@ -111,7 +111,7 @@ class FlowSolver(CopiedWhole):
         starts: Array | None = None,
     ) -> None:
         """Take `steps` time steps in place while the action ramps linearly between the two values. Raises PlantError,
-        and restores the flow, if the new flow is not finite or is faster than is physically possible here.
+        and restores the flow, if the new flow is not finite or is faster than is physically possible in this flow.
 
         Args:
             dt, steps: length and number of the time steps.
