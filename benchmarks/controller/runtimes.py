@@ -117,7 +117,7 @@ RUNTIMES: Final[Mapping[str, tuple[str, Callable[[Path], Run]]]] = {
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Compare each runtime and print a table."""
+    """Compare each runtime with ONNX Runtime and print a table."""
     release = bundle.load(BUNDLE)
     graph = release.files[CONTROLLER]
     program = program_of(model_folder.read(MODEL), release.manifest.mpc)

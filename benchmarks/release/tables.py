@@ -194,7 +194,8 @@ def _before_and_under(figures: Mapping[str, Any]) -> str:
 
 
 def limits(results: Path) -> str:
-    """Return the table of the effects of computing time, of planning ahead, and of the number of iterations."""
+    """Return the table that shows how computing time, planning ahead and the number of iterations affect drag and
+    lift."""
     names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
     rows = []
     facts = read(results / "demo.json")["facts"]

@@ -53,7 +53,8 @@ def check_json(path: Path | None) -> None:
 
 
 def check_frames(path: Path | None) -> None:
-    """Check that a measurement can be written and that its format's package is installed; lock its path."""
+    """Check that a measurement file of frames can be written, and that the package for its format is installed; lock
+    its path."""
     if path is not None:
         from can_bridge.tools.measurement import check_measurement
 
@@ -62,7 +63,8 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written; for a measurement also how many frames of each name have no signals in it."""
+    """Print that a file was written; for a measurement file also how many frames of each name have no signals in the
+    file."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 

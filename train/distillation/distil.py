@@ -50,8 +50,9 @@ def distil(
 ) -> Encoder:
     """Train an encoder on the chosen sensors to reproduce the teacher's latents.
 
-    The first passes read the recording as a stream, in which 64 samples cost little more than one window. The later
-    passes read windows, as on the vehicle. Returns the slim encoder in evaluation mode, on the device of `rows`.
+    The first passes read the recording as a stream, in which 64 latents cost little more than the latent of one window.
+    The later passes read windows, as on the vehicle. Returns the slim encoder in evaluation mode, on the device of
+    `rows`.
 
     Args:
         rows: samples with all sensors' columns.

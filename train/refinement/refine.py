@@ -233,7 +233,7 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
     told, share = rng.uniform(-1.0, 1.0) * (rng.random() > SOUND), rng.random() * (rng.random() > SOUND)
     return StretchReadings(
         noise=noise,
-        # The speed that the feedback receives is limited to the range, as in the ECU.
+        # The speed that the feedback receives is limited to the trained range, as in the ECU.
         told=np.clip((1.0 + settings.speed_error * told) * speeds, settings.slowest, settings.fastest) / speeds,
         lost=rng.random(periods) < settings.loss * share,
     )

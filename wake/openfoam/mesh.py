@@ -95,7 +95,7 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
     tail = np.column_stack([ring[: len(wake_x), 0][::-1], inner, ring[-len(wake_x) :, 0]])
     core = np.stack(np.meshgrid(wake_x, across[1:-1], indexing="ij"), axis=-1)
     points = np.vstack([around.reshape(-1, 2), core.reshape(-1, 2)])
-    # Lines run along the outline from the lower to the upper outlet, so that the flow is on the left.
+    # The lines around the body run from the lower to the upper outlet, so that the flow is on their left.
     cells = np.vstack([_quads(ring), _quads(tail)])
     cells = cells[_renumbering(cells, len(points))]
 
