@@ -1,1 +1,2 @@
-"""Offline training: from a recording to a latent model, a sensor ranking, a slim encoder and test errors."""
+"""Offline training: a recording gives a latent model, a sensor ranking, a slim encoder and the errors on test
+episodes."""

@@ -138,7 +138,7 @@ def deployed(
     slim = distil(teacher.encoder, rows, indices, config, progress=progress, checkpoints=checkpoints)
     if not config.model.is_slimmed:
         return slim.cpu(), None
-    # The latents come from the vehicle's encoder, not from the teacher.
+    # The roll-outs begin with latents of the vehicle's encoder, not with the teacher's latents.
     latents = encode_all(slim, rows.with_sensors(indices))
     lessons = teach(teacher, latents, rows, scaling, config, progress=progress)
     predictor = distil_predictor(lessons, config.model, config.train, progress=progress, checkpoints=checkpoints)

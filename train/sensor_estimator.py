@@ -92,7 +92,7 @@ def _fit(
     starts = torch.tensor(
         np.concatenate([b + np.arange(len(item) - window + 1) for b, item in zip(begins, learned, strict=True)])
     )
-    # A view of exchanged sensors needs no training: once the exchange is undone, its windows are ordinary.
+    # The network needs no training for exchanged sensors: once the exchange is undone, the windows are ordinary.
     hidden = torch.zeros(sensors + sensors * (sensors - 1) // 2, sensors)
     for flags, view in zip(hidden, views(sensors), strict=False):
         flags[list(view.left_out)] = 1.0
@@ -131,8 +131,8 @@ def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
 
 
 def _blown(seen: Tensor, middle: Tensor, generator: torch.Generator) -> Tensor:
-    """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed from that of the speed;
-    `middle` (S,) is the sensors' mean."""
+    """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed from that of the vehicle's
+    speed; `middle` (S,) is the sensors' mean."""
     share, is_blown = torch.rand(2, len(seen), 1, 1, generator=generator)
     factor = torch.square(1.0 + GUST * (2.0 * share - 1.0) * (is_blown < 0.5))
     return torch.cat([factor * (seen[:, :, :-1] + middle) - middle, seen[:, :, -1:]], dim=2)

@@ -41,9 +41,9 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     clipped actions in this episode.
 
     `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
-    after the start state. Equal seeds give equal phases, and so, with equal actions, equal trajectories bit for bit
-    with any number of threads. Computed phases are stored, so only the first resets take long. `reset` accepts one of
-    these options:
+    after the start state. Equal seeds give equal phases. If the actions are also equal, the trajectories are equal bit
+    for bit, with any number of threads. Computed phases are stored, so only the first resets take long. `reset` accepts
+    one of these options:
 
     - `phase_steps`: the phase in control periods, in place of a random phase;
     - `start`: a `wake.truck.state.State` to start from, at a control period's start.
@@ -65,7 +65,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     Raises:
         ConfigError: for a sensor that does not exist or is named twice, one string for all names, or a setting out of
             its range.
-        PlantError: for a start state of another plant or within a control period, or an unstable time step.
+        PlantError: for a start state that is of another plant or lies within a control period, or for an unstable time
+            step.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  (Gymnasium's own convention)
@@ -110,7 +111,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. Raises ConfigError for an option that does not exist or is out of its range; PlantError for
-        a start state of another plant or within a control period."""
+        a start state that is of another plant or lies within a control period."""
         super().reset(seed=seed)
         # On the first use after an installation, this reset compiles the solver; the notice explains the long wait.
         notice = Timer(_SILENCE_S, print, ["compiling the flow solver, once: up to a minute"], {"file": sys.stderr})
@@ -151,8 +152,9 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Use the phases that the other environment has stored and will store, and store new phases there. The two
-        environments must have equal settings and start states, and only one of them may be reset at a time."""
+        """Share the store of computed phases with the other environment, so that each environment uses the phases that
+        either has computed. The two environments must have equal settings and start states, and only one of them may be
+        reset at a time."""
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:

@@ -132,9 +132,9 @@ def _one(settings: dict[str, Any]) -> _Ahead:
 
 
 class BatchTape(CopiedWhole):
-    """One tape (`wake.truck.tape.Tape`) for each wake of a vector environment; all tapes advance by the same control
-    period, on the environment's threads. They advance only the flows: the environment counts no steps and ends no
-    episode. A copy has its own environment.
+    """One tape (`wake.truck.tape.Tape`) for each wake of a vector environment; the tapes advance together, one control
+    period at a time, on the environment's threads. They advance only the flows: the environment counts no steps and
+    ends no episode. A copy has its own environment.
 
     Args:
         env: the environment, after `reset`; every wake must be at the beginning of a control period.

@@ -1,4 +1,4 @@
-"""The tables of flashing: the effects of interruptions of the supply, and the duration of a transfer."""
+"""The tables of flashing: the effects of interruptions of the power supply, and the duration of a transfer."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -32,7 +32,8 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def proof(found: dict[str, Any]) -> str:
-    """Return the table of interruptions of the supply, with a folder as the store, and of the resulting losses."""
+    """Return the table of a test with interruptions of the power supply: counts of its steps and of the losses. The
+    ECU's store is a folder."""
     of, facts = found["figures"], found["facts"]
     texts = {
         "operations": "calls in the whole sequence that change the store",
@@ -50,7 +51,8 @@ ways. The second cuts are random."""
 
 
 def in_c(found: dict[str, Any]) -> str:
-    """Return the table of the loader in C: counts of its test with interruptions of the supply, and its memory."""
+    """Return the table of the loader in C: counts of its test with interruptions of the power supply, and its
+    memory."""
     of = found["figures"]
     texts = {
         "cuts_depth_1": "first cuts of the supply",
@@ -100,7 +102,7 @@ Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g
 
 
 def times(found: dict[str, Any]) -> str:
-    """Return the table of a transfer of the shipped release over the simulated bus: the durations measured last."""
+    """Return the table of the durations of a transfer of the shipped release over the simulated bus."""
     of = found["figures"]
     rows = [
         (

@@ -1,4 +1,5 @@
-"""The code that the measurements' command lines share: options, the two consoles, and the output of figures."""
+"""The code that the measurements' command lines share: options, the consoles for tables and for progress, and the
+output of figures."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from datetime import date

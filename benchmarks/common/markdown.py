@@ -28,7 +28,7 @@ def names(text: str) -> list[str]:
 
 def fill(text: str, tables: Mapping[str, str]) -> str:
     """Return a page in which the text between each `<!-- table NAME -->` and `<!-- end -->` is replaced by the table of
-    this name. Raises ValueError if there is no table of a name, or an end is missing."""
+    this name. Raises ValueError if `tables` lacks a name of the page, or if an end is missing."""
     for name in names(text):
         if name not in tables:
             raise ValueError(f"no table {name!r}: one of {', '.join(sorted(tables))}")

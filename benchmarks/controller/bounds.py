@@ -58,7 +58,8 @@ _LOADER: Final = b"".join(
         (b"SERIAL", b'"s"'), (b"SOFTWARE", b'"s"'),
     )
 )  # fmt: skip
-"""Equipment header with a key of zeros for every key, because the values of the keys do not change the code."""
+"""C header with the equipment of the board. Every key in the header is zero, because the values of the keys do not
+change the code."""
 _KEY: Final = f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, KEY_BYTES))}}}\n".encode()
 _WORD: Final = 4
 

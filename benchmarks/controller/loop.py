@@ -27,7 +27,7 @@ from contract.shipped import RECORDING
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
 """Implementation and precision of each loop; all differences are relative to the first loop."""
 ALLOWED_POINTS: Final = 0.5
-"""Largest allowed change of the drag reduction by int8, in percentage points."""
+"""Largest allowed change of the drag reduction from float32 to int8, in percentage points."""
 _KEPT: Final = (*LOOP, "Cd_uncontrolled", "abs_Cl_uncontrolled", "mpc_ms_p50", "mpc_ms_p99", "computed_by")
 
 

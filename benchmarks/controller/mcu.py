@@ -61,7 +61,7 @@ def main(
     json_file: JsonFile = None,
     windows: Annotated[int, typer.Option(min=2, help="On which the work of the release's step is compared.")] = 200,
 ) -> None:
-    """Measure every size and print a table."""
+    """Measure the networks of every size and the release, and print a table."""
     rows = [_measured(case, CORTEX_M7) for case in track(CASES, "sizes on a Cortex-M7", "sizes")]
     smaller = [_measured(case, CORTEX_M4F) for case in track(SMALLER, "sizes on a Cortex-M4F", "sizes")]
     release = _release(windows)

@@ -71,7 +71,7 @@ class Loop:
 
 @dataclass(frozen=True, kw_only=True)
 class Calls:
-    """Functions with their stack in bytes, and the functions that each of them calls.
+    """Functions with their stack in bytes, and the functions that each function calls.
 
     Attributes:
         unresolved: places of calls through a pointer for which no function is known.

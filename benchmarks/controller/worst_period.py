@@ -1,4 +1,4 @@
-"""The longest control period of the firmware: constructed drives on the emulated board, and a bound from all of them.
+"""The longest control period of the firmware: constructed drives on the emulated board, and a bound from all drives.
 
 A period is all work that the core does from the end of one step to the end of the next step: one pass of the main loop
 for each frame that wakes the core, and the step. Each constructed drive has a different cause that makes steps longer,

@@ -4,10 +4,10 @@
 
 Each ECU controls the live wake from the same initial state over the same bus. In the loop with the emulated core, a
 second ECU on this machine gets the same frames at the same times. It is compiled from the core's sources by the core's
-compiler, with equal contraction of floating-point operations. After every step all frames and the whole state must be
-equal bit for bit. The virtual compute time is the core's modelled time in this loop, and `ecu.compute_time_ms` in the
-loops with the two other ECUs. Finished loops are stored in `runs/ecu_loop`, in a folder named after the hash of their
-inputs, so that an interrupted measurement can be continued.
+compiler, and its floating-point operations are contracted in the same way. After every step all frames and the whole
+state must be equal bit for bit. The virtual compute time is the core's modelled time in this loop, and
+`ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops are stored in `runs/ecu_loop`, in a folder
+named after the hash of their inputs, so that an interrupted measurement can be continued.
 """
 
 import hashlib

@@ -83,7 +83,7 @@ class Ahead:
         self.at = 0
 
     def estimates(self, window: Array) -> Array:
-        """See `ecu.sensor_check.EstimatorModel`."""
+        """Return the estimates of step `at` (see `ecu.sensor_check.EstimatorModel`)."""
         del window
         found: Array = self._found[self.at]
         return found
@@ -126,8 +126,8 @@ class Lab:
         """Compare the network's estimates with those of ONNX Runtime; raises StillwakeError if they differ."""
         windows = _windows(passage, self.network.window)[:100]
         found = np.stack([self.check.estimator.estimates(window) for window in windows])
-        # Both compute in single precision, with sums of some hundred terms of order one, so small differences are
-        # expected.
+        # NumPy and ONNX Runtime compute in single precision, with sums of some hundred terms of order one, so small
+        # differences are expected.
         if not np.allclose(found, _estimates(self.network, windows), atol=1e-5):
             raise StillwakeError("NumPy and ONNX Runtime estimate different pressures from the same constants")
 

@@ -21,8 +21,8 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def campaign(found: Mapping[str, Any], *, told: bool = False) -> str:
-    """Return the matrix with a row per scenario. With `told`, one column contains the scenarios' sentences; a sentence
-    that differs from the previous one only in a number or a sensor is left out."""
+    """Return the matrix with a row per scenario. With `told`, a column contains the scenarios' sentences. A sentence is
+    left out if the scenario's name differs from the previous name only in a number or a sensor."""
     rows: list[Sequence[object]] = []
     kind = ""
     for row in found["figures"]:

@@ -128,7 +128,7 @@ def measured(log: RunLog, forecasts: Array, settled: int) -> dict[str, Any]:
 
     Args:
         forecasts: forces forecast in every period for the next H periods, shape (n, H, 2); NaN without a forecast.
-        settled: index of the first row that is evaluated as under control.
+        settled: index of the first row of the evaluated part with control.
     """
     truth = np.column_stack([log.series["Cd"], log.series["Cl"]])
     errors = forecast_errors(forecasts[settled:], truth[settled:])

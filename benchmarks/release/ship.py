@@ -2,8 +2,8 @@
 
     python -m benchmarks.release.ship MODEL BUNDLE --command "stillwake train ..."
 
-`make release` calls this module. It changes nothing unless the bundle was made from the model and signed with the
-project's key.
+`make release` calls this module. The module changes nothing unless the bundle was made from the model and signed with
+the project's key.
 """
 
 import argparse

@@ -151,8 +151,7 @@ def _from_phases(results: Path) -> tuple[object, ...]:
 
 
 def _linear(results: Path) -> tuple[object, ...]:
-    """Return the row of the linear controller that version 1.0.0 identified, with its means over the starting
-    phases."""
+    """Return the row of the linear controller of version 1.0.0, with its means over the starting phases."""
     row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
     return (
         f"linear controller (of version 1.0.0), mean of {len(row['outcomes'])} starts",
@@ -195,7 +194,8 @@ def _before_and_under(figures: Mapping[str, Any]) -> str:
 
 
 def limits(results: Path) -> str:
-    """Return the table of the effects of computing time, of planning ahead, and of the number of iterations."""
+    """Return the table that shows how computing time, planning ahead and the number of iterations affect drag and
+    lift."""
     names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
     rows = []
     facts = read(results / "demo.json")["facts"]

@@ -66,7 +66,7 @@ def main(
     workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
     bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
 ) -> None:
-    """Run every value from every start and print a table."""
+    """Run the loop with every value of each weight from every start, and print a table."""
     release = bundles.load(bundle)
     folder = started(parts / release.digest[:12], phases)
     cases = [

@@ -68,7 +68,8 @@ def campaign(
     stored, and the same command continues the campaign. A call with another seed, bundle, duration or setting is
     another campaign. With --phases 1 --controlled 40 the command is a quick trial, whose figures are not significant.
 
-    Exit status 3: an invariant was violated in a scenario. A scenario without drag reduction is no failure.
+    Exit status 3: in a scenario an invariant, a condition for safe frames and jet flows, was violated. A scenario
+    without drag reduction is no failure.
     """
     from firmware_sim.campaign.folder import CampaignFolder
     from firmware_sim.campaign.matrix_words import listing

@@ -30,8 +30,8 @@ def config(
     """Show the settings: values, units, and where each value comes from.
 
     The last column gives the source: the "default", the shipped "release", a "file" of --set, or a single "--set". With
-    a prefix, the source of each default is given too. --set has the effect that is shown here in other commands too,
-    except that it changes the settings of the model in `export` and `refine`, and those of the training in `train`.
+    a prefix, the source of each default is given too. --set has the same effect in other commands, with two exceptions:
+    in `export` and `refine` it changes the settings of the model, and in `train` the settings of the training.
     """
     loaded = read_settings(given)
     listed = chosen(sections(loaded.config), prefix, only_changed=changed)

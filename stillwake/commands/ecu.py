@@ -40,7 +40,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""The commands that make the files for these options, by option."""
+"""A text that names the command by which the user makes an option's file, by the name of the option."""
 
 
 class _RunsByDefault(TyperGroup):
@@ -94,8 +94,8 @@ def run(
     The jets stay shut until the ECU has received a low enable request from the vehicle, and then a high request. In
     three cases the ECU sends commands that shut the jets: the program ends, also by Ctrl-C or SIGTERM; the bus was
     lost, and the ECU has opened it again; or another ECU sends commands on the bus. Real-time privileges are used if
-    the system grants them; otherwise a message reports the missing privileges. With bus.key, --freshness is required,
-    except for a systemd service with a state directory: the default is a file there.
+    the system grants them; otherwise a message reports the missing privileges. With bus.key, --freshness is required;
+    only a systemd service with a state directory has a default, which is a file in this directory.
 
     With --slots the command runs the release in a folder. `stillwake ecu provision` makes the folder, `stillwake flash`
     replaces the release over the same bus, and `stillwake calibrate` changes its goal and limits. With --mcu the
@@ -243,7 +243,7 @@ def _refuse(why: str, **given: Any) -> None:
 
 
 def _needed(what: str, **given: Path | None) -> dict[str, Path]:
-    """Return the paths without which the option `what` does not work; raises ConfigError for the first missing one."""
+    """Return the paths without which the option `what` does not work; raises ConfigError for the first missing path."""
     found = {}
     for name, value in given.items():
         if value is None:

@@ -101,14 +101,15 @@ def export(
 
     The command starts from the settings with which the model was trained; --set changes them, for example --set
     mpc.weights.lift=0.1. Nothing is written unless the graph, and the C library if requested, agree with the reference
-    computation in NumPy. For this comparison all of them compute control steps on the data set with which the model was
-    trained. The folder of --c also has the whole ECU in C, with the settings of the sections bus and ecu compiled in,
-    its DBC, A2L and PDX files, the computation of a tester's key from the ECU's seed, and a bill of materials.
+    computation in NumPy. For this comparison the graph, the library and the reference compute control steps on the data
+    set with which the model was trained. The folder of --c also has the whole ECU in C, with the settings of the
+    sections bus and ecu compiled in. The folder further has the ECU's DBC, A2L and PDX files, the computation of a
+    tester's key from the ECU's seed, and a bill of materials.
 
     Without a model, `export --c FOLDER` writes this folder for the shipped bundle, `export --fmu FILE` writes the
     shipped bundle's ECU as an FMU, and `export --image FILE` writes the shipped bundle's image. `export --for-testers
-    FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` those of
-    another bundle; neither needs an ECU.
+    FOLDER` writes the files for testers of the shipped bundle, and `export BUNDLE --for-testers FOLDER` writes the
+    files of another bundle; neither needs an ECU.
     """
     files = _Files(
         c=c,
@@ -171,7 +172,8 @@ class _Files:
 
     @contextmanager
     def library(self) -> Iterator[Path]:
-        """Yield the folder for the C library: the given one, or a temporary folder that is deleted after the block."""
+        """Yield the folder for the C library: the folder that the user gave, or a temporary folder that is deleted
+        after the block."""
         with tempfile.TemporaryDirectory() as scratch:
             yield Path(scratch, "library") if self.c is None else self.c
 

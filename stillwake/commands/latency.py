@@ -130,8 +130,8 @@ def in_real_time(loaded: Loaded) -> Loaded:
             f"bus.interface = {bus.interface!r}: two processes need a bus between them, such as {INTERFACE}"
         )
     if bus.interface == INTERFACE and "bus.channel" not in loaded.given:
-        # Routers do not forward these addresses (RFC 2365). Each process has its own, so that simultaneous measurements
-        # do not disturb each other.
+        # Routers do not forward these addresses (RFC 2365). Each process has its own address, so that simultaneous
+        # measurements do not disturb each other.
         high, low = divmod(os.getpid() % 65536, 256)
         bus = replace(bus, channel=f"239.255.{high}.{low}")
     changed = loaded.in_overrides | {"bus.interface", "bus.channel"} - named
@@ -199,7 +199,7 @@ _STILLWAKE: Final = (sys.executable, "-m", "stillwake")
 
 
 def _given(loaded: Loaded) -> list[Any]:
-    """Return the sections with only the settings that the user gave; the rest has the same defaults in both
+    """Return the sections with only the settings that the user gave; all other settings have the same defaults in both
     processes."""
     listed = (
         replace(section, settings=tuple(one for one in section.settings if one.name in loaded.given))

@@ -27,7 +27,8 @@ USES: Final = (
     "vehicle",
     COST_WEIGHTS,
 )
-"""The settings of `run`, but only the weights of section `mpc`, because a release accepts no other changes there."""
+"""The settings of `run`, except that only the weights of the section `mpc` are used, because a release accepts no other
+changes in this section."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; only localhost needs no token in the link.")]
 Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]

@@ -58,7 +58,8 @@ def picture(
     width: Width = 800,
     given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
-    """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or a mean with streamlines.
+    """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or the mean flow with
+    streamlines.
 
     A still picture shows the state. For --field mean and for an animation, the wake is simulated from the state:
     without control, with the jets forced, or with the actions of a run folder. The forcings are none, sine, training

@@ -68,9 +68,9 @@ def record(
 
     The default is three episodes with these numbers of control steps: training=6000, a sine whose frequency and
     amplitude vary; chirp=1500, a slow sweep of the frequency, for tests; and uncontrolled=500. Give other numbers to
-    change the lengths; 0 leaves an episode out. --paper has 50,000 training steps in ten episodes, 2,500 uncontrolled
-    steps, 10,000 steps of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The workers of a
-    scheduler must find the output's folder at the path that this computer uses.
+    change the lengths; 0 leaves an episode out. --paper records 50,000 training steps in ten episodes, 2,500
+    uncontrolled steps, 10,000 steps of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The
+    workers of a scheduler must find the output's folder at the path that this computer uses.
 
     With --under, record the wake under a controller with exploration, and add the episodes, of controlled=1100 steps
     each. With --from-steady, record the growth of small disturbances on the steady wake, with or without a controller,
@@ -260,7 +260,7 @@ def _continued(output: Path) -> Iterator[None]:
 
 @contextmanager
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
-    # Steps are counted when their block is complete, after seconds, so the rate is averaged over many blocks.
+    # Steps are counted when their block is complete. A block takes seconds, so the rate is averaged over many blocks.
     with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
 

@@ -178,7 +178,7 @@ def _spans(
     *,
     averages: bool,
 ) -> "Spans":
-    """Return the times of a run's phases; an error in them is raised here, before a C library is made."""
+    """Return the times of a run's phases; an error in these times is raised before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
@@ -204,8 +204,8 @@ class _Loop:
     state: Path | None
 
     def closed(self, ecu: "LoopEcu | None", library: Path | None) -> "RunLog":
-        """Run the loop with the given ECU in C, or, if it is None, with the ECU in Python. With the ECU in Python, the
-        controller is the C library, if there is one, instead of ONNX Runtime."""
+        """Run the loop with the ECU in C, or with the ECU in Python if `ecu` is None. The controller of the ECU in
+        Python is the C library; without a library, ONNX Runtime computes the controller's steps."""
         from can_bridge.wire.messages import Mode
         from ecu.in_c.library_controller import open_library
         from firmware_sim.bench.closed_loop import run_closed_loop

@@ -59,11 +59,11 @@ def vehicle(
     """Simulate an ECU's vehicle on a bus in real time: send pressures in every control period, and follow the ECU's
     commands.
 
-    By default the pressures are those of a recorded episode, with the jets shut if there is such an episode. Recorded
-    pressures do not respond to the jets: the run shows whether bus and ECU meet their deadlines, but no drag reduction.
-    With --plant wake the pressures come from a wake that is computed during the run, on a grid that is coarse enough
-    for this computer, for example --set flow.refinement=0.75 --set flow.substeps=15. --state and --drive need --plant
-    wake, and the drive begins when control is requested.
+    By default the pressures are those of a recorded episode; an episode with shut jets is preferred. Recorded pressures
+    do not respond to the jets: the run shows whether bus and ECU meet their deadlines, but no drag reduction. With
+    --plant wake the pressures come from a wake that is computed during the run, on a grid that is coarse enough for
+    this computer, for example --set flow.refinement=0.75 --set flow.substeps=15. --state and --drive need --plant wake,
+    and the drive begins when control is requested.
 
     At a quarter of the design speed, --set operating_point.speed=6.25, the wake is four times as slow and the control
     period is four times as long. The ECU then needs a bundle for this operating point (`bundle renew --set

@@ -3,7 +3,7 @@ begins its work, so no work is lost.
 
 A lock is the system's lock on a hidden file beside the output, `.NAME.lock`. It ends with the process in every case; a
 hidden file that a killed process left has no effect. Linux passes the lock on to an NFS server, so that it also works
-between machines. Windows and some file systems have no such locks; there no command is refused.
+between machines. Windows and some file systems have no such locks; no command is refused on these systems.
 """
 
 import atexit

@@ -48,7 +48,7 @@ def shortage(command: str) -> str | None:
 
 
 def check_memory(words: Sequence[str]) -> None:
-    """Raise MemoryError if the command in `words` needs more memory than the limits allow. Calls for help are
+    """Raise MemoryError if the command in `words` needs more memory than the limits allow. A call with --help is always
     accepted."""
     if words and not {"--help", "-h"} & set(words) and (missing := shortage(words[0])) is not None:
         raise MemoryError(missing)
@@ -65,7 +65,7 @@ def lacks_memory(error: BaseException | None) -> bool:
     return False
 
 
-# A second thread of BLAS makes no part of the project faster.
+# Nothing in the project is faster with a second thread of BLAS.
 if "OMP_NUM_THREADS" not in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if (here := shortage("")) is not None:

@@ -27,7 +27,8 @@ def check_output(
     path: Path, *, overwrite: bool | None, folder: bool = False, occupant: str = "", mark: str = ""
 ) -> None:
     """Check that an output can be written, and lock its path until the command ends. Raises OutputError if the output
-    exists and must not be replaced, or another command writes there; StillwakeError if nothing can be written there.
+    exists and must not be replaced, or another command writes to the path; StillwakeError if nothing can be written to
+    the path.
 
     Args:
         overwrite: whether the user asked to replace an existing output; None for outputs that are never replaced.
@@ -52,7 +53,8 @@ def check_json(path: Path | None) -> None:
 
 
 def check_frames(path: Path | None) -> None:
-    """Check that a measurement can be written and that its format's package is installed; lock its path."""
+    """Check that a measurement file of frames can be written, and that the package for its format is installed; lock
+    its path."""
     if path is not None:
         from can_bridge.tools.measurement import check_measurement
 
@@ -61,7 +63,8 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written; for a measurement also how many frames of each name have no signals in it."""
+    """Print that a file was written; for a measurement file also how many frames of each name have no signals in the
+    file."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 

@@ -129,8 +129,8 @@ class Report:
     """A receiver of reports on tasks. A task begins with its first report; the steps in this report do not count for
     the speed.
 
-    The first and the last report of a task are shown immediately. A task of which no report was shown before its end is
-    never shown.
+    The first and the last report of a task are shown immediately. A task is never shown if no report of it was shown
+    before its end.
     """
 
     def __init__(self, bar: Progress, clock: Callable[[], float]) -> None:
@@ -153,7 +153,8 @@ class Report:
         still_wanted()
         now, changes = self._clock(), {"completed": done, "total": total, "note": note}
         if task not in self._tasks:
-            # Steps that an earlier call of the command did must not count for the speed. (rich accepts fractions.)
+            # Steps that an earlier call of the command did must not count for the speed. rich accepts fractions of a
+            # step, although its types do not.
             self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
             self._begin(task)
             self._latest[task] = now

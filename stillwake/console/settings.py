@@ -1,4 +1,4 @@
-"""The settings of a command: the release's settings with the changes of `--set`; a single change without effect is
+"""The settings of a command: the release's settings with the changes of `--set`; a single `--set` that has no effect is
 refused."""
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The end of a command by Ctrl-C or by SIGTERM: with both, the command stops and a line states how to continue."""
+"""The end of a command by Ctrl-C or by SIGTERM: in both cases the command stops and a line states how to continue."""
 
 import signal
 import sys

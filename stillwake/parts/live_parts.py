@@ -1,4 +1,5 @@
-"""The plants and the ECUs of a live loop, by name. If they take seconds to make, they are made only when selected."""
+"""The plants and the ECUs of a live loop, by name. A plant or an ECU that takes seconds to make is made only when it is
+selected."""
 
 import importlib.util
 from collections.abc import Callable
@@ -77,7 +78,8 @@ class LiveParts:
             from wake.recorded_wake import RecordedWake
 
             dataset = read(recording())
-            # An episode without actions is preferred, because the effect of recorded jets would not fit the live ones.
+            # An episode without actions is preferred, because the effect of the recorded jets would not fit the actions
+            # of the live jets.
             calm = (episode for episode in dataset.episodes if not episode.series["action"].any())
             return RecordedWake(next(calm, dataset.episodes[0]), dataset.layout, self.config.flow)
         from wake.plants import own_wake

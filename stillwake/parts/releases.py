@@ -60,7 +60,8 @@ def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None
 
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
     """Return the release's calibration in this vehicle, with the cost weights that the user gave. Raises ConfigError
-    for a weight out of its limits, or if the user gave another setting of the optimiser: the bundle fixes these."""
+    for a weight out of its limits, or if the user changed another setting of the optimiser, because the bundle fixes
+    these settings."""
     from ecu.calibrating import limits_of, release_calibration
 
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)

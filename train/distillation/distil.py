@@ -4,6 +4,7 @@
 
 The loss is the mean over the latent dimensions, as in the joint loss (`train.networks.loss.prediction_loss`). Adam's
 steps do not depend on this constant factor. The teacher is frozen, so its latents of every window are computed once.
+B is the number of windows, N_z the number of latent dimensions.
 """
 
 import torch
@@ -20,7 +21,7 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
-"""Number of windows that are encoded together; at this number the gates fit into the processor's cache."""
+"""Number of windows that are encoded together; at this number the LSTM's gates fit into the processor's cache."""
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
@@ -49,8 +50,9 @@ def distil(
 ) -> Encoder:
     """Train an encoder on the chosen sensors to reproduce the teacher's latents.
 
-    The first passes read the recording as a stream, in which 64 samples cost little more than one window. The later
-    passes read windows, as on the vehicle. Returns the slim encoder in evaluation mode, on the device of `rows`.
+    The first passes read the recording as a stream, in which 64 latents cost little more than the latent of one window.
+    The later passes read windows, as on the vehicle. Returns the slim encoder in evaluation mode, on the device of
+    `rows`.
 
     Args:
         rows: samples with all sensors' columns.
@@ -60,7 +62,8 @@ def distil(
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
     noise = slim_rows.noise(settings.sensor_noise)
-    # Windows are drawn one by one: without an unroll and with few inputs, sharing computations would save nothing.
+    # Windows are drawn one by one. Overlapping windows could share computations, but without an unroll and with few
+    # inputs this would save nothing.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
     )

@@ -21,7 +21,8 @@ from train.networks.loss import prediction_loss
 from train.networks.model import Predictor
 
 _FEWER = 4
-"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1: each roll-out has H predictions."""
+"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1, because each roll-out has H
+predictions."""
 
 
 def distil_predictor(
@@ -35,9 +36,10 @@ def distil_predictor(
     """Train dynamics and decoder of the slim widths to reproduce the teacher's roll-outs.
 
     The loss is the sum of three terms. The first is the mean square of the latents' difference over h = 1 .. H, the
-    second the forces' Smooth L1 over h = 0 .. H, both in standard deviations. The third is `slope_weight` times the
-    mean square of the difference between the cost's gradients, divided by the mean square of the teacher's gradient.
-    Returns the student in evaluation mode, with the slim widths of `model`, on the lessons' device.
+    second the forces' Smooth L1 over h = 0 .. H; latents and forces are in standard deviations. The third is
+    `slope_weight` times the mean square of the difference between the student's and the teacher's gradients of the
+    cost, divided by the mean square of the teacher's gradient. Returns the student in evaluation mode, with the slim
+    widths of `model`, on the lessons' device.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

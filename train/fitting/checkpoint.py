@@ -46,7 +46,7 @@ def load(path: Path, identity: Identity) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        # With weights_only, a checkpoint is data and cannot run code.
+        # With weights_only, torch reads a checkpoint as data and runs no code from it.
         body = torch.load(path, map_location="cpu", weights_only=True)
         schema, state = body["schema"], dict(body["state"])
     except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:

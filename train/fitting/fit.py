@@ -1,9 +1,9 @@
 """The training loop, and the joint fit of encoder, dynamics and decoder (paper, section 2.2.4).
 
 A run is a function of configuration and recording. Batches depend only on the seed and the step. Initial weights and
-dropout depend on a generator that is seeded here and stored in the checkpoint. On one machine and with one number of
-threads, a run that is interrupted and resumed therefore ends with the weights of an uninterrupted run. On another
-machine or with another number of threads, sums may have another order.
+dropout depend on a generator that this module seeds and that the checkpoint stores. On one machine and with one number
+of threads, a run that is interrupted and resumed therefore ends with the weights of an uninterrupted run. On another
+machine or with another number of threads, sums may be added in another order.
 """
 
 from collections.abc import Callable, Iterator, Mapping

@@ -69,7 +69,7 @@ class Stopwatch:
         self._last = self.cpu(), self.wall()
 
     def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-        """Add the time since the last call to a phase."""
+        """Add the time since the last call to the time of the phase `phase`."""
         del total, terms
         now = self.cpu(), self.wall()
         one = self.spent.setdefault(phase, Spent())

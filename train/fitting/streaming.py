@@ -2,10 +2,10 @@
 reset (this project's method).
 
 The networks are those of the windowed encoder; only the rows that the state has read differ. A windowed encoder starts
-from a zero state in every window. A streamed encoder's state can depend on all earlier rows; its gates determine how
-far back it does. Training reads sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH`
-latents, so that one pass through the LSTM gives `STRETCH` samples. An encoder trained in this way also reads windows
-well, because it was trained on states after L and more rows. So training on streams is a cheap preparation of a
+from a zero state in every window. A streamed encoder's state can depend on all earlier rows; the LSTM's gates determine
+how many of them have an effect. Training reads sequences of L - 1 + `STRETCH` rows from a zero state and uses the last
+`STRETCH` latents, so that one pass through the LSTM gives `STRETCH` samples. An encoder trained in this way also reads
+windows well, because it was trained on states after L and more rows. So training on streams is a cheap preparation of a
 windowed encoder (`train.distillation.distil`).
 """
 
@@ -23,7 +23,7 @@ from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _MORE = 8
 """Ratio of the batch size to the batch size of windowed training. It is larger than 1 because neighbouring latents are
-similar, and additional latents cost little here."""
+similar, and additional latents of a stream cost little."""
 
 
 def encode_stream(encoder: Encoder, rows: Rows) -> Tensor:

@@ -34,7 +34,8 @@ def without_denormals() -> Iterator[None]:
     hundred times as long for an operation on a denormal number, and a gradient took three times as long (measured once,
     Xeon of 2.5 GHz).
     """
-    # Torch cannot report the previous setting, which nothing else changes; so the setting is off afterwards.
+    # Torch cannot report the previous setting. Nothing else switches this setting on, so it is switched off after the
+    # block.
     torch.set_flush_denormal(True)
     try:
         yield

@@ -26,7 +26,8 @@ class Identity:
 
     Attributes:
         settings: canonical text of the configuration that determines the result.
-        threads: number of torch's threads. With another number the training can continue, but sums have another order.
+        threads: number of torch's threads. With another number the training can continue, but sums are added in another
+            order.
     """
 
     settings: str
@@ -86,7 +87,7 @@ def check(folder: Path, identity: Identity) -> Reached | None:
     if not has_checkpoints(folder):
         return None
     label = _label(folder)
-    # If there is no label, every checkpoint is still checked when it is loaded (`train.fitting.checkpoint`).
+    # If the folder states no settings, each checkpoint is still checked when it is loaded (`train.fitting.checkpoint`).
     if label is not None and "settings" in label:
         settings = json.loads(identity.settings)
         difference = next(_differences(label.get("settings"), settings), None)
@@ -98,7 +99,8 @@ def check(folder: Path, identity: Identity) -> Reached | None:
 
 
 def note(folder: Path, identity: Identity, reached: Reached) -> None:
-    """Store the training's identity and progress after a checkpoint; raises StillwakeError if that is impossible."""
+    """Store the training's identity and progress after a checkpoint; raises StillwakeError if the file cannot be
+    written."""
     label = {
         "settings": json.loads(identity.settings),
         "dataset_sha256": identity.dataset_sha256,

@@ -72,7 +72,7 @@ def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:
 
     The paper writes the squared L2 norm, a sum over the dimensions, which is N_z = 8 times this mean. With a variance
     weight of 0.02 that sum collapses the latent space: on a test oscillator, all standard deviations are near 0.02 and
-    the forces stay at their mean, whereas the mean square gives a fit with R2 0.99 within an equal number of steps.
+    the forces stay at their mean. With the mean square, an equal number of steps gives a fit with R2 0.99.
     """
     return (predicted - target).square().mean()
 

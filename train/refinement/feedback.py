@@ -1,5 +1,6 @@
-"""The feedback controller that becomes the prior of the plan. It computes the next action from a memory of rows. In the
-mirror image of the flow, the action has the opposite sign.
+"""The feedback controller that becomes the prior of the plan. It computes the next action from a memory of rows: the
+differences and the sums of the sensor pairs, and the action. In the mirror image of the flow, the action has the
+opposite sign.
 
 Fixed filters reduce the memory: the newest rows are used one by one, older rows as weighted means, whose weights are
 bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions, and the
@@ -23,8 +24,8 @@ NEWEST: Final = 10
 BUMPS: Final = 10
 """Number of weighted means of older rows."""
 FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
-"""Scales of the first pair's and of the other pairs' differences, in standard deviations of the recorded Cp of one of a
-pair's two sensors."""
+"""Scales of the Cp differences of the first pair and of the other pairs, in standard deviations of the recorded Cp of
+one sensor of the pair."""
 ACTION: Final = 2.0 / 3.0
 """Scale of the action, as a fraction of its limit."""
 SUM: Final = 0.3
@@ -44,8 +45,8 @@ def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
 
 
 def filters(memory: int) -> Tensor:
-    """Return the filter weights, (M rows, number of filters), oldest row first. In a short memory, every row has a
-    filter."""
+    """Return the filter weights, (M rows, number of filters), oldest row first. If the memory is short, each row has
+    its own filter."""
     age = np.arange(memory)[::-1]
     is_long = memory > NEWEST + BUMPS
     columns = [(age == row).astype(np.float64) for row in range(NEWEST if is_long else memory)]
@@ -120,9 +121,10 @@ class Feedback(nn.Module):
         return (self._filters.T @ odd).flatten(-2), (self._filters.T @ even).flatten(-2)
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
-        """Load the weights of a prior from `as_prior`, or of the prior of release 1.0.0, which has no goal and no sums.
+        """Load the weights of a prior that `as_prior` returned, or of the prior of release 1.0.0, which has no inputs
+        for goal and sums.
 
-        If the prior has fewer units than this feedback, the other units stay unchanged.
+        If the prior has fewer units than this feedback, the feedback's further units stay unchanged.
         """
         units, pairs, count = len(prior["output"]), self.pairs, self._filters.shape[1]
         first, gate, sums = of_two_speeds(prior["first"]), prior.get("gate"), prior.get("sums")

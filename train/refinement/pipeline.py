@@ -53,9 +53,10 @@ def refine_model(
 ) -> tuple[TrainedModel, int]:
     """Train a prior of the plan for a model, and store the model at `output`.
 
-    If the model already has a prior of these sizes and sensors, the training begins with that prior. If the model has
-    other sensors, its slim encoder is first distilled for these sensors, and the slim dynamics and decoder for that
-    encoder; the teacher stays unchanged. The state is stored in `<output>.checkpoints` during the run.
+    If the model already has a prior with these sensors and with the sizes in `config`, the training begins with that
+    prior. If the model has other sensors, its slim encoder is first distilled for these sensors, and the slim dynamics
+    and decoder for that encoder; the teacher stays unchanged. The state is stored in `<output>.checkpoints` during the
+    run.
 
     Args:
         model: trained model; the result keeps the model's other settings.

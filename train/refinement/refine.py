@@ -33,7 +33,8 @@ from train.refinement.windows import Price, Stream, StretchReadings
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a stretch's gradient is clipped, because some stretches have a gradient ten times the usual one."""
 MEAN_OVER: Final = 30
-"""Number of updates after which an update's share in the exponential mean of the weights is down to 1 / e."""
+"""Number of updates in which an update's share in the exponential mean of the weights falls to 1 / e of its first
+value."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
 """Fraction of the distance to a randomly drawn speed by which the speed changes during a stretch. The speed changes in
@@ -43,8 +44,8 @@ AT_DESIGN: Final = 3
 GOAL_OVER: Final = 3
 """Number of stretches after which a stream draws a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Probability that a stretch has the true speed, that it loses no frames, and that a part of its goal is as
-configured."""
+"""Probability that a stretch is given the true speed; also that it loses no frames, and that a part of its goal is the
+configured part."""
 LAST_ROWS: Final = 20_000
 """Number of the newest control periods to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
@@ -232,7 +233,7 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
     told, share = rng.uniform(-1.0, 1.0) * (rng.random() > SOUND), rng.random() * (rng.random() > SOUND)
     return StretchReadings(
         noise=noise,
-        # The speed that the feedback receives is limited to the range, as in the ECU.
+        # The speed that the feedback receives is limited to the trained range, as in the ECU.
         told=np.clip((1.0 + settings.speed_error * told) * speeds, settings.slowest, settings.fastest) / speeds,
         lost=rng.random(periods) < settings.loss * share,
     )

@@ -39,7 +39,7 @@ class Done:
 
     Attributes:
         stream: the stream after the stretch.
-        gradients: gradients of the feedback's parameters, in their order.
+        gradients: gradients with respect to the feedback's parameters, in the order of the parameters.
     """
 
     number: int

@@ -86,8 +86,8 @@ class SegmentSampler:
 
 
 def add_sensor_noise(batch: Batch, deviation: Tensor) -> Batch:
-    """Add white noise with standard deviations (N,) to the N sensors of a batch, from torch's generator; zeros add
-    none."""
+    """Add white noise with standard deviations (N,) to the N sensors of a batch, from torch's generator; a deviation of
+    zero adds no noise."""
     if not bool(deviation.any()):
         return batch
     noise = torch.randn(*batch.inputs.shape[:2], len(deviation), device=batch.inputs.device) * deviation

@@ -66,7 +66,7 @@ def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int,
     """Return the indices of the first `count` pivots of a QR decomposition of the transposed POD modes, in order.
 
     These sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose row of
-    the modes is longest after removing the components along the pivots before it (Manohar, Brunton, Kutz and Brunton,
+    the modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and Brunton,
     "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018).
 
     Args:
@@ -128,7 +128,7 @@ def select(
 
     Args:
         rows: samples with all sensors' columns.
-        settings: settings of the training, whose seed is used and, for "shap", whose numbers of draws.
+        settings: settings of the training; the method uses their seed and, for "shap", their numbers of draws.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")

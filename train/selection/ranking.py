@@ -57,7 +57,7 @@ class Ranking:
         return len(set(self.top_sets(count))) == 1
 
     def differences(self, count: int) -> Mapping[str, float]:
-        """Return, for every sensor that is among the best in some repeats only, the fraction of these repeats.
+        """Return, for every sensor that is among the best in some repeats only, the fraction of repeats in which it is.
 
         The sensors are in the order of `names`; the result is empty if the set is stable.
         """
@@ -106,7 +106,7 @@ class SensorChoice:
     @classmethod
     def of_ranking(cls, ranking: Ranking) -> "SensorChoice":
         """Build the choice from a ranking by the paper's method."""
-        # The set of all sensors is always stable.
+        # The set of all sensors is always stable, so its size is left out.
         sizes = [count for count in STABILITY_SETS if count < len(ranking.names)]
         return cls(
             method="shap.GradientExplainer",

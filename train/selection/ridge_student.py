@@ -6,7 +6,7 @@ windows for the fit, their centred lags X (n, F) and latents Z (n, N_z), its wei
     W = (X'X/n + lambda I)^-1 X'Z/n
 
 The student's error is the unexplained fraction of the latents of other windows. Weights and error need only the
-products of all lags, which are computed once; a choice uses a small block of them.
+products of all lags, which are computed once; the error of a choice needs only a small block of these products.
 """
 
 from collections.abc import Sequence

@@ -95,7 +95,7 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
     tail = np.column_stack([ring[: len(wake_x), 0][::-1], inner, ring[-len(wake_x) :, 0]])
     core = np.stack(np.meshgrid(wake_x, across[1:-1], indexing="ij"), axis=-1)
     points = np.vstack([around.reshape(-1, 2), core.reshape(-1, 2)])
-    # Lines run along the outline from the lower to the upper outlet, so that the flow is on the left.
+    # The lines around the body run from the lower to the upper outlet, so that the flow is on their left.
     cells = np.vstack([_quads(ring), _quads(tail)])
     cells = cells[_renumbering(cells, len(points))]
 
@@ -116,7 +116,8 @@ def truck_mesh(refinement: float = 1.0) -> Mesh:
 
 
 def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
-    """Return the points of the block around the body, (along, away, 2), and its columns at the front and the sides."""
+    """Return the points of the block around the body, (along, away, 2), and the slice of the block's columns at the
+    front and the sides."""
     flat, r = HALF_WIDTH - LEADING_EDGE_RADIUS, LEADING_EDGE_RADIUS
     front = graded_faces(_FRONT, 0.0, flat, refinement)
     # The arc has an even number of cells, so that its middle line ends in the domain's corner.
@@ -125,8 +126,8 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
     away = graded_faces(_NORMAL, 0.0, DOMAIN_Y[1] - HALF_WIDTH, refinement)
     far = away[-1] + r
 
-    # A line of the fan is longer than the distance between wall and boundary by `extra`. A quadratic function spreads
-    # this length smoothly over the points beyond `_ROUND_UP_TO`.
+    # Each line that fans out from the rounded edge is longer, by `extra`, than the distance between wall and boundary.
+    # A quadratic function spreads this length smoothly over the points beyond `_ROUND_UP_TO`.
     extra = far * (1.0 / np.maximum(-np.cos(arc), np.sin(arc)) - 1.0)
     share = (np.maximum(away - _ROUND_UP_TO, 0.0) / (away[-1] - _ROUND_UP_TO)) ** 2
     radius = r + away[None, :] + extra[:, None] * share[None, :]
@@ -137,7 +138,7 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
         _grid(wake_x[:, None], HALF_WIDTH + away[None, :])[1:],
     ]
     half = np.concatenate(upper)
-    # The ends of the fan are moved exactly, bit for bit, onto the straight lines.
+    # The first and the last line of the fan are set, bit for bit, to the straight lines next to the fan.
     half[len(front) - 1] = _grid(-away, flat)
     half[len(front) + len(arc) - 2] = _grid(r, HALF_WIDTH + away)
     whole = np.concatenate([half[:0:-1] * (1.0, -1.0), half])
@@ -171,8 +172,8 @@ def _sides(cells: Index) -> tuple[Index, Index]:
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return the edges of all cells, the cell of each edge, and the index of the same edge as listed by the cell on its
-    other side (-1 if there is none); also a code of each edge's vertex pair."""
+    """Return four arrays with an entry for each edge of each cell: the vertex pair; the cell; the entry of the same
+    edge for the cell on its other side, or -1 if there is none; and a code of the vertex pair."""
     pairs, cell = _sides(cells)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)

@@ -1,5 +1,5 @@
-"""The second plant: truck, jets and clock are those of the first plant, but OpenFOAM's icoFoam solves the flow, on a
-body-fitted mesh.
+"""The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. Truck, jets and clock are those of
+stillwake's own solver.
 
 The interface is that of `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because
 icoFoam needs all times in advance. A state can be taken only at a control period's end, where icoFoam writes its

@@ -164,7 +164,7 @@ class JetPipes(NeverCopied):
                 os.close(reader)
 
     def close(self) -> None:
-        """Close the open pipes; icoFoam fails if it waits at one of them."""
+        """Close the open pipes; icoFoam fails if it waits for one of these pipes."""
         if self._waiting is not None:
             os.close(self._waiting)
             self._waiting = None

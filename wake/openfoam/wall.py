@@ -69,10 +69,10 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float) -> None:
-    """Write the instants of a case in closed loop: the jets start from `action`, and the end of every time step is an
-    instant.
+    """Write the files of the instants of a case in closed loop: the jets start from `action`, and the end of every time
+    step is an instant.
 
-    The instants are links to one folder per jet, which holds the jet's pipe.
+    The folder of an instant is a link to the folder that holds the jet's pipe.
     """
     for jet in JETS:
         data, end = _begin(folder, mesh, jet, action), pipe(folder, jet)
@@ -101,8 +101,8 @@ def pressure_points(mesh: Mesh) -> Array:
 
 
 def sensor_weights(mesh: Mesh) -> Array:
-    """Return the weights, (92, n), that convert kinematic pressures at the n `pressure_points` into Cp at the 90
-    sensors and into the mean Cp, weighted with the jet profile, over the upper and the lower slot."""
+    """Return the weights, (92, n), of the kinematic pressures at the n `pressure_points`. The weighted sums are Cp at
+    the 90 sensors, and the mean Cp over the upper and over the lower slot, weighted with the jet profile."""
     at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
     on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
     rows = []
@@ -120,8 +120,8 @@ def sensor_weights(mesh: Mesh) -> Array:
 
 
 def slot_shares(cells: int) -> Array:
-    """Return the fraction of a slot's flow through each of its equal faces, (cells,), as exact integrals of the
-    parabola."""
+    """Return the fraction of a slot's flow through each of its equal faces, (cells,), as exact integrals of the jet's
+    parabolic profile."""
     s = np.linspace(0.0, 1.0, cells + 1)
     return np.diff(s**2 * (3.0 - 2.0 * s))
 

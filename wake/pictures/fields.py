@@ -24,8 +24,8 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
 class TimeMean:
     """The mean of flows on one grid.
 
-    A flow's buffer holds u, v and p. Wall pressures and forces are linear in the buffer, so the mean buffer gives their
-    means.
+    A flow's buffer holds u, v and p. The pressures and forces on the wall are linear in the buffer, so the mean buffer
+    gives the means of these pressures and forces.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:

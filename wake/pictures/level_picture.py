@@ -15,7 +15,7 @@ from wake.pictures.fields import Raster, View
 from wake.plant.protocol import Drawable
 
 Levels = npt.NDArray[np.int8]
-"""A picture (height, width), the first row at the top."""
+"""A picture in levels, (height, width), with the first row at the top."""
 
 FIELD_LEVEL: Final = 5.0
 """|vorticity| at the ends of the colour scale, in U_inf / W."""

@@ -3,9 +3,9 @@
 The plant computes in units of one speed U, the speed of the operating point. At a vehicle speed v the free stream is v
 / U. Reynolds number and dynamic pressure follow from the stream; viscosity, size and control period do not change.
 
-A gust is a wind against the body that varies in time and is uniform far from the body. In the body's frame, it equals
-the stream that meets a body whose speed through the air varies (`wake.solver.navier_stokes`), so that pressures remain
-relative to the free stream. Forces and pressures keep the unit of the mean U_inf.
+A gust is a wind against the body that varies in time and is uniform far from the body. It is computed as the stream
+that meets a body whose speed through the air varies (`wake.solver.navier_stokes`), so that pressures are relative to
+the free stream also in a gust. The unit of forces and pressures is that of the mean U_inf.
 """
 
 import csv
@@ -71,7 +71,8 @@ class Drive:
         name: name of the profile or of the user's file.
         times: instants in s, rising.
         speeds: speed in m/s at each instant.
-        gust: wind that is added to the vehicle's speed; its times are in t_c of U and count from the drive's time 0.
+        gust: wind that is added to the vehicle's speed; its times are in t_c of U and count from the drive's first
+            instant.
     """
 
     name: str
@@ -97,7 +98,8 @@ class Drive:
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """Return by how much the stream exceeds U, for a plant whose clock shows `begin` (t_c) at the drive's start."""
+        """Return a function that gives by how much the stream exceeds U, for a plant whose clock shows `begin` (t_c) at
+        the drive's start."""
         # A partial is used in place of a closure, so that a plant with this wind can be pickled.
         return partial(self._exceeds, point, begin)
 

@@ -1,4 +1,4 @@
-"""Protocols of a flow around a body; stillwake's solver and OpenFOAM both provide such a flow."""
+"""Protocols of a plant, a flow around a body; stillwake's solver and OpenFOAM are such plants."""
 
 from typing import Any, Protocol, runtime_checkable
 

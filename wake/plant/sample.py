@@ -1,4 +1,5 @@
-"""The measurements of a plant at one instant. This module imports no plant, because plants load slowly."""
+"""The measurements of a plant at one instant. This module imports no plant, because the import of a plant takes
+long."""
 
 from dataclasses import dataclass
 

@@ -87,9 +87,9 @@ class EpisodeJob:
         )
 
     def run(self, wake: TruckWake | None = None, progress: EpisodeProgress = lambda name, done, total: None) -> None:
-        """Record the missing blocks; `wake` is built if not given. Raises StillwakeError if this process does not find
-        the folder or cannot write a block, if its versions or its start differ from those of the process that began the
-        recording, or if another call has taken over; PlantError if the flow diverges."""
+        """Record the missing blocks; `wake` is built if not given. Raises PlantError if the flow diverges, and
+        StillwakeError in three cases: this process does not find the folder or cannot write a block; its versions or
+        its start differ from those of the process that began the recording; or another call has taken over."""
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)

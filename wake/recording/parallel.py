@@ -15,8 +15,9 @@ def run_parallel(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> None:
-    """Record the jobs' episodes, one per worker at a time, the one with the most missing steps first. An episode whose
-    worker dies continues from its last block. `contract.side_by_side.spread` explains the other arguments and errors.
+    """Record the jobs' episodes, one per worker at a time, the episode with the most missing steps first. An episode
+    whose worker dies continues from its last block. `contract.side_by_side.spread` explains the other arguments and
+    errors.
 
     Args:
         progress: called for each episode whose number of recorded steps has changed since the last poll.

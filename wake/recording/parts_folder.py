@@ -1,12 +1,12 @@
 """An unfinished recording on disk: its settings, the call that records it, and its episodes block by block.
 
 `task.json` in the folder holds the recording's settings, so that only a call with equal settings continues the
-recording. `owner` holds the token of the call that records; a worker stops when it finds another token there.
+recording. `owner` holds the token of the call that records; a worker stops when it finds another token in this file.
 
 For each block there are a file of samples and a file of the state at the block's end: the flow and the policy's memory.
-The state is written before the samples, so that every complete block can be continued. After that, the states of
-earlier blocks are no longer needed. A file is either complete or absent, so a stopped recording continues as if it had
-not been stopped.
+The state is written before the samples, so that every complete block can be continued. Then the states of earlier
+blocks are removed, except the last of them. A file is either complete or absent, so a stopped recording continues as if
+it had not been stopped.
 """
 
 import io
@@ -86,8 +86,8 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove the folder. If the process is killed meanwhile, either the whole folder remains under its name or none
-        of it."""
+        """Remove the folder. If the process is killed meanwhile, either the whole folder remains under its name or
+        nothing."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)

@@ -63,7 +63,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
         made, wanted = dict(episode.provenance), json.loads(json.dumps(job.provenance))
         made.pop(_NOT_COMPARED, None)
         if made.get("start_sha256") == wanted.get("start_sha256"):
-            # The states are equal, so the names of their files do not matter.
+            # Both recordings begin in the same state, so the names of its files may differ.
             made.pop("start", None)
         difference = _first("", made, wanted)
         if difference:
@@ -73,7 +73,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
 
 
 def _first(name: str, there: Any, here: Any) -> str | None:
-    """Describe the first entry whose values differ; entries that only one side has are skipped."""
+    """Describe the first entry whose values differ; entries that are only in `there` or only in `here` are skipped."""
     if isinstance(there, Mapping) and isinstance(here, Mapping):
         common = sorted(there.keys() & here.keys())
         differences = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
@@ -183,7 +183,7 @@ def finished_jobs(
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
     """Record the missing blocks of a call's jobs, and yield the jobs, whose episodes the caller then stores. Afterwards
-    remove their parts, unless an error was raised.
+    remove the parts of the jobs, unless an error was raised.
 
     Arguments and errors are those of `record`.
     """
@@ -199,7 +199,7 @@ def finished_jobs(
             for job in unfinished:
                 job.run(wake, progress)
         else:
-            # The import is here, because a recording in one process needs no dask.
+            # dask is imported only in this case, because a recording in one process does not need it.
             from wake.recording.parallel import run_parallel
 
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)

@@ -4,8 +4,9 @@ A round under a controller adds the flow states that the controller of the last 
 Bagnell 2011).
 
 Forced or controlled episodes of the developed wake never come near the steady symmetric wake, so a model trained on
-them is wrong about the growth of small disturbances there. Calm episodes begin at the steady wake. Small random
-actions, with another amplitude in each episode, disturb it, and the episodes show the growth up to shedding.
+them predicts a wrong growth of small disturbances of the steady wake. Calm episodes begin at the steady wake. Small
+random actions, with another amplitude in each episode, disturb the wake, and the episodes show the growth of the
+disturbances up to shedding.
 """
 
 from collections.abc import Mapping
@@ -82,8 +83,9 @@ class RoundPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class ControlledRound:
-    """A round of `episodes` episodes of `steps` steps under a controller. `exploration` is the `level` of `RoundPlan`;
-    the other fields are as there. Raises ConfigError for a number out of its range or an invalid role."""
+    """A round of `episodes` episodes of `steps` steps under a controller. `exploration` is the field `level` of
+    `RoundPlan`; all other fields are as in `RoundPlan`. Raises ConfigError for a number out of its range or an invalid
+    role."""
 
     episodes: int = 2
     steps: int = 1100
@@ -97,8 +99,9 @@ class ControlledRound:
         _check(self, get_args(ControlledRole), {"episodes": 1, "steps": 1, "seed": 0, "exploration": 0.0})
 
     def plans(self, number: int) -> tuple[RoundPlan, ...]:
-        """Return the plans of round `number`. They begin in different phases of the shedding cycle, drawn at random
-        from seed, round and role; phases repeat only if there are more episodes than control steps in the cycle."""
+        """Return the plans of round `number`. Their episodes begin in phases of the shedding cycle that are drawn at
+        random from seed, round and role; phases repeat only if there are more episodes than control steps in the cycle.
+        """
         rng = np.random.default_rng([self.seed, number, get_args(ControlledRole).index(self.role)])
         leads = rng.permutation(SHEDDING_PERIOD)
         places = ((self.exploration, int(leads[i % SHEDDING_PERIOD])) for i in range(self.episodes))

@@ -45,8 +45,8 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
 def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacing: Spacing) -> None:
     """Propagate the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
 
-    The loops add to each entry of u, v and p, row by row in x, the effect through the neighbours' rates. Loops over the
-    rates that add to the neighbours' entries would take twice the time. A loop uses at most eight arrays, because the
+    For each entry of u, v and p, row by row in x, the loops collect its effects on all rates. Loops over the rates that
+    add to the entries around each rate would take twice the time. A loop uses at most eight arrays, because the
     compiler does not vectorise loops with more arrays.
     """
     gu, gv = gained.u, gained.v
@@ -71,8 +71,8 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     rows = np.zeros((8, ny + 1), u.dtype)
     shares, shifts, through, crossing, part, inner = rows[0:2], rows[2:4], rows[4], rows[5], rows[6], rows[7]
     for i in range(nx + 2):
-        # The coefficients of neighbours beyond the first and the last row are zero, so any row may be read there; index
-        # -1 reads the last entry.
+        # The coefficients of neighbours beyond the first and the last row are zero, so any row may be read in place of
+        # these neighbours; index -1 reads the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
         g, ui, va, vb, ga, gb = gu[i], u[i], v[i], v[ahead], gv[i], gv[ahead]
         w0, w1, s0, s1 = shares[(i + 1) % 2], shares[i % 2], shifts[(i + 1) % 2], shifts[i % 2]
@@ -158,8 +158,8 @@ def back_edges(u: Array, v: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
-    """Compute q = a q + step bar on the open faces. The result is the sensitivities of a stage's rates: `step bar` is
-    the effect of the rates on this stage's velocity, `a q` their effect on the next stage's rates."""
+    """Compute q = a q + step bar on the open faces. The result is the sensitivities to a stage's rates: `step bar` is
+    the rates' effect through this stage's velocity, `a q` their effect through the next stage's rates."""
     step, a = q.dtype.type(step), q.dtype.type(a)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j
@@ -204,7 +204,7 @@ def back_stages(
 
     Args:
         bar: sensitivities after the stages; overwritten with the sensitivities before the stages.
-        slot_bar: (3, m); receives the sensitivities of the velocities on the slots' m faces at each stage's end.
+        slot_bar: (3, m); receives the sensitivities to the velocities on the slots' m faces at each stage's end.
         start: the flow at the step's start.
         work: a copy of `start`; overwritten.
         rates, second: work arrays with finite values; overwritten.
@@ -218,7 +218,7 @@ def back_stages(
             for i in range(source.shape[0] if k == 0 else 0):
                 for j in range(source.shape[1]):
                     target[i, j] = source[i, j]
-    # From here on the arrays of the rates hold the rates' sensitivities.
+    # From here on the arrays of the rates hold the sensitivities to the rates.
     u, v, a_next = work.u, work.v, 0.0
     for k in range(2, -1, -1):
         _back_stage(bar, slot_bar[k], rates, u, v, a_next, step[k], domain)
@@ -244,7 +244,7 @@ def back_divergence(bar_b: Array, u: Array, v: Array, dx: Array, dy: Array, runs
 
 @njit(cache=True, nogil=True)
 def back_correct(bar: Fields, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Runs) -> None:
-    """Apply the transpose of `correct`; phi is overwritten with its own sensitivity."""
+    """Apply the transpose of `correct`; phi is overwritten with the sensitivities to phi."""
     one = phi.dtype.type(1.0)
     u, v, p, u_runs, v_runs = bar.u, bar.v, bar.p, runs.u, runs.v
     nx, ny = phi.shape

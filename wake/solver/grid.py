@@ -135,8 +135,8 @@ def from_faces(xf: Array, yf: Array) -> Grid:
 
 
 def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float, *others: _Spacing) -> Array:
-    """Return faces from start to end. The cell size is that of the table, or the smallest of all tables, divided by
-    `refinement` and scaled so that a whole number of cells fits."""
+    """Return faces from start to end. The cell size is the size in the table, or the smallest size in all tables; it is
+    divided by `refinement`, and scaled so that a whole number of cells fits."""
     x = np.linspace(start, end, 4001)
     sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
     density = refinement / sizes
@@ -149,7 +149,7 @@ def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float,
 
 def bilinear(x: Array, y: Array, px: float, py: float) -> list[tuple[tuple[int, int], float]]:
     """Return the nodes (i, j) of the tensor grid x, y around a point, with their weights; zero weights are left out."""
-    # Python's min and max are faster here than np.clip, and this runs 15,000 times for one plant.
+    # Python's min and max are faster here than np.clip, and this function runs 15,000 times for one plant.
     i = min(max(int(x.searchsorted(px)) - 1, 0), len(x) - 2)
     j = min(max(int(y.searchsorted(py)) - 1, 0), len(y) - 2)
     a = (px - x[i]) / (x[i + 1] - x[i])

@@ -87,8 +87,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops, because the compiler does not
-    vectorise a loop whose indices could be negative, or with more arrays than it can prove distinct.
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The compiler does not vectorise a
+    loop whose indices could be negative, or a loop with more arrays than it can prove distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -125,7 +125,8 @@ def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
-    """Compute q = a q + dv/dt on the open v-faces, including the gradient of the pressure p; loops as in `u_rate`."""
+    """Compute q = a q + dv/dt on the open v-faces, including the gradient of the pressure p. The loops are built as in
+    `u_rate`."""
     real = u.dtype.type
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
@@ -264,7 +265,7 @@ def stages(
     """Run the s Runge-Kutta stages of a step. a and step are (s,); slot_velocity (s, m faces), wind (s,) and gained
     (s,) are the arguments of `advance_stage` for each stage.
 
-    One call runs all stages, because passing this number of arrays takes a microsecond or two.
+    One call runs all stages, because each call takes a microsecond or two to pass its arrays.
     """
     for k in range(len(a)):
         advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)

@@ -91,7 +91,7 @@ class FlowSolver(CopiedWhole):
         self._phi = np.zeros(grid.shape, precision)
 
     def start(self) -> Flow:
-        """Return a divergence-free uniform flow around the body; small time steps must follow it."""
+        """Return a divergence-free uniform flow around the body; the first time steps from this flow must be small."""
         flow = Flow.zeros(self.grid.shape, self.precision)
         flow.faces_u[0] = self.domain.inflow.u
         flow.faces_u[1:][self.boundary.open_u[1:]] = 1.0
@@ -111,7 +111,7 @@ class FlowSolver(CopiedWhole):
         starts: Array | None = None,
     ) -> None:
         """Take `steps` time steps in place while the action ramps linearly between the two values. Raises PlantError,
-        and restores the flow, if the new flow is not finite or is faster than is physically possible here.
+        and restores the flow, if the new flow is not finite or is faster than is physically possible in this flow.
 
         Args:
             dt, steps: length and number of the time steps.

@@ -9,9 +9,9 @@ are the links between a fluid and a solid cell and K their conductances, hence (
 Grid and body are symmetric in y, so even and odd right-hand sides are solved separately on the lower half. This halves
 the arithmetic, and a symmetric flow remains symmetric bit for bit.
 
-No product uses BLAS, whose rounding depends on the number of threads. The functions here give equal bits with any
-number of threads, in any thread, and are as fast as BLAS: `_product` computes three rows of its result at a time, the
-width is padded to whole vectors, and arrays are aligned to vectors.
+No product uses BLAS, whose rounding depends on the number of threads. The functions in this module give results that
+are equal bit for bit with any number of threads, in any thread, and they are as fast as BLAS: `_product` computes three
+rows of its result at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
 
 Work arrays are allocated once and used again. Allocating them in every step can cost as much as all other work: in a
 worker's thread the C library may return the memory to the system each time, and the system must then map every page
@@ -240,8 +240,8 @@ def _scatter(spectral: Array, links: Links, y: Array, q: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _product(a: Array, b: Array, out: Array) -> None:
-    """Compute out = a b for b (h, h) with h a multiple of 4. Three rows of the result are computed at a time, and four
-    terms of their sums.
+    """Compute out = a b for b (h, h) with h a multiple of 4. The loop computes three rows of the result at a time, and
+    adds four terms of their sums at once.
 
     The terms of each sum are added in a fixed order, so that the result does not depend on the grouping of rows.
     """
@@ -316,7 +316,7 @@ def _split(b: Array, even: Array, odd: Array) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _join(even: Array, odd: Array, phi: Array) -> None:
-    """Compute the sum of both parts on both halves."""
+    """Compute phi on the whole grid from its even and odd parts on the lower half."""
     nx, h, last = phi.shape[0], phi.shape[1] // 2, np.uintp(phi.shape[1] // 2 - 1)
     for i in range(nx):
         lower, upper, even_i, odd_i = phi[i, :h], phi[i, h:], even[i], odd[i]

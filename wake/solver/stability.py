@@ -22,7 +22,7 @@ JET_LIMIT: Final = 4.0
 VISCOUS_LIMIT: Final = 2.51
 
 _SAFE: Final = 1.7
-"""Value of the convective and of the viscous number that the advised time step has."""
+"""Largest convective and viscous number of the time step that `advice` recommends."""
 
 
 def convective_number(grid: Grid, flow: Flow, dt: float) -> float:

@@ -35,8 +35,8 @@ def start_from_rest(wake: TruckWake) -> None:
 def develop(
     wake: TruckWake, duration: float = 200.0, progress: Callable[[float, float], None] = lambda t, total: None
 ) -> State:
-    """Start the flow, break its symmetry with two periods of the jets, and let it settle without control. Returns the
-    state with its clock set to zero and with shut jets.
+    """Start the flow, break its symmetry with two periods of a sinusoidal jet action, and let it settle without
+    control. Returns the state with its clock set to zero and with shut jets.
 
     Args:
         wake: the plant, which is in the returned state afterwards.

@@ -62,7 +62,8 @@ class DifferentiableWake(CopiedWhole):
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
-        """Return the means of the base's Cp and of the |differences| without jets; None without a sensor on the base.
+        """Return two means without jets: Cp of the base, and |Cp difference| of the sensor pairs. Returns None if no
+        sensor is on the base.
 
         Args:
             over: duration of the settling, and of the average after it, in convective times at this speed.

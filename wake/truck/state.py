@@ -19,7 +19,8 @@ _BODY: Final = ("body_length", "leading_edge_radius")
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """The plant on which a state was computed. `control_period` and `substeps` are None if an old file lacks them.
+    """The plant on which a state was computed. `control_period` and `substeps` are None if the state is from an old
+    file that lacks them.
 
     The origin holds the body's shape but not the positions of the sensors, which do not affect the flow.
     """
@@ -55,8 +56,8 @@ class State:
 
 
 def start_name(reynolds: float) -> str:
-    """Return a file name, for messages, of a start that is not computed yet. The name differs from that of the existing
-    file, which must not be replaced."""
+    """Return the file name that messages suggest for a start that is still to be computed. It differs from the name of
+    the start's present file, which must not be replaced."""
     return f"start_re{reynolds:g}.npz"
 
 

@@ -10,8 +10,9 @@ in units of rho U_inf^2 W / 2.
 The load on the two slot faces comes from the momentum balance of the half cell before each face. Near a slot the
 pressure falls by several dynamic pressures within a slot's width, and a straight line through two cells has an error of
 a fifth. The momentum balance is exact: along x, p + u^2 - 2 nu du/dx on the face equals its value half a cell before
-the face, except for the flux through the half cell's sides and the half cell's acceleration, which are small and nearly
-cancel over a cycle. On the default grid the result is within 2 % of the force on slots resolved twice as finely.
+the face, except for the flux through the half cell's sides and the half cell's acceleration. These two terms are small
+and nearly cancel over a cycle. On the default grid the result is within 2 % of the force on slots resolved twice as
+finely.
 """
 
 from collections import defaultdict
@@ -70,7 +71,8 @@ class SlotFaces:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: SlotLoad) -> None:
-        """Add to `bar` the derivatives, with respect to the flow, of the load's weighted sum."""
+        """Add to `bar` the derivatives, with respect to the flow, of the sum of the load's values, weighted by
+        `weights`."""
         face, _, between = self._faces(flow)
         Cp = np.zeros_like(face)
         for rows in (self._upper, self._lower):
@@ -160,7 +162,8 @@ class Surface:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
-        """Add to `bar` the derivatives, with respect to the flow, of the functionals' weighted sum."""
+        """Add to `bar` the derivatives, with respect to the flow, of the sum of the functionals, weighted by
+        `weights`."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
         self._slots.weigh(bar, flow, weights.slots)
@@ -173,8 +176,8 @@ class Surface:
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points along the normal at (x, y) that lie between usable values: the distance and the
-        weights with which the flow's values sum to the component's value there."""
+        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid: for each point
+        its distance, and the weights with which the flow's values sum to the component's value there."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))

@@ -46,7 +46,8 @@ class Tape(CopiedWhole):
         memory_mb: limit of the stored data, in 10^6 bytes.
 
     Attributes:
-        bar: the scalar's sensitivities to the flow at the instant that `back` has reached, finally the tape's start.
+        bar: sensitivities of a scalar, the weighted sum of the samples that `back` has passed, to the flow at the
+            instant that `back` has reached, finally the tape's start.
         bar_action: the scalar's sensitivity to the action in force at that instant.
         memory_mb: size of the data stored since the tape's start, in 10^6 bytes.
     """

@@ -21,7 +21,7 @@ Channel = Annotated[
 ]
 
 _LONGEST_S: Final = 1e7
-"""Longest time in s that an option accepts: four months. Clocks may round a longer time, which is a mistake anyway."""
+"""Longest time in s that an option accepts: four months. A longer time is a mistake, and clocks may round it."""
 
 UNCHECKED: Final = "MAC not checked: name the key with --set bus.key=FILE"
 """Note for the user that secured messages got only the end-to-end check, because no key was given."""

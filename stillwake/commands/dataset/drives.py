@@ -72,7 +72,7 @@ class DriveOptions:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a file is a log of the bus; a CSV is identified by its first line."""
+    """Return whether a file is a log of the bus; the first line of a CSV file decides whether it is a log."""
     from can_bridge.logs import log_reader
 
     return log_reader.is_log(path)
@@ -321,8 +321,8 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
 
 
 def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:
-    """Raise DatasetError if a log begins in local time and its zone is not certain: the forces cover the log's times
-    not only if the zone is UTC, but also, or instead, in another zone."""
+    """Raise DatasetError for a log that begins in local time if the forces cover the log's times in a zone other than
+    UTC, because the log's zone is then not certain."""
     zones = []
     for minutes in range(-12 * 60, 14 * 60 + 1, 15):
         with suppress(DatasetError):

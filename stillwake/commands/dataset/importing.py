@@ -237,7 +237,7 @@ def _print(made: "Dataset", layout: "SensorLayout", notes: list[str]) -> None:
 
 
 def _check_pressure(log: Path, own: float, given: "Reference | None") -> None:
-    """Raise ConfigError if the reference pressure of the option contradicts the dynamic pressure in a log."""
+    """Raise ConfigError if the reference pressure that the user gave contradicts the dynamic pressure in a log."""
     if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > _SAME:
         raise ConfigError(
             f"{given.option}: {log} has {own:g} Pa, by which its pressures are divided: correct one of the two"

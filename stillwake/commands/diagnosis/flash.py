@@ -150,7 +150,7 @@ def _ended(flashed: "Flashed", name: str) -> str:
 
 
 class _Shown:
-    """A display of the transfer's progress; the note is its rate, or the name of the step after the transfer."""
+    """A display of the transfer's progress; the note is the name of the step that follows the transfer."""
 
     def __init__(self, report: Report) -> None:
         self._report = report
