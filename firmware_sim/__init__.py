@@ -1,2 +1,2 @@
-"""A simulated vehicle around an ECU: closed loop, campaigns, latency measurement, files of runs, emulated
+"""The simulation of a vehicle with an ECU: closed loop, campaigns, latency measurements, files of runs, and an emulated
 microcontroller."""

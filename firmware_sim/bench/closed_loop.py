@@ -56,7 +56,7 @@ def run_closed_loop(
         lead_in, controlled, settle, averages: fields of `firmware_sim.bench.spans.Spans`.
         origin: date and origin of the run, for its record; if None, the date is today's.
         ready: called once with the total number of periods, after all checks and before the first period.
-        progress: called with (row, periods done, total periods) after every period.
+        progress: called after every period with (the period's row, periods done, total periods).
         plant: context manager that this function enters to get the wake; if None, the shipped wake in the built-in
             solver.
         faults: disturbances of the run; their times are in s from the start of the run.
@@ -78,7 +78,7 @@ def run_closed_loop(
         **parts,
     )
     with ExitStack() as stack:
-        # The output folder appears only if the block succeeds, so it never contains a part of a run.
+        # The output folder appears only if the block succeeds, so it never contains an incomplete run.
         folder = RunFolder(stack.enter_context(replacing(output, keep=True)))
         folder.path.mkdir()
         frames = stack.enter_context(ExitStack())
@@ -92,7 +92,7 @@ def run_closed_loop(
             recorder.record(0, wake.t, picture.levels)
 
         def record(row: Row, done: int, total: int) -> None:
-            # The wake is at the start of the next period, which is recorded only if there is one.
+            # The wake is now at the start of the next period. Its picture is recorded unless the run has ended.
             if done < total:
                 recorder.record(done, wake.t, picture.levels)
             progress(row, done, total)

@@ -1,4 +1,5 @@
-"""Disturbances of a run, each described by a line of text. After an @ is its time span, in s from the run's start.
+"""Disturbances of a run, each described by a line of text. The part after an @ is its time span, in s from the
+run's start.
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s
@@ -10,7 +11,8 @@
     gust:amplitude=0.1,period=20
 
 A disturbance is plain data; `disturbing.py` applies it. The sensors that it names must be sensors of the bundle,
-because no others are read. Levels are in global deviations of pressure (`firmware_sim.bench.sensor_faults`).
+because the ECU reads only these sensors. Levels are in global deviations of pressure
+(`firmware_sim.bench.sensor_faults`).
 """
 
 from collections.abc import Iterable
@@ -197,8 +199,8 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Classes of disturbances by the name with which a disturbance's text begins. A text that begins with a node's name is
-read as a `NodeFault`."""
+"""Class of each kind of disturbance, by the name with which the text of such a disturbance begins. A text that begins
+with a node's name is read as a `NodeFault`."""
 
 Disturbance = NodeFault | Span
 
@@ -217,9 +219,9 @@ class Disturbances:
 
     Attributes:
         items: disturbances in the order given. Each disturbance draws from a separate random sequence, whose number is
-            the disturbance's index in this order. If several disturbances act on the sensors, they are applied in this
-            order to the wall pressures. If several act in a port, the first is closest to the bus. If several of one
-            kind act on the flow or the vehicle at the same time, only the last one has an effect.
+            the disturbance's index in this order. Several disturbances of the sensors are applied to the wall pressures
+            in this order. Of several disturbances in a port, the first is closest to the bus. Of several disturbances
+            of one kind that act on the flow or the vehicle at the same time, only the last has an effect.
     """
 
     items: tuple[Disturbance, ...] = field(default=())

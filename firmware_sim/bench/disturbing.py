@@ -40,8 +40,8 @@ class Disturbing:
     Args:
         sensors: names of the sensors, in the order of the readings.
         seed: seed of all random sequences; each disturbance has a separate sequence.
-        before: number of random sequences that are already in use before these disturbances: under the key "all" those
-            of all kinds of disturbances, under a node's name those of its port.
+        before: number of random sequences that earlier disturbances use: under the key "all" the number for all kinds
+            of disturbances, under a node's name the number in this node's port.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Disturbing:
         self._ports: NodeFaults | None = None
         self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
 
-    # The following methods are for bus errors and faults in the ports.
+    # The following methods handle bus errors and faults in the ports.
 
     @property
     def corrupts(self) -> Corrupts | None:
@@ -120,7 +120,7 @@ class Disturbing:
         self._acted.update(wrong.keys())
         return min(wrong.values(), default=None)
 
-    # The following method is for the transducers.
+    # The following method handles the transducers.
 
     def readings(self, cp: Array, now_ns: int) -> Array:
         """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""
@@ -135,7 +135,7 @@ class Disturbing:
         at = [list(sensors).index(name) for name in one.named]
         return one.begun(at, self._config, int(drawn.generate_state(1)[0]))
 
-    # The following methods are for the ECU.
+    # The following methods handle the ECU.
 
     def ecu_clock(self, now_ns: int) -> int:
         """Return the time on the ECU's clock at a time of the run."""

@@ -15,11 +15,11 @@ C: Final = "c"
 MCU: Final = "mcu"
 """Name of the option for the ECU whose whole firmware runs on an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Range of accepted clock rates in MHz. Below this range a control step takes seconds; above it there is no core."""
+"""Range of accepted clock rates in MHz. Below this range a control step takes seconds; no core has a higher rate."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """Check the ECU's settings as far as possible without the C sources.
+    """Check those settings of the ECU that can be checked without the C sources.
 
     Raises:
         ConfigError: the clock is outside `CLOCKS_MHZ`.

@@ -21,8 +21,8 @@ from contract.config.vehicle import VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; each
-    later frame's number is higher by the number of counter steps.
+    """An immutable record of sent Pressure frames and of the last echo. The first frame is numbered with its counter.
+    From one frame to the next, the number increases by the difference of their counters.
 
     Attributes:
         kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
@@ -88,7 +88,7 @@ class CommandLosses:
 
     @classmethod
     def of(cls, config: VehicleConfig) -> "CommandLosses":
-        """Return a count of zero missed commands, with the vehicle's window and limit."""
+        """Return a count at zero, with the vehicle's window and limit of missed commands."""
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
@@ -103,5 +103,5 @@ class CommandLosses:
         return replace(self, missed=missed, is_latched=self.is_latched or sum(missed) >= self.limit)
 
     def cleared(self) -> "CommandLosses":
-        """Clear count and latch, because the vehicle does not want control at present."""
+        """Clear the count and its latch, because the vehicle does not request control at present."""
         return replace(self, missed=(), is_latched=False)

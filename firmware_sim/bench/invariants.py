@@ -1,4 +1,4 @@
-"""Invariants of every control period under any disturbance, checked on frames and the plant alone.
+"""Invariants of every control period under any disturbance, checked with only the frames and the plant.
 
 On the bus, for every JetCommand that the ECU sends:
 
@@ -23,11 +23,11 @@ At the jets, for the action reached at the end of every period:
 
 The deciding period is the period in which the jets reach the action. With `ecu.plan_ahead` it is one period earlier,
 and with `vehicle.actuator_delay` it is earlier by this delay. A command that shuts the jets is considered only if
-the vehicle surely accepted it, as the next command of a stream without errors. So the checks are one-sided: if frames
-are lost or damaged, a violation may be missed, but a false violation is never reported.
+the vehicle certainly accepted it, as the next command of a stream without errors. So the checks are one-sided: if
+frames are lost or damaged, a violation may be missed, but a false violation is never reported.
 
-`Commands` and `Jets` check values, and not frames, so the proofs in `tests/proofs/ecu` can use these classes with
-another parser, and with further data.
+`Commands` and `Jets` check values, not frames, so the proofs in `tests/proofs/ecu` can use these classes with their own
+parser and further data.
 """
 
 from collections import deque
@@ -59,7 +59,7 @@ AGE_TOLERANCE: Final = 0.01
 """Tolerance of ages as a share of a period. It is far larger than the error of two clocks whose rates differ by 200
 ppm, and than the time from a frame's arrival to the reading of the bus."""
 _LONGEST_S: Final = 1e6
-"""Length in s that is used for a span without an end."""
+"""Length in s that replaces the length of a span without an end."""
 ROUNDING: Final = 1e-9
 """Tolerance for the rounding of floating-point numbers that are compared with a limit."""
 
@@ -177,7 +177,8 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The E2E state depends on the latest frames; if they have no error, the vehicle accepts the next frame.
+        # The E2E state depends only on the latest frames. If these frames had no errors, the vehicle accepts the next
+        # frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))
@@ -250,8 +251,9 @@ class Invariants:
 
         Some faults hide the age of pressures from the ECU, so its commands may be computed from older pressures. A
         gateway that gives delayed frames new time stamps hides the delay; an ECU clock that is ahead hides its offset.
-        A transmit buffer that is sent again without new content hides the age of its pressures, if a copy reaches the
-        ECU before the first frame. The vehicle's jets are checked against the true age of the pressures.
+        A transmit buffer that is sent again without new content hides the age of its pressures if the first frame with
+        this content that reaches the ECU is a copy. The vehicle's jets are checked against the true age of the
+        pressures.
         """
         hidden_s = 0.0
         for one in disturbances.items:

@@ -1,4 +1,4 @@
-"""An interface for observers of a run, who see the nodes' frames and the plant, but no state of ECU or vehicle."""
+"""The interface of an observer of a run, which sees the nodes' frames and the plant, but no state of ECU or vehicle."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ class SeenFrame:
 
 
 class Observer(Protocol):
-    """An object that the loop calls in the order of time, and that changes nothing in the loop."""
+    """An object whose methods the loop calls in the order of time. It must not change anything in the loop."""
 
     def frame(self, seen: SeenFrame) -> None:
         """Process a frame that a node sent or received."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """Process the sample at the start of a control period that has ended, and the vehicle's request in this
-        period."""
+        """Process a control period that has ended: the sample at its start, and whether the vehicle requested control
+        in it."""
 
     def finished(self, sample: Sample) -> None:
         """Process the sample at the end of the run."""
@@ -41,7 +41,7 @@ class Observer(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class WatchedBus:
-    """A node's port that shows its frames to an observer."""
+    """A wrapper around a node's port that also passes the port's frames to an observer."""
 
     port: Bus
     node: Literal["vehicle", "ecu"]

@@ -111,14 +111,16 @@ class NodeFaults:
     def _look(self) -> None:
         if self._ended:
             return
-        # Each call is also an event of the bus; after each event the loop checks whether the ECU has pressures.
+        # Each call of this function is also an event of the bus, after which the loop checks whether the ECU has
+        # received pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault, which sends between the node's calls too. Frames that arrive then are stored."""
+    """A port with a babbling fault, which also sends between the node's calls. Frames received meanwhile are stored for
+    the node's next call."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)

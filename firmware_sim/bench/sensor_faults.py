@@ -38,7 +38,7 @@ class SensorDisturbance(Span, ABC, section="sensor_disturbance"):
 
     @abstractmethod
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """Return a function that applies the fault, as described above in this module.
+        """Return a function that applies the fault, as described at the beginning of this module.
 
         Args:
             at: indices of the affected sensors in the readings.
@@ -55,7 +55,7 @@ class Noise(SensorDisturbance, section="noise"):
     """Standard deviation, in global deviations."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """See `SensorDisturbance.begun`; this holds for the other subclasses too."""
+        """See `SensorDisturbance.begun`."""
         draw = np.random.default_rng(seed).standard_normal
         return lambda cp: cp + self.level * draw(cp.shape) * GLOBAL_DEVIATION
 

@@ -10,7 +10,7 @@ SHEDDING_TIME: Final = 5.0
 _LONGEST: Final = 1e6
 """Longest span in t_c, about a day of the run's time."""
 CYCLES: Final = 2
-"""Smallest number of shedding cycles in an averaged span, so that it contains a whole cycle at any phase."""
+"""Smallest number of shedding cycles in an averaged span, so that the span contains a whole cycle in any phase."""
 
 
 @dataclass(frozen=True, kw_only=True)

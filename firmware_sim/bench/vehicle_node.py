@@ -57,14 +57,15 @@ class VehicleNode:
     Args:
         sensor_names: sensors of the transducers, in the order of the bundle.
         config: operating point, E2E and fail-safe settings.
-        authentication: key and freshness values of the node, with `bus.key`.
+        authentication: key and freshness values of the node; None without `bus.key`.
         read: function from (Cp at the S transducers, shape (S,), time in ns) to the transducers' readings.
 
     Attributes:
         operating_point: operating point of the vehicle itself; initially that of `config`.
         action_limit: action at which the vehicle's jets saturate, in U_inf W; initially the limit in `config`.
         stuck_at: action at which the actuator is stuck, in U_inf W; None for an actuator that moves.
-        speed: speed of the vehicle in m/s; initially the speed in `config`. Pressures and jets do not scale with it.
+        speed: speed of the vehicle in m/s; initially the speed in `config`. Pressures and jets scale with the speed in
+            `operating_point`, not with this speed.
         stated_speed: speed that the vehicle sends, in m/s; None if it is not known. A speed outside the signal's range
             is sent as unknown.
         stated_density: density that the vehicle sends, in kg/m3; None if it is not known.

@@ -1,4 +1,4 @@
-"""The closed loop in virtual time: flow, bus and ECU advance together, deterministic bit for bit.
+"""The closed loop in virtual time: flow, bus and ECU advance together, and a run is deterministic bit for bit.
 
 The control period that starts at t_k has these events:
 
@@ -8,11 +8,11 @@ The control period that starts at t_k has these events:
     + wait + frame time          the jets' driver receives the command and starts a ramp that ends at t_{k+1}
 
 The simulated bus determines waits and frame times (`can_bridge.bus.simulated`): a frame waits for the frame on the bus
-and for all frames of higher priority. The jets keep their action until the command arrives, rounded up to a time step
-of the flow, so late commands act late. A command that arrives at t_{k+1} or later acts in the period of its arrival. An
-ECU that is still computing when its next step is due skips that step. The compute time is a setting, or the time that
-the pipeline model of an emulated core gives for this step; neither depends on the machine. The step's wall-clock time
-is measured separately.
+and for all frames of higher priority. The jets keep their action until the command arrives; the time of arrival is
+rounded up to a time step of the flow. So late commands act late. A command that arrives at t_{k+1} or later acts in the
+period of its arrival. An ECU that is still computing when its next step is due skips that step. The compute time is a
+setting, or the time that the pipeline model of an emulated core gives for this step; neither depends on the machine.
+The step's wall-clock time is measured separately.
 
 The ECU steps when a pressure frame arrives. If no frame arrives within half a period (or one frame time, if that is
 longer), the ECU steps without pressures: its fail-safe counts a miss, and its command still acts in the period. A frame
@@ -72,9 +72,9 @@ class VirtualLoop(NeverCopied):
     Args:
         plant: the flow, at the start of a control period.
         bus: the bus, at time 0; the loop advances its time.
-        clock: wall clock in s that measures the ECU's step; the loop's results do not depend on it.
+        clock: wall clock in s, which measures the ECU's step; the loop's results do not depend on this clock.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
-        step_ns: function that returns the computing time of the ECU's latest step in ns; if None,
+        step_ns: function that returns the computing time of the ECU's latest step in ns; if None, this time is
             `ecu.compute_time_ms`.
 
     Attributes:
@@ -179,12 +179,13 @@ class VirtualLoop(NeverCopied):
         arrived = self._pressures_received + self._commands_received
         rejected = self._ecu.frames_rejected + self._node.frames_rejected
         under_way = sum(self._bus.under_way(spec.frame_id) for spec in (self._pressure, self._command))
-        # A frame with an error in its very last bit arrives twice, so the difference can be negative.
+        # A frame with an error in its last bit counts once as sent but arrives twice, so the difference can be
+        # negative.
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox, or drop them while the ECU boots. Return whether pressures were
-        among the frames that were put in."""
+        """Put received frames into the ECU's inbox, or drop the frames while the ECU boots. Return whether pressures
+        were put into the inbox."""
         received = self._ports.ecu.receive_all()
         if self._bus.now_ns < self._booted_ns:
             return False

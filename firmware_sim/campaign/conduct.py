@@ -29,7 +29,8 @@ class Campaign:
     Attributes:
         scenarios: scenarios of the plan, among them the undisturbed scenario.
         config: settings of all runs; each scenario may override some of them.
-        phases: number of runs per scenario under control. Their phases divide a shedding cycle equally.
+        phases: number of runs under control for each scenario. The runs start in phases that divide a shedding cycle
+            into equal parts.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -44,7 +45,7 @@ class Campaign:
         scenario."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
-        # The last sample is taken at the start of the last period, one period before the end of the run.
+        # The last sample of a run is taken at the start of its last period, one period before the end of the run.
         if (latest := round((total - lead_in - 1) * period, 9)) < self.timing.settle:
             raise StillwakeError(
                 f"--settle {self.timing.settle:g}: must be at most {latest:g} with --controlled "
@@ -75,8 +76,8 @@ class Result:
 
     Attributes:
         rows: one row per scenario, in the plan's order.
-        made: number of runs computed in this call.
-        kept: number of runs found in the folder.
+        made: number of runs that this call computed.
+        kept: number of runs that were already in the folder.
     """
 
     rows: tuple[ScenarioRow, ...]
@@ -179,7 +180,8 @@ class _Runs:
         self._progress(len(self._outcomes), self._total, task.name)
 
     def claim(self) -> None:
-        """Write the campaign's label, starts and reused runs into the folder, before the first new run is written."""
+        """Write the campaign's label, initial states and reused runs into the folder, before the first new run is
+        written."""
         if self._claimed:
             return
         self._folder.claim(self._campaign.label())

@@ -2,7 +2,7 @@
 
 campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
 starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz: initial state of scenario NAME's own plant
-runs/NAME.phase0.json   a finished run
+runs/NAME.phase0.json   the outcome of a finished run
 table.csv, figures/, report.html
 """
 
@@ -66,7 +66,8 @@ class CampaignFolder:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:
-        """Return the finished run of this name; None if there is no such run, or if it has another key."""
+        """Return the finished run of this name; None if the folder has no run of this name, or only a run with another
+        key."""
         kept = load(self._run(name))
         return kept if kept is not None and kept.key == key else None
 

@@ -26,7 +26,7 @@ class PhaseOutcomes:
     """The runs of a scenario from one starting phase.
 
     Attributes:
-        under: run under control; its figures are None if it did not finish.
+        under: run under control; its figures are None if the run did not finish.
         free: run of the same flow from the same start without control.
     """
 
@@ -90,8 +90,8 @@ class ScenarioRow:
 
     @property
     def in_control(self) -> float:
-        """Percentage of control periods in which the controller planned, among the periods with requested control of
-        the runs from all starting phases."""
+        """Percentage of control periods in which the controller planned, of all periods in which control was requested,
+        over the runs from all starting phases."""
         requested = self._total("requested")
         return 100.0 * self._total("in_control") / requested if requested else nan
 

@@ -40,7 +40,7 @@ class KeptCourse:
 
 @dataclass(frozen=True, kw_only=True)
 class MeanFigures:
-    """Means over the averaged periods, each with the same weight; `Sample` defines the coefficients."""
+    """Means over the averaged periods, in which every period has the same weight; `Sample` defines the coefficients."""
 
     Cd: float
     abs_Cl: float
@@ -49,7 +49,8 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average over the samples from `from_t` on, a time on the scale of the series.
+        """Average over the samples from the time `from_t` on, which counts from the same origin as the times of the
+        series.
 
         The runs with and without control start in the same phase of shedding and are averaged over the same instants,
         so both averages leave out the same part of a shedding cycle.
@@ -70,8 +71,8 @@ class RunService:
     """Counts of the ECU and the bus in a run under control.
 
     Attributes:
-        requested: number of control periods with requested control; periods in which the window was still filling are
-            not counted.
+        requested: number of control periods in which control was requested, without the periods in which the
+            controller's window was still filling.
         in_control: number of the requested periods in which the controller planned.
         latches: number of times that the ECU latched a fault.
         reasons: number of control periods without control, for each reason that the ECU gave.

@@ -124,7 +124,7 @@ def _words(place: Place, value: int | float | str) -> dict[str, object]:
 
 
 class _Time:
-    """Formats a time in t_c as seconds."""
+    """A value for `str.format`: the format specification is a time in t_c, and the result is this time in s."""
 
     def __init__(self, seconds: Callable[[float], float]) -> None:
         self._seconds = seconds

@@ -51,8 +51,8 @@ class Curve:
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """Collect the scenarios whose name matches `pattern`. The pattern's group matches the number of a scenario; the
-    undisturbed scenario has the number 0."""
+    """Collect the scenarios whose name matches `pattern`. The group in the pattern matches the number in a scenario's
+    name; the undisturbed scenario has the number 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)

@@ -26,7 +26,8 @@ class Criteria:
 
     Attributes:
         useful: smallest drag reduction for "useful", as a share of the undisturbed scenario's drag reduction.
-        marginal: share of the same reduction, above which an outcome is at least "marginal", otherwise "none".
+        marginal: drag reduction above which an outcome that is not useful is "marginal" and not "none", as a share of
+            the undisturbed scenario's drag reduction.
         abs_Cl: largest mean |Cl| for "useful", as a share of its value without control. A drag reduction with a larger
             side force is of no use.
     """

@@ -29,12 +29,12 @@ def starting_states(
     scenario: str = "",
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
-    """Return the flow states of all starting phases, with their time set to zero and the jets shut. They are read from
-    the folder, or computed, which takes minutes for a body other than the truck. Raises PlantError if there is no
-    developed wake for the settings.
+    """Return the flow states of all starting phases, with their time set to zero and the jets shut. The states are read
+    from the folder or computed; the computation takes minutes for a body other than the truck. Raises PlantError if
+    there is no developed wake for the settings.
 
     Args:
-        scenario: the scenario that has this plant; empty for the plant of all other scenarios.
+        scenario: name of the scenario that has a plant of its own; empty for the plant that all other scenarios share.
         progress: called with (time, total time) in t_c while another body's wake develops.
     """
     kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
@@ -56,8 +56,8 @@ def digest_of(state: State) -> str:
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """Return the state in the file; None if the file is missing or its state is of another plant, which is possible if
-    the scenario had another body earlier."""
+    """Return the state in the file; None if the file is missing, or contains the state of another plant because the
+    scenario had another body earlier."""
     try:
         state = load_state(file)
         if state.origin is not None:

@@ -78,7 +78,7 @@ def model_description(
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
     """Add the terminal's clocks and binary variables to the list. Returns their value references by name; these
-    references follow those of the variables in the table."""
+    references follow the references of the variables in the table."""
     names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # same order as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 

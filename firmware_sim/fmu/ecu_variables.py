@@ -1,4 +1,4 @@
-"""The variables of the ECU's FMU, each with the DBC signal that carries it.
+"""The variables of the ECU's FMU, each with the DBC signal that contains the variable's value.
 
 A variable's place in the list is its value reference. The list is written as a table for the wrapper in C
 (`ecu/c/fmu/sw_fmu.c`), and as `modelDescription.xml` (`firmware_sim.fmu.descriptions`).

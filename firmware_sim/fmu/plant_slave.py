@@ -110,7 +110,7 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self._speed = after
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The outputs' getters are bound to this object, so a copy has to create its own getters.
+        # The outputs' getters are bound to this object, so the copy is constructed anew and creates its own getters.
         return partial(StillwakePlant, **self._made_with), (), self._get_fmu_state()
 
     def __setstate__(self, state: dict[str, Any]) -> None:

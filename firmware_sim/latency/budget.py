@@ -13,8 +13,8 @@ from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
 COUNTS: Final = ("misses", "misses_ours")
-"""Counts over a whole run that a budget may limit: all misses, and the number of misses in excess of the idle loop's
-misses."""
+"""Names of the counts over a whole run that a budget may limit: missed commands, and the number by which they exceed
+the idle loop's misses."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,8 +23,8 @@ NEEDED_FOR_P99_9: Final = 1_000
 
 
 class Quantiles(NamedTuple):
-    """Percentiles of one stage's latency in ms. They are measured values without interpolation; None if there are no
-    values."""
+    """Percentiles of one stage's latency in ms. Each percentile is one of the measured values, without interpolation;
+    None if there are no values."""
 
     p50: float | None
     p99: float | None
@@ -118,7 +118,7 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether the idle loop was once later than the slack, so that even a loop without work would miss a
+        """Whether the idle loop was at least once later than the slack, so that even a loop without work would miss a
         command."""
         return self.idle_misses > 0
 

@@ -24,7 +24,8 @@ s."""
 END_S: Final = 30.0
 """Longest time in s that a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
-"""Factor on the run's length that gives the time after which a vehicle that has not ended makes the run fail."""
+"""Longest time that the vehicle may take for a run, as a multiple of the run's length and without `START_S`; if it
+takes longer, the run fails."""
 START_S: Final = 60.0
 """Longest time in s that the vehicle may take to start."""
 
@@ -132,7 +133,7 @@ class _Child:
         self.name = name
         self._log = folder / f"{name}.log"
         environment = {key: value for key, value in os.environ.items() if key not in ("NOTIFY_SOCKET", "WATCHDOG_USEC")}
-        # Waiting threads of numerical libraries spin, which would take processor time from the other processes.
+        # Waiting threads of numerical libraries would spin, and so take processor time from the other processes.
         environment |= {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
         if notify is not None:
             environment["NOTIFY_SOCKET"] = notify

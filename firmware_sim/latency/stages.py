@@ -26,7 +26,7 @@ class Stage(StrEnum):
     """The stages through which the pressures of one period pass, in order."""
 
     SAMPLE = "sample"
-    """The time from the scheduled instant to the sample, by which the vehicle itself is late."""
+    """The time from the scheduled sampling instant to the actual sampling: the vehicle's own delay."""
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
@@ -43,9 +43,9 @@ class Stage(StrEnum):
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
     """The time from the scheduled sampling instant to the arrival of the first command computed from these or newer
-    pressures. Only the newest command in each period is considered, because the vehicle uses no other. The command is
-    due at the next sampling instant. For a period without a plan, this time is recorded only if the command arrived
-    after that instant."""
+    pressures. Only the newest command in each period is considered, because the vehicle uses only this command. The
+    command is due at the next sampling instant. For a period without a plan, the time is recorded only if the command
+    arrived after it was due."""
     ACTUATE = "actuate"
     """The time from the next sampling instant to the use of the command by the jets' driver."""
 

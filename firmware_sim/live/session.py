@@ -1,5 +1,5 @@
-"""The live loop as an object: its caller computes it period by period, passes it viewers' requests, and fetches new
-messages.
+"""The live loop as an object, whose caller lets it compute period by period, passes viewers' requests to it, and
+fetches new messages.
 
 The object has no socket, process or thread, and its clock is an argument, so its caller decides when a period is
 computed. The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives
@@ -179,7 +179,7 @@ class LiveSession(NeverCopied):
         return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
-        """Apply other settings from the next period on. Raises StillwakeError if this is impossible; then nothing
+        """Apply new settings from the next period on. Raises StillwakeError if this is impossible; then nothing
         changes."""
         before, run = self._settings, self._run
         self._check_choices(after)
@@ -199,7 +199,7 @@ class LiveSession(NeverCopied):
             self._note("set", text)
 
     def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:
-        """Change to another ECU or to other weights, or cut the ECU's supply, as the settings differ."""
+        """Replace the ECU, change its weights, or cut its supply, as the difference of the settings requires."""
         run = self._run
         if after.controller == OFF:
             if before.controller != OFF:

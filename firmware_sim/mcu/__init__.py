@@ -1,1 +1,2 @@
-"""The controller's C library on an emulated Cortex-M7: memory, instructions, modelled time, comparison with host."""
+"""The controller's C library on an emulated Cortex-M7: memory, instructions, modelled time, and a comparison with this
+host."""

@@ -15,7 +15,8 @@ from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
-# C allows contraction within an expression. It gives equal results on all targets that have fused multiply-add.
+# C allows the contraction of operations within an expression. Contraction gives equal results on all targets that have
+# fused multiply-add.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
 # The sources already unroll the loops that become faster; unrolling all loops would take 21 KiB more flash.
 BARE: Final = (

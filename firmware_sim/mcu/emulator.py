@@ -24,7 +24,7 @@ _RETURN: Final = FLASH + FLASH_BYTES - 0x100
 
 
 class EmulatedCore(NeverCopied):
-    """A core with a program in its flash, which has not started to run.
+    """A core with a program in its flash; the program has not started to run.
 
     Args:
         memories: address and size in bytes of each writable memory.

@@ -1,5 +1,5 @@
-"""The measurement of a library: it runs with the same rows on an emulated Cortex-M7 and on this host, and the time and
-memory that the core needs are determined."""
+"""The measurement of a library. The library runs with the same rows on an emulated Cortex-M7 and on this host; the time
+and memory that the core needs are determined."""
 
 import subprocess
 import tempfile

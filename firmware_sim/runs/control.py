@@ -39,7 +39,7 @@ class RunControl:
     """Counts of the control periods in which control was requested.
 
     Attributes:
-        requested: number of periods with requested control.
+        requested: number of these periods.
         modes: number of these periods in each mode of the ECU, by the mode's name or SKIPPED.
         warm_up: number of periods from the request on in which the controller's window was still filling.
         fault: first latched fault; None if there was none.
@@ -76,7 +76,7 @@ def control(log: RunLog) -> RunControl:
     faulted = np.flatnonzero(modes == Mode.FAULT)
     warm = np.flatnonzero(np.array(names) != Mode.WARMUP.name)
     still = log.series["action"][log.enabled_at :] == 0.0
-    # The first sample is not counted, because the jets cannot have moved before the first command.
+    # The first sample is left out, because the jets cannot have moved before the first command.
     shut = float(still[1:].mean()) if len(still) > 1 else 1.0
     return RunControl(
         requested=len(names),
@@ -98,8 +98,8 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why the controller was not always in control, which readers should see before any figure;
-    None if it was always in control."""
+    """Return a sentence on why the controller was not always in control, to be shown before all figures; None if it was
+    always in control."""
     held = control(log)
     if held.held:
         return None

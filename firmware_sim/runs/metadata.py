@@ -58,9 +58,10 @@ class RunEcu:
 
     Attributes:
         kind: python, c or mcu.
-        clock_mhz: clock of an emulated core; None if `ecu.compute_time_ms` is used instead.
-        modelled_ms: median of the times that the emulated core takes, in its model, for a step with a plan; None
-            without an emulated core.
+        clock_mhz: clock of the emulated core; None without an emulated core; the computing time is then
+            `ecu.compute_time_ms`.
+        modelled_ms: median of the modelled times of the emulated core for a step with a plan; None without an emulated
+            core.
         modelled_ms_max: largest of these times.
     """
 
@@ -120,7 +121,7 @@ class RunMetadata:
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
         """Create the metadata of a run that was computed in this process. `calibration` is the ECU's calibration after
-        the run; its weights and bounds are recorded. `others` are all attributes not determined by these arguments."""
+        the run; its weights and bounds are recorded. `others` are the remaining attributes."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
         ran = with_calibration(replace(config, mpc=mpc), calibration)

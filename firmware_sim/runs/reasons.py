@@ -1,4 +1,4 @@
-"""Texts for readers who do not know the ECU: its behaviour in each mode, and why its jets may not follow the
+"""Texts for readers who do not know the ECU: its behaviour in each mode, and the reasons why the jets do not follow the
 controller."""
 
 from collections.abc import Mapping

@@ -73,8 +73,8 @@ class Row:
 _SAMPLED: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action")
 _EXCHANGED: Final = tuple(item.name for item in fields(Row) if item.name != "sample")
 COLUMNS: Final = (*_SAMPLED, "base_Cp", *_EXCHANGED)
-"""Names of the series of a run, which have one value per row. Some come from the plant's sample, the others from the
-bus and the ECU."""
+"""Names of the series of a run, which have one value per row. Some series come from the plant's sample, the others from
+the bus and the ECU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ class RunLog:
     Attributes:
         series: arrays for the n periods of the run: each name in `COLUMNS`, shape (n,); `WALL`, shape (n, S) for S
             sensors, if the sensors were recorded; each name in `WITHOUT`, shape (n,), for a drive.
-        enabled_at: index of the first row with requested control.
+        enabled_at: index of the first row in which control is requested.
     """
 
     series: Mapping[str, Array]

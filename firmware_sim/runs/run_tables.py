@@ -28,7 +28,8 @@ _DRAG_ROWS: Final = (
     ("std of Uy at {probe}", "Uy_std", ".3f"),
     ("whole shedding cycles averaged", "cycles", "d"),
 )
-"""Label, field of `Regime`, and number format of each row. The wake probe's position may be filled in."""
+"""Label, field of `Regime`, and number format of each row. In a label, {probe} is replaced by the position of the wake
+probe."""
 
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
@@ -217,7 +218,7 @@ def _fits(needed_ms: float, period_ms: float) -> str:
 
 def _on_this_machine(run: RunMetadata, timing: Latency) -> list[tuple[str, str]]:
     """Return the rows about the wall-clock time of a step on this machine. For an emulated core, this time is not
-    compared with the budget, because it is the emulator's."""
+    compared with the budget, because it is the time of the emulator, not of the core."""
     if run.ecu.clock_mhz is not None:
         return [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
     within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"

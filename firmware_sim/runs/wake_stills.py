@@ -51,7 +51,7 @@ class Scene:
 
     @classmethod
     def of(cls, picture: LevelPicture, layout: SensorLayout) -> "Scene":
-        """Return the scene of a plant with these sensors."""
+        """Return the scene of a plant with this picture and these sensors."""
         places = {name: (float(x), float(y)) for name, (x, y) in zip(layout.names, layout.positions, strict=True)}
         return cls(view=picture.view, size=picture.size, sensors=places)
 

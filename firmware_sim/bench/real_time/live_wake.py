@@ -32,7 +32,8 @@ from wake.truck.truck_wake import TruckWake
 _PERIODS: Final = 20
 """Number of control periods whose computing time is measured before the start."""
 _ROOM: Final = 0.9
-"""Largest share of a control period that the solver may take; pressure transfer and other processes need the rest."""
+"""Largest share of a control period that the solver may take; the transfer of pressures and other processes need the
+remaining time."""
 COARSE: Final = (0.75, 15)
 """Grid refinement, and time steps per control period, of the fastest plant found so far on which the shipped controller
 acts as on the default grid (docs/explanation/solver.md)."""
@@ -78,8 +79,8 @@ class Speed:
 def measured(
     wake: TruckWake, periods: int = _PERIODS, clock: Callable[[], float] = time.perf_counter
 ) -> tuple[float, ...]:
-    """Measure the wall time in ms of each of `periods` control periods, with sampling and with the jets shut; then
-    restore the wake's state."""
+    """Measure the wall time in ms of each of `periods` control periods with the jets shut, including the sampling of
+    pressures; then restore the wake's state."""
     begin = wake.state()
     times = []
     for _ in range(periods):
@@ -100,9 +101,9 @@ class LiveWake(NeverCopied):
 
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
-        progress: called with (t_c done, total t_c) while the flow develops from the initial state.
+        progress: called with (time done, total time) in t_c while the flow develops from the initial state.
         drive: speeds of the inflow from the first period on; the time steps in `config.flow` must be short enough for
-            them.
+            these speeds.
 
     Attributes:
         layout: sensors of the body.

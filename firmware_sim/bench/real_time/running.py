@@ -1,4 +1,4 @@
-"""A run of the vehicle's side: bus, receive thread, privileges and clock around `VehicleLoop`."""
+"""A run of the vehicle's side: `VehicleLoop` with its bus, receive thread, privileges and clock."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -41,7 +41,7 @@ class Course:
         periods: number of periods; None for an endless run.
         enable_after_s: time in s of the first request for control; None for no request.
         stage_times: file for the stage times, written at the end.
-        freshness: file that counts the node's power cycles, with `bus.key`.
+        freshness: file in which the node's power cycles are counted; None exactly if `bus.key` is empty.
         frames: measurement file for the frames that the vehicle sent and accepted.
         drive: speeds from the first period on; if None, the operating point's speed.
     """
@@ -98,7 +98,8 @@ def run_vehicle(
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             if course.drive is not None:
-                # In periods without pressures, the live wake's time stands still, and so does the drive's.
+                # In periods without pressures, the live wake's time does not advance, so the drive's time does not
+                # advance either.
                 driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
                 node.speed = node.stated_speed = course.drive.speed(driven_s)
             loop.period(enable_request=enable_from is not None and begun >= enable_from)

@@ -33,7 +33,7 @@ LONGEST_FAREWELL: Final = 10
 
 
 class Sends(Protocol):
-    """The part of a bus's interface that the loop uses."""
+    """The part of the interface `Bus` that the loop uses."""
 
     def send(self, frame: Frame) -> None:
         """Send one frame; raises BusError if the bus does not accept the frame."""
@@ -47,7 +47,8 @@ class VehicleLoop:
         now_ns, sleep_until: functions of the clock, which must be the clock of the deadlines and the inbox.
 
     Attributes:
-        heard: frames received since this attribute was last set, for a message about missing commands.
+        heard: counts of the frames received since the caller last set this attribute, for a message about missing
+            commands.
     """
 
     def __init__(

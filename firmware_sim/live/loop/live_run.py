@@ -41,9 +41,9 @@ class ControlRequest:
         lead_in: number of periods after which control is requested.
         rearm_frames: number of consecutive good frames that the ECU needs before a request clears a latched fault.
         wanted: whether control is wanted.
-        waits: whether the lead-in has not ended yet; it ends early when a viewer sets the request.
+        waits: whether the lead-in has not ended yet; a viewer who sets the request ends the lead-in early.
         rearming: whether the request stays low until the ECU will accept a high request.
-        helped_until: before this period, latched faults are cleared by a new request without a viewer's action.
+        helped_until: period before which a new request clears latched faults without a viewer's action.
         first: period of the first request for control; None before this request.
     """
 
@@ -60,7 +60,8 @@ class ControlRequest:
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
-        """Withdraw the request if control returns only after a new request; return whether the request is withdrawn."""
+        """Withdraw the request if only a new request can bring control back; return whether the request is
+        withdrawn."""
         latched = given_up or fail_safe.mode in _NEEDS_A_RISE
         self.rearming = self.rearming or (self.first is not None and self.wanted and latched)
         return self.rearming
@@ -138,7 +139,7 @@ class DragMeans:
         needed = int(1.0 / (self._frequency * self._period)) + 3
         latest = np.array([self._samples[at] for at in range(-min(needed, len(self._samples)), 0)], dtype=float)
         try:
-            # These data are shorter than two shedding cycles, so the average is over one cycle.
+            # The stored samples are shorter than two shedding cycles, so the average is over one cycle.
             self.now = float(over_last_cycles(latest[:, 0], self._frequency).mean(latest[:, 1]))
         except PlantError:
             self.now = None
@@ -178,7 +179,7 @@ class LiveRun:
         wake: a plant at the start of a control period.
         lead_in: number of periods after which control is requested without a viewer's action.
         kept: number of latest periods whose drag is stored.
-        authentication: key and freshness values of the vehicle's node, with `bus.key`.
+        authentication: key and freshness values of the vehicle's node; None without `bus.key`.
 
     Attributes:
         number, wake, ecu: values of these arguments; `exchange` replaces the ECU.

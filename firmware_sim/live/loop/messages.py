@@ -9,7 +9,7 @@ viewer sends on a separate channel, one request per message, and gets one answer
                           (by a viewer), "state" (of the ECU), "vehicle", "bus" or "loop"
     settings              `settings`, a `LiveSettings`; this message is sent after every change
     loop                  `state` of the loop's process: starting, running, busy (for some seconds) or ended; `text`:
-                          one line about the present work, or the reason for its end; this message comes first
+                          one line about the present work, or the reason for the process's end; this message is first
 
 A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and picture, but all `periods` and `events`.
 At `hello` a viewer discards all earlier data, which belong to another run or are sent again. NaN and infinity are null.
@@ -34,7 +34,8 @@ Request = dict[str, Any]
 """A viewer's request: an `id`, which is repeated in the answer, and an action from
 `firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
-"""An answer to a request. Entries: the request's `id`; `error`, if nothing was changed; `note`, about the change."""
+"""An answer to a request: it contains the request's `id`, the text `error` if the request changed nothing, and the text
+`note` if the change needs an explanation."""
 Choice = dict[str, Any]
 """A controller or plant that a viewer may choose: `name`, `label`, and `missing`, which is null or one line on why it
 cannot be chosen."""

@@ -95,8 +95,8 @@ def _transition(before: SeenState, now: SeenState) -> str:
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Virtual time in s in which repetitions of an event are only counted. At its end, one event states the number of
-repetitions, and the time doubles."""
+"""Virtual time in s in which repetitions of an event are only counted. After this time one event states the number of
+repetitions, and the time is doubled for this event."""
 _LONGEST_S: Final = 16.0
 
 

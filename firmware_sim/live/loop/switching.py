@@ -177,7 +177,7 @@ class SwitchedDisturbances:
 
     def _end(self, item: _Item, k: int) -> None:
         item.end = k
-        # A running disturbance reads its end time from this object, which is frozen for all other uses.
+        # The span is frozen, but a running disturbance reads its end time from the span, so the end time is set here.
         object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
         self._items.remove(item)
         if item.plugs:

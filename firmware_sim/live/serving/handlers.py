@@ -1,8 +1,8 @@
 """The server's request handlers: the page and its files, the two sockets, and the check of access.
 
-A browser sends requests to a server on this machine for any web page that makes them. Two checks refuse the requests of
-pages from other servers. The request's Origin must be this server. The request's Host must be this server too, because
-the owner of another host name may let this name resolve to this machine (DNS rebinding).
+Any web page can make a browser send requests to a server on this machine. Two checks refuse the requests of pages from
+other servers. The request's Origin must be this server. The request's Host must be this server too, because the owner
+of another host name may let this name resolve to this machine (DNS rebinding).
 """
 
 import asyncio
@@ -30,7 +30,8 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
-    """Rules of access to one server. Every request needs the token; a server on loopback has none."""
+    """Rules of access to one server. Every request needs the token, unless the server listens on loopback and so has no
+    token."""
 
     token: str | None
 
@@ -172,7 +173,7 @@ class Guarded(RequestHandler):
         self.finish(f"{status_code}: {self._reason}\n")
 
     def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
-        # This method replaces tornado's, whose log would contain the address with the token. Cancelled answers are
+        # This method replaces tornado's method, which would log the address with the token. Cancelled answers are
         # normal when the server ends.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
             _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))

@@ -1,5 +1,5 @@
-"""The loop in a separate process. It does not have to wait for the server, because a thread of the server always
-receives its messages.
+"""The loop in a separate process. The loop does not have to wait for the server, because a thread of the server
+receives the loop's messages at any time.
 
 The process handles requests between two periods.
 """
@@ -42,8 +42,8 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     It receives pairs of a number and a request as JSON. `fast` states whether a period may take less time than on a
     vehicle.
     """
-    # The handler exits directly: an exception that it raises while the interpreter runs a callback would only be
-    # printed.
+    # The handler ends the process directly, because Python only prints an exception that is raised while it runs a
+    # callback.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     # The process was started with SIGINT and SIGTERM blocked. SIGINT (Ctrl-C) stays blocked: the server ends the
     # process.
@@ -138,7 +138,7 @@ class Outbox:
         self._state: LiveMessage = {}
 
     def send(self, kind: str, content: object) -> None:
-        """Send one of the pairs that `run` describes."""
+        """Send the pair (kind, content), as `run` describes."""
         with self._lock, suppress(OSError):
             self._pipe.send((kind, content))
 

@@ -1,6 +1,6 @@
-"""The supervisor: it runs the loop's process, stores its messages for all viewers, and passes on requests.
+"""The supervisor, which runs the loop's process, stores the loop's messages for all viewers, and passes on requests.
 
-The hub stores the newest message of each stream, and ring buffers of the periods and events, once for all viewers. A
+A `Hub` stores the newest message of each stream, and ring buffers of the periods and events, once for all viewers. A
 `Viewer` stores only its position in the streams, so a slow viewer needs no more memory than a fast viewer.
 """
 
@@ -32,8 +32,8 @@ _OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:
-    """A store of the loop's messages, which several threads may use. It returns the content of a stream that is newer
-    than a given count."""
+    """A store of the loop's messages, which several threads may use. Each stream has a count that increases with new
+    content."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -49,7 +49,8 @@ class Hub:
                 self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """Return a stream's content that is newer than `count`, or None, and the stream's present count."""
+        """Return the content that a stream got after its count was `count`, or None, and the count for the next
+        call."""
         with self._lock:
             if stream == "periods":
                 rows, count = self._periods.after(count, MOST_ROWS)
@@ -213,7 +214,7 @@ class Supervisor:
             process.end()
 
     async def ask(self, request: str) -> LiveAnswer:
-        """Return the loop's answer to a request in JSON, after waiting for it."""
+        """Send a request in JSON to the loop, wait for the loop's answer, and return it."""
         process = self._process
         if process is None:
             return {"error": "the loop has ended"}

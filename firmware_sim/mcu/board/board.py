@@ -2,8 +2,8 @@
 
 The firmware runs from its reset vector until it sleeps (`wfi`); then the caller advances the board's time. No interrupt
 handler runs: the firmware masks interrupts, and a pending interrupt ends its sleep. A `Board` exists for one power
-cycle; the contents of its flash are passed to the `Board` of the next power cycle. The memory map is that of an
-STM32H743, with the registers of `flash_controller`, `can_controller` and `small_parts`.
+cycle, and the contents of its flash are passed to the next `Board`. The memory map is that of an STM32H743, with the
+registers of `flash_controller`, `can_controller` and `small_parts`.
 """
 
 import struct

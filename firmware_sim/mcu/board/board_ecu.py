@@ -38,7 +38,7 @@ class BoardEcu(CEcuState):
         own: files that replace the board's files (`compile_board`).
         firmware: firmware compiled earlier from these sources.
         times: durations of flash operations.
-        secret: key of the bus that production writes, with `bus.key`.
+        secret: key of the bus, which production writes into a board; None without `bus.key`.
 
     Attributes:
         board: board of the present power cycle.

@@ -70,7 +70,7 @@ class FlashBank:
 
     @classmethod
     def unpack(cls, packed: bytes) -> "FlashBank":
-        """Read the result of `pack`; raises McuError if it has another size."""
+        """Read the result of `pack`; raises McuError if it is not a packed bank."""
         bank, words = cls(), SECTOR * SECTORS // WORD
         if len(packed) != words * (WORD + 1) or max(packed[:words]) > 2:
             raise McuError(f"a flash of {len(packed)} bytes: must be {words * (WORD + 1)}, as a board left it")

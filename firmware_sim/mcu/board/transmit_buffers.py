@@ -8,7 +8,7 @@ from can_bridge.wire.frame import Frame, priority
 
 
 class Left(NamedTuple):
-    """A sent frame, stamped with the time of the request to send it, and the end of its transmission."""
+    """A sent frame, stamped with the time at which its transmission was requested, and the end of the transmission."""
 
     frame: Frame
     end_ns: int
@@ -77,7 +77,7 @@ class TransmitBuffers:
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Connect the controller to the bus, or disconnect it, after which a frame in transmission has to wait
+        """Connect the controller to the bus, or disconnect it. After a disconnection, a frame in transmission waits
         again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
