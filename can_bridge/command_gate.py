@@ -133,7 +133,7 @@ def gate(
     passed = _clamp(in_range, previous_m2_per_s - step, previous_m2_per_s + step)
     if passed != in_range:
         interventions |= Intervention.RATE
-        # The range is applied last, so that the command is within the range for any value of `previous`.
+        # The range is applied last, so that the command is within the range for any value of `previous_m2_per_s`.
         passed = _clamp(passed, -limits.flow_m2_per_s, limits.flow_m2_per_s)
     return GatedCommand(flow_m2_per_s=passed, enable=True, interventions=interventions)
 

@@ -1,1 +1,1 @@
-"""Real, virtual and simulated buses with one interface, and the parts with which a node receives frames."""
+"""Real, virtual and simulated buses with a common interface, and the code with which a node receives frames."""

@@ -34,7 +34,7 @@ def frame_of(message: can.Message) -> Frame | Rejection:
     # length.
     if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         return Rejection.WRONG_LENGTH
-    # A backend may deliver values of any type and range. A float would pass the check of the range.
+    # A backend may deliver values of any type and range, and a float would pass the check of the range.
     if not isinstance(message.arbitration_id, int):
         return Rejection.GARBAGE
     try:

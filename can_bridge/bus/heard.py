@@ -72,8 +72,8 @@ def line(
 
 
 class Silence:
-    """A reporter that reports once when no usable frame has arrived for `SILENCE_S`, and once when usable frames arrive
-    again. The function `line` describes the arguments."""
+    """A reporter, which reports once when no usable frame has arrived for `SILENCE_S`, and once when usable frames
+    arrive again. The arguments are those of the function `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report

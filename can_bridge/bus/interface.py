@@ -37,7 +37,7 @@ HEALTHY: Final = BusHealth()
 
 
 class Bus(Protocol):
-    """A node's connection to a bus: sends frames, and returns received frames without waiting."""
+    """A node's connection to a bus, which sends frames and returns received frames without waiting."""
 
     def send(self, frame: Frame) -> None:
         """Send one frame; raises BusError if the bus does not accept the frame."""
@@ -59,7 +59,8 @@ class Rejection(Enum):
     """The controller's report on the bus or on itself; see `PythonCanBus.health`."""
     EXTENDED = "29-bit identifier"
     WRONG_FORMAT = "CAN FD for classic, or the reverse"
-    """A CAN FD frame on a bus on which `bus.frames` is classic, or one of our messages in the wrong format."""
+    """A CAN FD frame on a bus whose setting `bus.frames` is classic, or a frame of one of our messages in the wrong
+    format (CAN FD or classic)."""
     OTHER_ID = "another identifier"
     OWN = "own frame received again"
     ADAPTER = "adapter refused a command"

@@ -1,4 +1,4 @@
-"""The numbers of XCP (ASAM MCD-1 XCP 1.x, part 2) that the ECU's slave uses."""
+"""The codes and bits of XCP (ASAM MCD-1 XCP 1.x, part 2) that the ECU's slave uses."""
 
 from collections.abc import Callable
 from enum import IntEnum
@@ -16,7 +16,7 @@ COMM_MODE: Final = 0x80
 """Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode. The answer to
 GET_COMM_MODE_INFO has further properties."""
 CAL_PAG: Final = 0x01
-"""The bit of XCP's resource for calibration and its pages."""
+"""The bit of the XCP resource that contains calibration and its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
 """The bits of this ECU's resources: calibration, and measurement (DAQ). Measurement needs no key, because its values
 are not secret."""
@@ -24,7 +24,7 @@ are not secret."""
 RESPONSE: Final = 0xFF
 ERROR: Final = 0xFE
 EVENT: Final = 0xFD
-"""The first byte of a packet to the tool: a response, an error or an event."""
+"""The values of the first byte of a packet to the tool: response, error and event."""
 STORED_EVENT: Final = 0x03
 """The number of the event that reports that the calibration was stored."""
 STORE_REQUEST: Final = 0x01
@@ -111,7 +111,7 @@ PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
 """Commands that are refused while the resource is locked. Commands that read values are always allowed, because UDS
-shows the same values to every tester."""
+also shows these values to every tester."""
 
 
 class Error(IntEnum):
@@ -180,9 +180,9 @@ class XcpAccess:
         self._forget()
 
     def seed(self, mode: int, resource: int) -> bytes:
-        """Return the number of unsent seed bytes as one byte, and the next seed bytes; a single zero if the resource is
-        not locked. Raises Denied for an unknown resource or mode, for the rest of a seed that was not requested, or if
-        the random source gives zeros."""
+        """Return the number of unsent seed bytes as one byte, and the next seed bytes; return a single zero if the
+        resource is not locked. Raises Denied for an unknown resource or mode, for the rest of a seed that was not
+        requested, or if the random source gives zeros."""
         if mode == 0:
             self._forget()
             if resource != CAL_PAG:

@@ -1,8 +1,8 @@
 """The ECU's side of XCP: a state machine whose inputs are the time and the packets from the tool.
 
 A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`), and reads or measures the latest
-control period (`can_bridge.calibration.daq`). The ECU announces neither block mode nor flashing, and does not know
-their commands.
+control period (`can_bridge.calibration.daq`). The ECU announces neither block mode nor flashing, and rejects their
+commands.
 """
 
 import struct
@@ -20,8 +20,8 @@ from contract.errors import ConfigError
 A2L_NAME: Final = b"stillwake"
 """The name of the A2L file, without its extension."""
 IDLE_NS: Final = 600_000_000_000
-"""The time without a command after which an open connection ends and its resource is locked. A tool that measures need
-not send commands: its connection stays open, but its resource is locked."""
+"""The time without a command after which an open connection ends and its resource is locked. While a measurement runs,
+only the resource is locked, because a tool that measures need not send commands."""
 REFERENCE_PROPERTIES: Final = 0x0F
 WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
 """Properties of the working page: the controller and the tool may read it independently, and the tool may write it."""

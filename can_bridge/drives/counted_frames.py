@@ -21,11 +21,12 @@ imply."""
 _LONGEST: Final = 1000
 """Largest number of periods without a frame within a stretch, so that a change of the clock does not add many rows."""
 _JUMP: Final = 0.5
-"""Largest permanent shift of the times within a stretch, in periods. After a larger shift the counter does not show how
-many frames were lost."""
+"""Largest permanent shift of the frames' times within a stretch, in periods. After a larger shift the counter does not
+show how many frames were lost."""
 _AROUND: Final = 16
-"""Number of frames before and after a shift of the times over whose lateness a median is taken. It is larger than the
-number of frames in a burst, and large enough to average jitter of 0.4 periods."""
+"""Number of frames on each side of a shift of the times; the shift is the difference of the median latenesses of the
+two sides. The number is larger than that of the frames in a burst, and large enough to average jitter of 0.4 periods.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +84,7 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
 
     Args:
         frames: frames with valid CRCs, in the order of reception.
-        period_s: the sender's period on the log's clock in s, to a few per cent.
+        period_s: the sender's period on the log's clock in s, known to a few per cent.
         modulus: number of frames after which the counter wraps. If more than half of this number are lost, only the
             times show how many frames were lost.
     """
@@ -101,7 +102,8 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
 
 
 def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> list[list[tuple[int, CountedFrame]]]:
-    """Number the frames, and begin a new part where counter and clock disagree or many frames are missing."""
+    """Return the frames with their numbers. A new part begins where counter and clock disagree or many frames are
+    missing."""
     parts: list[list[tuple[int, CountedFrame]]] = []
     newest, before = 0, None
     for frame in frames:
@@ -114,16 +116,16 @@ def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> lis
             newest, before = 0, frame
             continue
         parts[-1].append((newest + step, frame))
-        # If this frame was overtaken by the previous frame, its counter is not the sender's latest, so the next frame
-        # is compared with the previous frame, too.
+        # If the previous frame overtook this frame, this frame's counter is not the sender's latest counter. The next
+        # frame is then compared with the previous frame, not with this frame.
         if step > 0:
             newest, before = newest + step, frame
     return parts
 
 
 def _cut_at_jumps(stretch: FrameStretch, period_s: float) -> list[FrameStretch]:
-    """Cut the stretch where its times shift permanently, although no single time step differs from that of the counters
-    by more than `SLACK`."""
+    """Cut the stretch where its times shift permanently by more than `_JUMP`. A shift of more than `SLACK` between two
+    frames has already ended the stretch."""
     late = stretch.time_s - period_s * stretch.index
     cuts, after = [0], 0
     for i in (np.flatnonzero(np.abs(np.diff(late)) > _JUMP * period_s) + 1).tolist():

@@ -20,7 +20,7 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.vehicle import SpeedConfig
 
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
-"""Modes in which a command does not answer the frame whose counter it echoes."""
+"""Modes in which a command is not the answer to the frame whose counter the command echoes."""
 _UNKNOWN_LAG: Final = 0.5
 """Assumed time from pressure to command, in periods, if no command echoes a pressure's counter."""
 

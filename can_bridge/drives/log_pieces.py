@@ -114,7 +114,7 @@ class Cutter:
             self._keep(table, a, b, clock)
 
     def _groups(self, present: Mask) -> list[tuple[str, list[int]]]:
-        """Return groups of columns that are always missing in the same rows, each with a name."""
+        """Return named groups of columns. The columns of a group are always missing in the same rows."""
         sensors = list(range(SENSORS))
         together = present[:, sensors].any(axis=1) == present[:, sensors].all(axis=1)
         groups: list[tuple[str, list[int]]] = [("pressures", sensors)]

@@ -29,18 +29,18 @@ from contract.errors import DatasetError
 _OTHER_PERIOD: Final = 0.2
 """Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
-"""Largest relative difference between the sender's period and the control period; a table with times has the same limit
-(`contract.recording.findings`). Quartz clocks differ by at most a tenth of this. Rows are resampled if their distance
-in convective time differs from the control period by more than this."""
+"""Largest relative difference between the sender's period and the control period; tables with times have the same limit
+(`contract.recording.findings`). Quartz clocks differ by at most a tenth of this limit. Rows are resampled if their
+distance in convective time differs from the control period by more than this limit."""
 _OUTSIDE: Final = 0.05
-"""Largest distance of the control period from the range that the log's speeds give, relative to the range's nearer
-end."""
+"""Largest distance of the control period from the range of periods that fit the log's speeds, as a share of the range's
+nearer end."""
 _CONTRADICTS: Final = 0.01
 """Largest relative difference between a setting and the log. It is not zero, because the vehicle's own value has an
 error too."""
 _STANDS: Final = 0.2
-"""Distance travelled from one row to the next, as a share of the control period in W, below which the vehicle counts as
-stationary. The pressures are then as small as the resolution."""
+"""Distance travelled from one row to the next below which the vehicle counts as stationary, as a share of the control
+period in W. The pressures are then as small as their resolution."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class LogReport:
         unused: numbers of frames that were not used, by the reason.
         lost: number of rows without a pressure frame and number of rows without a command, according to the counters.
         filled: number of rows with interpolated pressures and number of rows with an interpolated action.
-        stale: number of frames whose pressures were older than a period when they were sent.
+        stale: number of frames whose pressures were a period old or older when they were sent.
         drift: relative difference between the sender's period, measured on the log's clock, and its nominal value.
         jitter_s: largest difference in s between the time of a pressure frame and its row's time.
         gaps: one line of text for each gap that was filled, cut or left out.
@@ -85,8 +85,15 @@ class LogReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSeries:
-    """The pieces of a log in the order of time, the time in s of the log's first row, the distance travelled since
-    then, the sender's period in s, and the report."""
+    """The pieces of a log, with their common times and the report.
+
+    Attributes:
+        pieces: pieces in the order of time.
+        start_s: time in s of the log's first row, on the log's clock.
+        travel: distance travelled since `start_s`.
+        period_s: the sender's period in s on the log's clock.
+        report: report on the log.
+    """
 
     pieces: tuple[Piece, ...]
     start_s: float

@@ -65,8 +65,8 @@ class VehicleSpeeds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Travel:
-    """The distance travelled in body lengths W, as a function of time, extrapolated linearly. It equals the time in W /
-    U_inf for every U_inf.
+    """The distance travelled in body lengths W, as a function of time, extrapolated linearly. The distance in W equals
+    the time in W / U_inf for every U_inf.
 
     Attributes:
         time_s, way: n times in s and the distances at these times in W, both increasing, (n,), with n at least 2.

@@ -82,7 +82,7 @@ class ReceiverState:
     """The receiver's state for one message.
 
     Attributes:
-        last_counter: counter of the latest frame with a valid CRC; None before the first.
+        last_counter: counter of the latest frame with a valid CRC; None before the first frame.
         window: checks of the latest periods, oldest first, from the check that ended NODATA on.
         counts: number of checks with each result, at the index of the result's value; read the numbers with `count`.
     """
@@ -109,7 +109,7 @@ def receive(
 
     Args:
         frames: all frames received in the period, oldest first; other messages' frames are ignored. Of a secured
-            message only the protected part is checked; `can_bridge.secoc` checks the rest.
+            message only the protected part is checked; `can_bridge.secoc` checks the remaining parts.
         config: the conditions under which the stream is trusted.
     """
     checks: list[FrameCheck] = []
@@ -147,7 +147,7 @@ class E2eReceiver:
 
 
 def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
-    """Return the check that represents all checks of a period."""
+    """Return the result for a period whose checks had the results `found`."""
     for check in (
         FrameCheck.ERROR,
         FrameCheck.OK,
@@ -163,7 +163,7 @@ def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
 def _checked(
     data: bytes, last_counter: int | None, *, spec: MessageSpec, max_delta: int
 ) -> tuple[FrameCheck, int | None]:
-    """Return the check of one frame, and the counter with which the next frame is compared."""
+    """Return the result of a frame's check, and the counter with which the next frame is compared."""
     profile = profile_of(spec)
     if len(data) != spec.length or not profile.check(data[: spec.protected], data_id=spec.data_id):
         return FrameCheck.ERROR, last_counter

@@ -22,8 +22,9 @@ class MediumError(BusError):
 T = TypeVar("T")
 
 Long = Generator[None, None, T]
-"""A long operation in parts: each `next` executes a part, of at most a few tens of milliseconds on a controller; the
-return value is the result. The caller can answer frames between two parts, and drops the rest when the session ends."""
+"""A long operation in parts. Each `next` executes a part, which takes at most a few tens of milliseconds on a
+controller; the generator's return value is the result. The caller can answer frames between two parts, and does not
+execute further parts when the session has ended."""
 
 
 def at_once(work: Long[T]) -> T:
@@ -83,8 +84,9 @@ class Backing(Protocol):
 
     def begin_again(self, slot: Slot, length: int) -> int:
         """Prepare a slot after power-on so that data can be appended after its first `length` bytes. The data after
-        these bytes are no longer valid. Returns the number of bytes that stay, `length` or fewer; if fewer, the memory
-        after them must be erased next. Raises MediumError if the whole slot must be erased."""
+        these bytes are no longer valid. Returns the number of bytes that stay valid: `length` or fewer. If it is less
+        than `length`, the memory after these bytes must be erased next. Raises MediumError if the whole slot must be
+        erased."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:

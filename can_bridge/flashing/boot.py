@@ -13,7 +13,7 @@ from can_bridge.flashing.verdicts import Verdict
 
 
 class BootReason(Enum):
-    """The reason why an image was booted. `in_words` is its text for people."""
+    """The reason why an image was booted. `in_words` is the text of the reason for people."""
 
     in_words: str
 
@@ -29,7 +29,8 @@ class BootReason(Enum):
     REVERTED = 3, "confirmed; the release on trial was rejected"
     """The confirmed image, because the image on trial failed a check or was not confirmed in time."""
     FALLBACK = 4, "the release before; the confirmed release is damaged"
-    """The release confirmed before the present confirmed release, because the present one failed a check."""
+    """The release confirmed before the present confirmed release, because the present confirmed release failed a
+    check."""
     NO_RELEASE = 5, "every release is damaged or missing"
     """No image passed its checks: the jets stay shut, and a release can be flashed."""
 
@@ -53,8 +54,8 @@ class Boot:
 
 
 def boot(remembered: Remembered) -> Boot:
-    """Choose an image and check it completely. A boot on trial is counted before the check. No content of the memory
-    makes this function raise an exception."""
+    """Choose an image and check it completely. If an image is on trial, its boot is counted before the check. No
+    content of the memory makes this function raise an exception."""
     trial = remembered.state.on_trial
     verdicts: dict[Slot, Verdict] = {}
     on_trial = None if trial is None else _boot_trial(remembered, trial, verdicts)

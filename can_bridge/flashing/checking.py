@@ -30,7 +30,8 @@ class Release(Protocol):
 
 
 Fits = Callable[[Any], Verdict]
-"""A function that returns whether a checked release was made for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
+"""A function that returns the verdict on whether a checked release was made for this vehicle: GOOD, WRONG_PERIOD or
+WRONG_VEHICLE."""
 
 
 @dataclass(frozen=True, kw_only=True)

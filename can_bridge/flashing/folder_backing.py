@@ -1,7 +1,8 @@
 """A store's memory in a folder, for an ECU with a file system: a file for each record and each slot.
 
 A record is replaced by a temporary file that is synchronised before it is renamed; then the folder is synchronised.
-Data are appended to slots. A checkpoint (`RecordKind.STATE`) first synchronises the data appended before it.
+Data are appended to slots. Before a record of the kind `RecordKind.STATE` is replaced, the data appended to the slots
+are synchronised.
 """
 
 import errno
@@ -144,8 +145,8 @@ class FolderBacking:
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace a record; before a checkpoint (`RecordKind.STATE`) synchronise the slots. Raises ValueError if the
-        record is too long; MediumError if the disk is full or fails."""
+        """Replace a record; for `RecordKind.STATE`, first synchronise the slots. Raises ValueError if the record is too
+        long; MediumError if the disk is full or fails."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == RecordKind.STATE:
@@ -159,8 +160,8 @@ class FolderBacking:
         self._files.sync_folder()
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class never returns fewer bytes than
-        it was asked for."""
+        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class always returns its argument
+        `length`."""
         assert behind == 0
         self._written.pop(slot, None)
         self._files.replace(_slot_file(slot), b"")
@@ -170,7 +171,7 @@ class FolderBacking:
         self._written[slot] = 0
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Truncate a slot's file to `length` bytes; raises MediumError if the file has fewer."""
+        """Truncate a slot's file to `length` bytes; raises MediumError if the file has fewer bytes."""
         there = self._files.size(_slot_file(slot))
         if there < length:
             raise MediumError(f"slot {slot.name}: {there} bytes are there, must be {length} or more", there)
@@ -192,7 +193,7 @@ class FolderBacking:
         self._written[slot] = before + len(data)
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Return bytes that were appended; raises MediumError if they do not exist."""
+        """Return bytes that were appended; raises MediumError if the slot does not have these bytes."""
         found = self._files.read(_slot_file(slot), offset, length) or b""
         if len(found) != length:
             raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)

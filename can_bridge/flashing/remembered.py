@@ -67,7 +67,8 @@ class Remembered:
         return self._check(bytes(image), rules)
 
     def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
-        """See `Store.take_keys`. A new list must not remove the keys that signed the releases in the slots `needed`."""
+        """Replace the key list as `Store.take_keys` does; `needed` are the slots whose releases must keep their
+        signers' keys in the new list."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:

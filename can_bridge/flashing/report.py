@@ -64,7 +64,7 @@ class StoreReport:
         running: the booted slot; None without a release, or after another image was announced for this slot.
         active: the slot of the confirmed release.
         next_boot: the slot that the next boot tries first.
-        reason: reason why the last boot chose this image or none; None before the first boot.
+        reason: reason why the last boot chose its image, or chose no image; None before the first boot.
         least_security_version: smallest security version that a release may have.
         key_list_version: version of the key list; None without a key list.
         failed_attempts: numbers of consecutive wrong keys, by level.

@@ -119,7 +119,8 @@ class StoreState:
         return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
 
     def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
-        """Return the state with a new state of one slot and with new values of the fields in `others`."""
+        """Return a copy of the state with a new state of one slot, and with the new values in `others` of further
+        fields."""
         a, b = self.slots
         return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
 

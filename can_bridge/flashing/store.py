@@ -131,9 +131,9 @@ class Store:
         return self._last_boot
 
     def announce(self, length: int, sha256: bytes) -> Long[int]:
-        """Prepare a slot for an image. Returns the offset of the first byte to send: 0 for a new image, `length` if all
-        bytes are stored, and otherwise the number of bytes received in an interrupted transfer of this image, or a
-        smaller number if the memory can only continue from an earlier byte.
+        """Prepare a slot for an image. Returns the offset of the first byte to send. The offset is 0 for a new image,
+        and `length` if all bytes are stored. After an interrupted transfer of this image, it is the number of bytes
+        received, or less if the memory can only continue from an earlier byte.
 
         Raises:
             ConfigError: the length or the hash is out of range.
@@ -234,7 +234,7 @@ class Store:
         if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
                 # The release would not boot again, and the confirmation may raise the least security version above the
-                # previous release's, so that the previous release would not boot either.
+                # version of the previous release, which would then not boot either.
                 raise OutOfOrderError("the key that signed the release on trial is not in the list: revert it")
             self._confirm(slot)
 
@@ -250,16 +250,16 @@ class Store:
         )
 
     def revert(self) -> Long[Verdict]:
-        """Return to another release at the next reset: during a trial to the confirmed release, otherwise to the
-        confirmed release in the slot that does not run. Returns GOOD, or the reason why that release may no longer run;
-        then nothing changes. Raises OutOfOrderError if there is no such release; MediumError if the choice cannot be
-        stored."""
+        """Select another release for the next reset: during a trial the confirmed release, otherwise the confirmed
+        release in the slot that does not run. Returns GOOD, or the reason why the selected release may no longer run;
+        then nothing changes. Raises OutOfOrderError if there is no release to select; MediumError if the choice cannot
+        be stored."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))
             return Verdict.GOOD
-        # The release to return to is in the slot that does not run, whichever slot is active: if the answer to a first
-        # request is lost, the repeated request must not undo the first request.
+        # The release is always taken from the slot that does not run, even if this slot is already active: if the
+        # answer to a first request is lost, the repeated request must not undo the first request.
         now = self._running if self._running is not None else active
         if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
             raise OutOfOrderError("no release to revert to: none is on trial, and no earlier one was confirmed")
@@ -270,8 +270,8 @@ class Store:
 
     def take_keys(self, raw: bytes) -> None:
         """Replace the key list. Raises KeyFileError if the root key did not sign the new list, if the new list is not
-        newer, or if it removes the key of the active or running confirmed release, which could then not boot;
-        MediumError if the list cannot be stored."""
+        newer, or if the new list lacks the key that signed the active or the running confirmed release, which could
+        then not boot; MediumError if the list cannot be stored."""
         needed = {slot for slot in (self.state.active, self._running) if slot is not None}
         self._remembered.take_keys(
             raw, {slot for slot in needed if self.state.slots[slot].phase == SlotPhase.CONFIRMED}
@@ -290,8 +290,8 @@ class Store:
         self._remembered.keep_calibration(self.state.slots[self._running].digest, blob)
 
     def _writable_slot(self) -> Slot:
-        """Return the slot that is not protected. If the running release is confirmed, it is protected; otherwise the
-        active release is protected."""
+        """Return the slot that may be written. The slot of the running release is protected if this release is
+        confirmed; otherwise the slot of the active release is protected."""
         running, active = self._running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other

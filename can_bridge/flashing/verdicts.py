@@ -8,7 +8,8 @@ from typing import Self
 
 
 class Verdict(IntEnum):
-    """The checks in their order; the first failed check is the verdict. `in_words` is its text for people."""
+    """The checks in their order; the first failed check is the verdict. `in_words` is the text of the verdict for
+    people."""
 
     in_words: str
 

@@ -1,5 +1,5 @@
-"""The control information in a frame's first bytes: it states which part of a message the frame has (ISO 15765-2:2016,
-section 9.6)."""
+"""The control information in a frame's first bytes: it states which part of a message the frame contains (ISO
+15765-2:2016, section 9.6)."""
 
 from bisect import bisect_left
 from enum import IntEnum
@@ -62,8 +62,8 @@ class FlowControl(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
-    """Return a frame's part in a message; None for a frame that a receiver must ignore according to the standard. Never
-    raises."""
+    """Return the part of a message that a frame contains; None for a frame that a receiver must ignore according to the
+    standard. Never raises."""
     if not data:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF
@@ -136,5 +136,5 @@ def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -
 
 
 def padded(data: bytes) -> bytes:
-    """Fill up to 64 bytes with `PADDING` to the next length that a frame can have, which is at least 8 bytes."""
+    """Pad data of up to 64 bytes with `PADDING` to the next length that a frame can have, at least 8 bytes."""
     return data.ljust(FRAME_LENGTHS[bisect_left(FRAME_LENGTHS, len(data))], bytes([PADDING]))

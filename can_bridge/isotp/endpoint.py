@@ -1,7 +1,7 @@
 """One end of an ISO-TP connection (ISO 15765-2:2016), as a state machine whose inputs are the time and received frames.
 
-It has no clock and no bus: the caller passes the time and the received frames, and sends the frames that `poll`
-returns. Any received data lead to a message, to an answer or to nothing, never to an exception.
+The endpoint has no clock and no bus: the caller passes the time and the received frames, and sends the frames that
+`poll` returns. Any received data lead to a message, to an answer or to nothing, never to an exception.
 """
 
 from collections import deque
@@ -208,7 +208,8 @@ class Endpoint:
     """An endpoint for messages of 1 to 4095 bytes, one at a time in each direction.
 
     Attributes:
-        is_held: whether the latest message is still being processed, so that no message of several frames is accepted.
+        is_held: whether the latest message is still being processed; meanwhile no message of several frames is
+            accepted.
         dropped_received: number of complete messages dropped because earlier messages had not been taken.
         dropped_sent: number of messages not sent because the queue was full.
     """

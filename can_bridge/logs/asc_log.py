@@ -47,9 +47,9 @@ _NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 """Pattern of the decimal identifier that files of version 8 or later have after a classic frame."""
 _DIRECTIONS: Final = ("rx", "tx", "txrq")
 _NUMERIC: Final = "0123456789+-("
-"""Characters with which no header line begins."""
+"""Characters with which a line of data can begin, but no header line."""
 _TRAILING: Final = 6
-"""Smallest count of numbers after the bytes of a CAN FD line; version 8 writes two more numbers."""
+"""Smallest number of numbers that follow the data bytes in a CAN FD line; version 8 writes two more."""
 _FLAGS: Final = 2
 """Index of the flags among the numbers after the bytes."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
@@ -117,8 +117,8 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
 
 
 class _Clock:
-    """The time of the lines in s on one clock, although a file's times may count from the previous line, or restart
-    with each trigger block.
+    """A clock that converts the times of a file's lines to s since the start of the first trigger block. In the file,
+    times may count from the previous line, or restart with each trigger block.
 
     Attributes:
         offset_s: time in s to add to the times of the present trigger block, to get times that count from the start of
@@ -174,8 +174,8 @@ def _between(first: str, second: str) -> float | None:
     months = [text[: one.start()].split()[-1:] for text, one in zip((first, second), found, strict=True) if one]
     if months[0] == months[1]:
         return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
-    # If the month changes, one day has passed: blocks are never further apart, and names of months depend on the
-    # language.
+    # If the month changes, one day has passed: blocks are never further apart. The lengths of the months are not used,
+    # because the names of months depend on the language.
     return _DAY_S + seconds[1] - seconds[0] if days[1] < days[0] else None
 
 

@@ -38,8 +38,8 @@ _FD: Final = struct.Struct("<H B B L L B B B 5x 64s")
 """CAN FD frame: channel, flags, length code, identifier, time on the bus, number of bits, flags of CAN FD, number of
 stored bytes, data."""
 _FD_64: Final = struct.Struct("<B B B x L 4x L 18x B B 4x")
-"""CAN FD frame in the newer form: channel, length code, number of stored bytes, identifier, flags, direction, offset of
-the bytes after the data."""
+"""CAN FD frame in the newer form: channel, length code, number of stored data bytes, identifier, flags, direction,
+offset of the bytes that follow the data."""
 _CHANNEL: Final = struct.Struct("<H")
 _TEN_MICROSECONDS: Final = 1
 """Flag of a time in units of 10 us; without this flag the unit is 1 ns."""

@@ -73,7 +73,7 @@ def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
 
 
 class _Clock:
-    """The clock of the times in parentheses, in s. It detects times that count from the previous line."""
+    """The clock of the times in parentheses, in s. The clock detects times that count from the previous line."""
 
     def __init__(self, since_epoch: SinceEpoch) -> None:
         self._since_epoch = since_epoch

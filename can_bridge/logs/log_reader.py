@@ -46,8 +46,8 @@ def stem_of(path: Path) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether the file is a log: its name shows this, or, for a CSV file, the first line that python-can's
-    logger writes."""
+    """Return whether the file is a log. This is decided by the ending of its name; a CSV file is a log if its first
+    line is that of python-can's logger."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES
@@ -70,15 +70,15 @@ def check_suffix(path: Path) -> None:
 
 
 class CanLog:
-    """A log that can be read once, from its first message to its last. Timestamps are in s, channels have the names of
-    the file.
+    """A log that can be read once, from its first message to its last. Timestamps are in s; channels have their names
+    in the file.
 
     Attributes:
         events: numbers of entries read so far that are not messages, by name.
         messages: number of messages read so far. Messages and events together are all lines that are not empty.
         channels: numbers of messages by channel; an empty name if the format has no channels.
-        is_local: whether the times since the epoch are computed from a local start time, which counts as UTC if no zone
-            is given.
+        is_local: whether the times since the epoch are computed from a local start time in the file; without a given
+            zone this start time counts as UTC.
     """
 
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
@@ -132,7 +132,7 @@ class CanLog:
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
     def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records | McapMessages, Iterator[Entry]]:
-        """Return the object that counts the lines, and an iterator over the entries that the lines give."""
+        """Return the object that counts the file's lines, and an iterator over the entries in these lines."""
         suffix = suffix_of(self.path)
         if suffix == ".mf4":
             records = Records(self.path)

@@ -20,7 +20,7 @@ _FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
     "CAN_RemoteFrame": {"ID": "<u4", "IDE": "u1", "Dir": "u1", "DLC": "u1"},
     "CAN_ErrorFrame": {"ErrorType": "u1"},
 }
-"""Type of each field of a record, without the field BusChannel, by the name of the field's group."""
+"""Type of each field of a record, except the field BusChannel, by the name of the group and the name of the field."""
 _CODES: Final = {length: code for code, length in enumerate((*range(9), 12, 16, 20, 24, 32, 48, 64))}
 _SMALLEST: Final = 2
 """asammdf's number for compression by transposition and deflate, which the standard allows from version 4.1 on."""

@@ -45,8 +45,8 @@ def asammdf_for(path: Path) -> Any:
             f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert elsewhere, from or to BLF: "
             f"`python -m can.logconvert {path.name} {path.stem}.blf`"
         ) from error
-    # asammdf also logs each error that it raises. Its objects for files that it could not open cause errors when Python
-    # deletes them.
+    # asammdf also logs each error that it raises. Its object for a file that it could not open causes an error when
+    # Python deletes the object.
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     reader: Any = import_module("asammdf.blocks.mdf_v4").MDF4
     reader.__del__ = lambda one: one.close() if {"header", "_file"} <= vars(one).keys() else None

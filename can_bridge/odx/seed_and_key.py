@@ -9,7 +9,8 @@ from can_bridge.uds.services import LEVELS
 
 SEED_AND_KEY: Final = "seed_and_key.json"
 EXAMPLE: Final = bytes(range(16))
-"""Access key of the known answers, and also the seed that they answer. It is public, and no ECU uses it."""
+"""The access key, and also the seed, of the examples with known keys. The bytes are public, and no ECU uses this access
+key."""
 _LIBRARY: Final = {
     "function": "GenerateKeyEx",
     "prototype": "int GenerateKeyEx(const unsigned char *seed, unsigned int seed_length, unsigned int level, "

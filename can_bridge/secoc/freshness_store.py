@@ -1,10 +1,11 @@
 """The data that must survive a power cycle: the number of power cycles, and the newest accepted freshness values.
 
 Each node has a JSON file of its own. `begin` counts the power cycle before the first frame is sent, so that no
-freshness value is used twice. `accepted` stores the newest value from the other node: immediately when that node has
-begun another power cycle, and otherwise after every `every` frames, since flash memory wears. A restarted node refuses
-every frame whose value is not above the stored value. One gap remains: frames accepted after that value, up to `every`
-of them, can be replayed to a node that has just restarted, until the first genuine frame arrives.
+freshness value is used twice. `accepted` stores the newest freshness value from the other node. This happens
+immediately when the other node has begun another power cycle, and otherwise once in `every` frames, because flash
+memory wears. A restarted node refuses every frame whose value is not above the stored value. One gap remains: up to
+`every` frames were accepted after the stored value, and these frames can be replayed to a node that has just restarted,
+until the first genuine frame arrives.
 """
 
 import json
@@ -37,7 +38,8 @@ class FreshnessRecord:
 
 
 def is_due(kept: int, freshness: int, every: int) -> bool:
-    """Return whether to store a value: the sender has begun another power cycle, or `every` frames have passed."""
+    """Return whether to store a value: whether the sender has begun another power cycle, or has sent `every` or more
+    frames since the stored value."""
     return freshness >> 32 != kept >> 32 or freshness - kept >= every
 
 

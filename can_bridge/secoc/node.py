@@ -37,8 +37,8 @@ class Authentication:
 
 
 def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
-    """Return the node's authentication data for these settings, or None without a key. Both nodes are in their first
-    power cycle, and no file is written. Raises KeyFileError like `read_key`."""
+    """Return the node's authentication data for these settings, or None if the settings name no key. Both nodes are in
+    their first power cycle, and no file is written. Raises KeyFileError like `read_key`."""
     return Authentication(key=read_key(Path(config.key))) if config.key else None
 
 

@@ -87,10 +87,10 @@ class VerifierState:
     """The state of the receiver of one secured message.
 
     Attributes:
-        freshness: value of the latest accepted frame; 0 before the first.
+        freshness: freshness value of the latest accepted frame; 0 before the first accepted frame.
         not_authentic: number of frames refused because of their length or MAC.
-        not_fresh: number of authentic frames whose freshness value is not greater than the latest accepted frame's: the
-            frame was repeated, or recorded earlier.
+        not_fresh: number of authentic frames whose freshness value is not greater than that of the latest accepted
+            frame, because the frame was repeated or recorded earlier.
     """
 
     freshness: int = 0
@@ -121,7 +121,7 @@ def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec
 
     Args:
         frames: frames received in this period, oldest first; frames of other messages are passed on unchecked.
-        key: None without authentication; every frame is then passed on.
+        key: key of the bus; None without authentication, when every frame is passed on.
     """
     if key is None:
         return Verification(state, frames, none_authentic=False)

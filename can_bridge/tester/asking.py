@@ -24,19 +24,20 @@ P2_S: Final = 1.0
 P2_EXTENDED_S: Final = 6.0
 """Longest wait in s for the next answer after a response-pending."""
 LONGEST_PENDING_S: Final = 60.0
-"""Longest time in s for which an ECU may send only response-pending or busy answers before it counts as gone."""
+"""Longest time in s for which an ECU may send only response-pending or busy answers before the tester treats the ECU as
+absent."""
 TIMES: Final = 5
 """Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
-"""Largest number of attempts to read an identifier. The store's report has 150 classic frames, and an attempt fails if
-one of them is lost. If the ECU has never answered a request, there are `TIMES` attempts only, because the ECU is
-probably absent."""
+"""Largest number of attempts to read an identifier. The store's report takes 150 classic frames, and an attempt fails
+if one of these frames is lost. If the ECU has never answered a request, there are only `TIMES` attempts, because the
+ECU is probably absent."""
 BUSY: Final = 0x21
 """Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Time in s between two messages that keep a session open. It is so short that within `S3_MS` one of two messages may
-be lost."""
+"""Time in s between two messages that keep a session open. The time is so short that one of two messages may be lost
+within `S3_MS`."""
 DELAY_S: Final = 15.0
 """Longest wait in s while the ECU accepts no key because it received wrong keys: more than the ECU's delay of 10 s."""
 
@@ -97,14 +98,13 @@ class Asking:
         while True:
             unanswered = self.unanswered
             try:
-                # If the answer to the key is lost, another seed is requested. That seed is zero if the first key was
-                # valid.
+                # If the answer to the key is lost, another seed is requested; this seed is zero if the key was valid.
                 self._ask(step, lambda: self._client.unlock_security_access(int(level)))
                 return
             except RefusedError as refused:
                 if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
-                    # The key may have been computed from the seed of an earlier request, whose answer came late. So the
-                    # level is requested again.
+                    # The key may have been computed from a late answer, with the seed of an earlier request. So a new
+                    # seed is requested.
                     refused_keys += 1
                     continue
                 if refused.code == Nrc.INVALID_KEY:
@@ -152,7 +152,7 @@ class Asking:
         self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
-        """Before programming, stop the detection of faults and the messages of the control loop, as far as the ECU
+        """Switch off the detection of faults and the messages of the control loop before programming, as far as the ECU
         supports this."""
         for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
             with suppress(RefusedError, NoAnswerError):

@@ -17,7 +17,7 @@ _REVERT: Final = b"\x00"
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated:
-    """The calibration that an ECU reports; all values as float32.
+    """The calibration that an ECU reports. All values have the precision of float32.
 
     Attributes:
         in_force: values in force from the ECU's next control period on.

@@ -64,7 +64,7 @@ def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
     """Raise WrongReleaseError for the first property of the release that does not fit the ECU.
 
     Args:
-        release: a bundle that has been loaded, which only works for a bundle with the DBC of this version.
+        release: a loaded bundle. Its DBC is that of this version, because no other bundle can be loaded.
         length: length of the release's image, in bytes.
     """
     for line in _misfits(release, length, facts):

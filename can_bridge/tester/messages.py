@@ -1,8 +1,8 @@
 """The errors of flashing, each with a one-line message and an exit status.
 
 The status states the remedy. 3: repair the connection. 4: use the right key. 5: try again when the vehicle is
-stationary. 6: use another release or key list. 7: examine the ECU. 8: the new release failed and the previous release
-runs. 1 is for all other errors, such as a key file that cannot be read, and 2 for wrong use of a command.
+stationary. 6: use another release or key list. 7: examine the ECU. 8: the new release failed, and the previous release
+runs. The status is 1 for all other errors, such as a key file that cannot be read, and 2 for wrong use of a command.
 """
 
 from typing import ClassVar, Final

@@ -65,7 +65,7 @@ class End(Enum):
     """The result of flashing without an error."""
 
     WOULD_FLASH = auto()
-    """A dry run found no obstacle."""
+    """A dry run found no reason against flashing."""
     ALREADY = auto()
     """The release was already running and confirmed."""
     ON_TRIAL = auto()
@@ -233,7 +233,7 @@ class _Flashing:
         try:
             in_programming(self._asking, Routine.ACTIVATE)
         except RefusedError as refused:
-            # If the ECU lost power right after the request was carried out, it has booted the new release already.
+            # If the ECU lost power right after it carried out the request, it has already booted the new release.
             if refused.code != Nrc.SEQUENCE_ERROR or not self._is_ours(read_store(self._asking).running_slot):
                 raise
             return True
@@ -279,10 +279,10 @@ class _Flashing:
                 running = store.running_slot
                 if refused.code != Nrc.SEQUENCE_ERROR or running is None or not self._is_ours(running):
                     raise
-                # If power was lost right after the request was carried out, the release is already confirmed.
+                # If the ECU lost power right after it carried out the request, the release is already confirmed.
                 if store.running == store.active:
                     return store
-                # If power was lost before the request was carried out, the self-test is repeated, because an ECU
+                # If the ECU lost power before it carried out the request, the self-test is repeated, because an ECU
                 # confirms a release only after a self-test since its boot.
                 if running.phase is not SlotPhase.TRIAL or not left:
                     raise

@@ -1,8 +1,8 @@
 """The background traffic of other nodes on the bus: generated, or from a DBC file.
 
-The share that generated messages fill is computed with their longest frames. A background of 0.9 therefore leaves at
-least a tenth of the bus free, so that no queue grows without bound. Random contents need fewer stuff bits, so the
-measured load of the bus is about 15 per cent smaller than the share.
+The share of the bus that generated messages fill is computed from the longest frame of each message. A background of
+0.9 therefore leaves at least a tenth of the bus free, so that no queue grows without bound. Random contents need fewer
+stuff bits, so the measured load of the bus is about 15 per cent smaller than the share.
 """
 
 from collections.abc import Collection, Iterator
@@ -42,10 +42,10 @@ class BackgroundTraffic:
 def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> BackgroundTraffic:
     """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases.
 
-    Messages are left out if they have no cycle time, if no CAN frame of this bus can carry them, or if they are
-    stillwake's own, which the description of a whole vehicle contains too. Raises BusError if cantools or the file is
-    missing; the file is damaged; no message can be sent; two messages have one identifier; or a message does not fit
-    this bus.
+    A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is one of
+    stillwake's messages, which the description of a whole vehicle also contains. Raises BusError if cantools or the
+    file is missing; the file is damaged; no message can be sent; two messages have one identifier; or a message does
+    not fit this bus.
 
     Args:
         path: file of messages; the ending of its name states its format.
@@ -146,13 +146,12 @@ def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int])
 
 
 def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -> tuple[PeriodicMessage, ...]:
-    """Return messages that fill the share `load` of the bus with their longest frames, except for a rest that is too
-    small for the next message drawn.
+    """Return messages that fill the share `load` of the bus with their longest frames, except for a remainder that is
+    too small for the next message drawn.
 
-    Messages with shorter periods have higher priorities, as designers assign them. If identifiers are free there and
-    two or more messages are needed, the first has a higher priority than all taken identifiers, and the last has a
-    lower priority than they have. Raises ConfigError if the share is smaller than one message needs, or larger than all
-    identifiers can fill.
+    Messages with shorter periods have higher priorities, as designers assign them. Of two or more messages, the first
+    has a higher priority than all taken identifiers and the last a lower priority, if such identifiers are free. Raises
+    ConfigError if the share is smaller than one message needs, or larger than all identifiers can fill.
     """
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
@@ -186,7 +185,7 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
         (asked,) = random.choices(PERIODS_MS, _PERIOD_WEIGHTS)
         probe = PeriodicMessage(name="", frame_id=0, is_fd=bus.frames == "fd", length=length, period_ns=1)
         busy_ns = probe.worst_ns(bus)
-        # A message with a longer period than the drawn one may still fit into the rest of the share.
+        # A message with a longer period than the drawn period may still fit into the remaining share.
         periods = (ms * NS_PER_MS for ms in PERIODS_MS if ms >= asked)
         period_ns = next((period for period in periods if busy_ns <= left * period), None)
         if period_ns is None:

@@ -12,7 +12,7 @@ NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
 """Identifiers of the messages in all message sets, including sets that the bus does not use. Messages of other nodes
-never have them."""
+must not have these identifiers."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,7 +36,7 @@ class MessageTiming:
     Attributes:
         frame_ns: longest time of the message's frame on the bus, C.
         period_ns: period, T.
-        deadline_ns: longest permitted time after the release, D.
+        deadline_ns: longest permitted time from the release to the end of the frame, D.
         jitter_ns: largest delay from the release until the frame is queued, J.
     """
 
@@ -55,7 +55,7 @@ class Response:
         response_ns: longest time from the release to the end of the frame, including the intermission; None if
             unbounded.
         instance: index of the frame with this response time in the busy period; 0 is the first frame.
-        deadline_ns: longest permitted time after the release.
+        deadline_ns: longest permitted time from the release to the end of the frame.
     """
 
     blocking_ns: int
@@ -118,8 +118,8 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
     if busy is None:
         return Response(blocking_ns=blocking, response_ns=None, instance=0, deadline_ns=own.deadline_ns)
     worst, worst_instance = 0, 0
-    # The search for each frame begins at the time at which the search for the previous frame ended, because no frame is
-    # sent before the frame that was queued before it.
+    # The search for a frame's start begins at the end of the previous frame, because the frames of a message are sent
+    # in the order in which they were queued.
     queued = blocking
     for instance in range(_ceil(busy + own.jitter_ns, own.period_ns)):
         while True:
@@ -151,7 +151,7 @@ def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
 
 
 def _demand(rhythms: _Rhythms, within_ns: int, bit_ns: int) -> int:
-    """Return the largest total time in ns that the frames which can be queued within a time need on the bus."""
+    """Return the largest total time in ns on the bus of all frames that can be queued within `within_ns`."""
     return sum(_ceil(within_ns + jitter + bit_ns, period) * busy for (period, jitter), busy in rhythms.items())
 
 

@@ -23,8 +23,8 @@ from contract.atomic import leads_to
 from contract.errors import StillwakeError
 
 _PAUSE_S: Final = 0.05
-"""Pause in s between two writes. Writing the few frames that arrive in a pause takes a short time; a control step may
-have to wait for it."""
+"""Pause in s between two writes. Writing the few frames that arrive in a pause takes a short time, for which a control
+step may have to wait."""
 
 
 @contextmanager

@@ -144,7 +144,7 @@ class Traffic:
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """The number of frames for each verdict that occurred."""
+        """The number of frames with each verdict that occurred."""
         counts = {CHECK_TEXT[check]: self.receiver.count(check) for check in CHECK_TEXT}
         counts[Mac.NOT_AUTHENTIC.value] = self.verifier.not_authentic
         counts[Mac.NOT_FRESH.value] = self.verifier.not_fresh

@@ -20,8 +20,8 @@ class RawBus(OpenBus):
     """A tool's connection to a bus. Use it as a context manager, or call `close`."""
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
-        """Return the next message of any kind, valid or not; None if no readable message came within `timeout_s`.
-        Raises BusError if the bus failed or delivers only garbage."""
+        """Return the next message of any kind, even if it is not valid; None if no readable message came within
+        `timeout_s`. Raises BusError if the bus failed or delivers only garbage."""
         message = self._received(timeout_s)
         return None if isinstance(message, Rejection) else message
 

@@ -34,11 +34,12 @@ PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 """Signals that only protect the message's other signals."""
 
 STALE_MS: Final = 70
-"""Largest value in ms that the age has in frames of the classic set. It means this age or any greater age."""
+"""Largest age in ms that a frame of the classic set can state. The value means this age or any greater age."""
 INVALID_PA: Final = -INT12_MAX - 1
-"""Pressure in Pa in frames of the classic set that means that the sensor's own diagnosis found a fault."""
+"""Value in Pa of a pressure in frames of the classic set by which the vehicle reports that the sensor's own diagnosis
+found a fault."""
 NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
-"""Speed in m/s that means, in a frame, that the vehicle does not know its speed."""
+"""Value in m/s of the speed in a frame by which the vehicle reports that its speed is unknown."""
 
 
 class SignalValue(NamedTuple):
@@ -131,8 +132,8 @@ def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:
 
 
 def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> SignalValue:
-    """Return a value that may be missing. For a missing value, the frame has a special number, and the table a word for
-    it."""
+    """Return a signal's value; a missing value (None) is shown as the number `without` of the frame, with the text
+    `word`."""
     return SignalValue(name, without, unit, word) if value is None else SignalValue(name, value, unit)
 
 

@@ -27,8 +27,8 @@ class Summary:
     """The traffic so far.
 
     Attributes:
-        config: settings of the bus: the bit rates, for the load, and the rules for counters. A frame without bit-rate
-            switch has the nominal rate.
+        config: settings of the bus, of which the bit rates, for the load, and the rules for counters are used. A frame
+            without bit-rate switch counts at the nominal rate.
         key: key for secured messages; without it their authentication is not checked.
         most: largest number of messages that are listed; frames with further identifiers are only counted, in
             `unlisted`.
@@ -69,7 +69,7 @@ class Summary:
 
     @property
     def unchecked_macs(self) -> int:
-        """The number of frames of secured messages, if there was no key to check them."""
+        """The number of frames of secured messages whose MAC was not checked, because there was no key."""
         return sum(one.count for one in self.messages.values() if one.mac is Mac.NOT_CHECKED)
 
     @property

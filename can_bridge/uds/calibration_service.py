@@ -1,7 +1,7 @@
 """Calibration of an ECU through UDS: its identifiers, and the values in non-volatile memory.
 
-Stored values belong to the release for which they were stored: the store returns them for that release only. Stored
-values that the vehicle's settings no longer allow are not used.
+Stored values belong to the release for which they were stored, and are used only with this release. Stored values that
+the vehicle's settings no longer allow are not used.
 """
 
 from collections.abc import Callable
@@ -27,9 +27,9 @@ class CalibrationService:
         kept: returns the values stored for the running release, or None.
         keep: stores values, or deletes the stored values (None); may raise MediumError, or OutOfOrderError while the
             slot is written.
-        refusal: returns why nothing may be stored now; None if it may. Storing is refused, for example, while jets are
-            enabled, because writing a flash memory can take longer than a control period. Changing the values in force
-            is always possible.
+        refusal: returns the reason why nothing may be stored now; None if storing is allowed. For example, storing is
+            refused while jets are enabled, because writing a flash memory can take longer than a control period.
+            Changing the values in force is always possible.
     """
 
     def __init__(

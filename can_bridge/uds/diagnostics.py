@@ -49,8 +49,9 @@ class Diagnostics(Protocol):
         """Store the number of consecutive wrong keys; the server calls this before it answers."""
 
     def before_reset(self) -> None:
-        """Prepare for a reset, or for switching off the control's messages. Raises CONDITIONS_NOT_CORRECT if this would
-        interrupt active control, which may have begun after the session began."""
+        """Prepare for a reset, or for switching off the messages of the control loop. Raises CONDITIONS_NOT_CORRECT if
+        the reset or the missing messages would interrupt active control, which may have begun after the session began.
+        """
 
     def reset(self) -> None:
         """Reset the ECU; called after the request was answered."""

@@ -41,7 +41,7 @@ class EcuServices:
         identification: values of the constant identifiers.
         calibration: service for the calibration; None without a release.
         self_test: runs the release on test windows; raises StillwakeError. None without a release.
-        refusal: returns why the ECU may not be programmed now; None if it may.
+        refusal: returns the reason why the ECU may not be programmed now; None if programming is allowed.
         on_reset: called when a reset is due.
         log: called with an event's name, its text, and its fields.
         resets_when_left: whether the end of a session resets the ECU after an image was announced.
@@ -202,8 +202,7 @@ class EcuServices:
             self._store.confirm()
             self._has_confirmed = True
         elif not self._has_confirmed:
-            # A tester that confirms now takes the running release for the one that it sent, but the running release is
-            # not on trial.
+            # A tester that confirms now assumes that the release that it sent is running, but no release runs on trial.
             raise Refused(Nrc.SEQUENCE_ERROR, "no release runs on trial")
 
     def _revert(self) -> Long[None]:

@@ -2,7 +2,7 @@
 
 The ECU's state machine debounces faults: a fault's test fails in the period in which the fault begins, and all tests
 pass in the period in which control begins. An operation cycle lasts from power-on to the next reset. A confirmed fault
-is forgotten after `AGED_CYCLES` cycles in which its test passed and did not fail. The record survives resets. Its
+is cleared after `AGED_CYCLES` cycles in which its test passed and did not fail. The record survives resets. Its
 format, with lengths in bytes:
 
     "SWF1" (4); for each code, in the order of `CODES`: status (1), age (1), 1 with a snapshot (1), snapshot; CRC-32 (4)
@@ -32,7 +32,7 @@ _MOST_NOTED: Final = 64
 
 
 class Status(IntFlag):
-    """Bits of a code's status; bit 7, the warning lamp, is not supported."""
+    """Bits of a trouble code's status; bit 7, the warning lamp, is not supported."""
 
     TEST_FAILED = 0x01
     FAILED_THIS_CYCLE = 0x02
@@ -98,7 +98,7 @@ class FaultMemory:
     Args:
         record: the stored record; a damaged record counts as no record.
         keep: stores a record; raises MediumError.
-        refusal: returns why nothing may be written now; None if it may.
+        refusal: returns the reason why nothing may be written now; None if writing is allowed.
 
     Attributes:
         faults: the state of all codes, in the order of `CODES`.
@@ -126,8 +126,8 @@ class FaultMemory:
         """Record the noted results, and store the record if this is allowed now. Raises MediumError if storing fails;
         the next call does not repeat the attempt."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays queued, because it is the state of the tests when
-            # recording resumes.
+            # While recording is off, only the latest result stays queued, because this result is the state of the tests
+            # when recording resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue

@@ -1,4 +1,4 @@
-"""The ECU's side of UDS (ISO 14229-1): it takes requests and returns answers; the time is an argument.
+"""The ECU's side of UDS (ISO 14229-1): a server that receives requests and returns answers; the time is an argument.
 
 Every request is checked in the order of the standard's figures: service known, allowed in this session, valid length,
 sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse the request for
@@ -71,7 +71,7 @@ class UdsServer:
     Args:
         diagnostics: the ECU's services.
         random_bytes: returns a number of unpredictable bytes, for seeds.
-        faults: the ECU's fault memory; None for a memory that keeps no faults over a reset.
+        faults: the ECU's fault memory; None for a memory whose faults do not survive a reset.
 
     Attributes:
         is_silent: whether a tester has switched off JetCommand and EcuStatus; only possible while no jet can run.
@@ -125,9 +125,9 @@ class UdsServer:
     def request(
         self, now_ns: int, payload: bytes, *, is_functional: bool = False, is_occupied: bool = False
     ) -> list[bytes]:
-        """Process a complete request and return its answers: an empty list if the answer is suppressed or not ready. If
-        `is_occupied` (another long answer is still being sent), the request is refused as busy, and the tester has to
-        repeat the request. A functional request addresses every ECU."""
+        """Process a complete request and return its answers; return an empty list if the answer is suppressed or not
+        ready. With `is_occupied`, a long answer to an earlier request is still being sent, so this request is refused
+        as busy, and the tester has to repeat it. A functional request (`is_functional`) addresses every ECU."""
         now_ns = self._at(now_ns)
         if not payload:
             return []

@@ -19,8 +19,8 @@ MAX_REQUEST: Final = 4095
 LONGEST_ANSWER: Final = 768
 """Largest length in bytes of an answer with several identifiers; a single identifier is always answered."""
 BESIDE: Final = 24
-"""Largest total length in bytes of unsent answers at which a new request is accepted; above this length the request is
-refused as busy."""
+"""Largest total length in bytes of unsent answers with which a new request is still accepted. If the answers are
+longer, the request is refused as busy."""
 POSITIVE: Final = 0x40
 """Difference between a positive response's first byte and the service's identifier."""
 NEGATIVE: Final = 0x7F

@@ -11,8 +11,8 @@ _S3_NS: Final = S3_MS * _MS
 _P2_EXTENDED_UNIT_MS: Final = 10
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
-"""Times after which a response-pending is sent. They are half of the limits, because the limits end with the last bit
-of the response on the bus."""
+"""Times after which a response-pending is sent. These times are half of the permitted times, because a permitted time
+ends with the last bit of the response on the bus."""
 
 
 class SessionTimer:
@@ -45,7 +45,7 @@ def negative(service: int, code: Nrc) -> bytes:
 
 class Job:
     """A request being processed. The return value of its work is the answer after the first byte. `is_quiet` states
-    that no positive answer is sent; `passed_over` are the negative response codes that are not sent either."""
+    that no positive answer is sent; `passed_over` has the negative response codes that are not sent either."""
 
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
@@ -60,7 +60,7 @@ class Job:
         """Execute one part of the work; return the responses to send now."""
         sent = []
         if now_ns >= self._pending_ns:
-            # After a response-pending the tester waits for an answer, even if the tester has suppressed the positive
+            # After a response-pending the tester waits for an answer, even if the request suppressed the positive
             # answer.
             self._is_quiet, self._passed_over = False, ()
             self._pending_ns = now_ns + _NEXT_NS

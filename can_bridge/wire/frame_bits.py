@@ -107,13 +107,13 @@ def stuffed(bits: str, *, at_end: bool = True) -> str:
 
 
 def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
-    """Return whether the bit at a position is a stuff bit of the identifier, that is before RTR or RRS."""
+    """Return whether the bit at a position is a stuff bit of the identifier, which ends before RTR or RRS."""
     return position in _stuff_positions(_identifier_bits(frame))
 
 
 def is_arbitration_bit(frame: Frame, position: int) -> bool:
-    """Return whether a recessive bit at a position may be overwritten by the dominant bit of a smaller identifier
-    without an error."""
+    """Return whether a recessive bit at a position may, without an error, be overwritten by the dominant bit of a
+    smaller identifier."""
     return 0 < position < len(stuffed(_identifier_bits(frame)))
 
 
@@ -190,7 +190,7 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
     if not frame.is_fd:
         sent = len(_classic_head(frame)) + payload + 15
         return sent + _most_stuff_bits(sent) + TAIL, 0
-    # The largest possible number of stuff bits is assumed in the arbitration phase, where stuff bits take longest.
+    # As many stuff bits as possible are counted in the arbitration phase, where a stuff bit takes longest.
     arbitration = len(_fd_arbitration(frame))
     early = _most_stuff_bits(arbitration)
     late = _most_stuff_bits(arbitration + _FD_CONTROL + payload) - early

@@ -8,7 +8,7 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 SENSORS: Final = 4
-"""Number of pressures in a Pressure message."""
+"""Number of pressures in a Pressure message, one for each sensor."""
 
 COUNT_LIMIT: Final = 0xFFFF
 """Largest value of the 16-bit event counts of EcuStatus. A count that has reached this value does not rise further."""
@@ -96,7 +96,7 @@ class JetCommand(NamedTuple):
 
     Attributes:
         flow_m2_per_s: flow rate per unit span, positive out of the upper slot and into the lower slot.
-        enable: whether the jets may run; if it is False they are shut, whatever the flow.
+        enable: whether the jets may run; if it is False, the jets are shut for any flow.
         pressure_counter: E2E counter of the newest pressure frame that the ECU used; None before the first frame.
         next_period: whether the jets begin to move at the next sampling instant rather than when the command arrives.
     """

@@ -18,8 +18,8 @@ UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
 """Exceptions of packing or rounding for a value out of range."""
 
 made: Final = tuple.__new__
-"""Builds a named tuple from all of its values in order. This avoids calling Python's function for named arguments,
-which takes a sixth of a parser's time. The types are not checked here, but only in the parsers' tests."""
+"""A function that builds a named tuple from all of its values in order. It avoids a call of the tuple's constructor in
+Python, which takes a sixth of a parser's time. The types of the values are checked only in the parsers' tests."""
 
 _BYTE: Final = range(256)
 MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
@@ -76,8 +76,8 @@ def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
 
 
 def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:
-    """Return the nearest raw value; raises ValueError if it is not within `low` to `high`, or if `value` is not
-    finite."""
+    """Return the raw value nearest to `value`; raises ValueError if the raw value is not within `low` to `high`, or if
+    `value` is not finite."""
     if not math.isfinite(value):
         raise ValueError(f"{name} = {value}: must be finite")
     # The quotient of a very large value is infinite, and cannot be rounded to an integer.

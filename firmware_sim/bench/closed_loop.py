@@ -65,7 +65,7 @@ def run_closed_loop(
         parts: arguments controller, calibration, ecu and drive of `Simulation`. With a drive, the flow's time steps
             (`config.flow`) must be short enough for the drive's speeds.
     """
-    # This import is inside the function, because python-can then loads all its log writers, which takes a second.
+    # This import is inside the function, because it makes python-can load all its log writers, which takes a second.
     from can_bridge.logs import frame_log
 
     disturbances = Disturbances(items=tuple(faults))

@@ -1,4 +1,5 @@
-"""A connection to an open python-can bus. It receives one message at a time, and closes even if the bus has failed."""
+"""A connection to an open python-can bus. The connection receives one message at a time, and can be closed even if the
+bus has failed."""
 
 import struct
 from collections.abc import Mapping
@@ -97,8 +98,8 @@ def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
 
 
 def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
-    """Open our own backend for an interface whose python-can backend fails on some received data, or else python-can's
-    backend."""
+    """Open the bus with our own backend if python-can's backend for this interface fails on some received data,
+    otherwise with python-can's backend."""
     if interface == "udp_multicast":
         from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
 
@@ -111,9 +112,10 @@ def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
 
 
 GARBAGE_LIMIT: Final = 1000
-"""Number of consecutive errors of a backend's parser after which the bus counts as failed. An idle moment or a valid
-frame restarts the count. Without this limit, a dead backend that raises an error on every call would look like endless
-noise. Our own backends raise `UnusableReceptionError` for data that they reject; these errors are not limited."""
+"""Number of consecutive errors of a backend's parser after which the bus counts as failed. The count restarts when a
+valid frame or no data is received. Without this limit, a dead backend that raises an error on every call would look
+like endless noise. Our own backends raise `UnusableReceptionError` for data that they reject; these errors are not
+limited."""
 
 _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 """Exceptions that the backends' parsers raise for invalid data."""
@@ -130,7 +132,7 @@ class OpenBus(NeverCopied):
         self._unreadable_in_a_row = 0
 
     def close(self) -> None:
-        """Disconnect. A second call does nothing. An adapter that was removed causes no error."""
+        """Disconnect from the bus. A second call does nothing. An adapter that was removed causes no error."""
         # If closing an unplugged adapter raised an error, this error would hide the error that ended the work.
         with suppress(can.CanError, OSError):
             self._bus.shutdown()

@@ -1,8 +1,8 @@
 """A python-can bus with this package's frames and errors.
 
 python-can has defects that a node must avoid: `virtual` blocks for ever in `send` without a timeout when a peer stops
-reading, one garbage datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. Here,
-every call of `send` ends, and each reception is either returned or counted under the reason for its rejection.
+reading, one garbage datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. In this
+module every call of `send` ends, and each reception is either returned or counted by the reason for its rejection.
 """
 
 import os
@@ -124,8 +124,8 @@ class PythonCanBus(OpenBus):
         Args:
             bus: python-can bus, which is closed together with this object.
             accept: identifiers to receive, in which a plain number is an 11-bit identifier; None for all 11-bit
-                identifiers. python-can's own filter is not used: with it, a call that waits for a frame ends at the
-                first frame that is dropped.
+                identifiers. python-can's own filter is not used, because with this filter a call that waits for a frame
+                ends at the first frame that the filter drops.
             is_classic: whether CAN FD frames are neither sent nor received.
             linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
             keep: called with every frame that was sent or accepted, and with True for a received frame.
@@ -192,11 +192,11 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """The known health of the CAN controller; healthy if nothing is known.
+        """The health of the CAN controller as far as it is known; `HEALTHY` if nothing is known.
 
         SocketCAN reports the health in error frames, which this object has to receive. For other interfaces, the health
-        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers:
-        for some, PASSIVE is a node that only listens. `bus_off` counts each bus-off that this object has noticed.
+        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers: for
+        some, PASSIVE is a node that only listens. `bus_off` counts each bus-off that this object has noticed.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR

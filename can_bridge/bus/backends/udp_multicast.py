@@ -4,9 +4,9 @@ python-can 4.6 passes a datagram's values to `can.Message` without checking thei
 allocates a gigabyte. It receives its own frames and, on Linux, the frames of groups that other processes have joined.
 It does not report datagrams that were lost because the kernel's queue was full.
 
-Equal datagrams are not treated as copies of one datagram: some senders send no time, and the sequence numbers of ISO-TP
-repeat every 16 frames. A datagram that stays on this machine arrives only once; if it arrived twice, the end-to-end
-counters would show this.
+Equal datagrams are not treated as copies of one datagram, because different frames can have equal datagrams: some
+senders send no time, and the sequence numbers of ISO-TP repeat every 16 frames. A datagram that stays on this machine
+arrives only once; if it arrived twice, the end-to-end counters would show this.
 """
 
 import socket
@@ -35,8 +35,8 @@ RECEIVE_QUEUE: Final = 1 << 22
 holds 256."""
 
 _ECHOES: Final = 4096
-"""Largest number of sent datagrams that the node remembers until it receives them back; more than the kernel's queue
-holds."""
+"""Largest number of sent datagrams that the node stores until it receives their echoes. The kernel's queue holds fewer
+datagrams."""
 
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
@@ -95,8 +95,8 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
 
         Args:
             channel: an IPv4 or IPv6 multicast address.
-            options: options of python-can's backend. This bus always accepts CAN FD frames; the caller separates the
-                formats.
+            options: options of python-can's backend. This bus always accepts CAN FD frames; the caller distinguishes
+                CAN FD frames from classic frames.
         """
         try:
             super().__init__(channel, **(options | {"fd": True}))

@@ -94,8 +94,8 @@ class BusFault(Span, ABC, section="fault"):
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return the functions with which the port sends and receives while it has this fault. Both functions count in
-        `port.acted` how often the fault had an effect."""
+        """Return the functions with which the port sends and receives while it has this fault. Both functions count the
+        fault's effects in `port.acted`."""
 
 
 class Injector(WrappedBus):

@@ -106,12 +106,11 @@ class Delay(FrameFault, section="delay"):
     jitter_s: NonNegative[float] = 0.0
     """Largest additional delay in s; the additional delay is distributed uniformly between 0 and this value."""
     restamp: bool = True
-    """Whether the frame waits before it is time-stamped, as in a gateway, so that its stamp is late, too. Otherwise the
-    frame waits after it was stamped, in a queue of the receiver, so that the stamp shows the delay."""
+    """Whether the time stamp is late too, because the frame waits before it is stamped, as in a gateway. Otherwise the
+    stamp shows the delay, because the frame waits after it was stamped, in a queue of the receiver."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. A frame is received when its delay has passed; the frames whose delays pass first come
-        first."""
+        """See `BusFault.acting`. Frames are received when their delays have passed, in the order of these times."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -266,15 +265,15 @@ class WireErrors(Span, section="wire_errors"):
     bit_error_rate: Probability[float]
     """Probability that a bit is wrong. The shorter bits at CAN FD's data bit rate have the same probability."""
     nodes: tuple[str, ...] = ()
-    """Names of the ports at which the bits are wrong; empty for all ports. If the fault is used for `corrupts`, it
-    concerns the frames that these ports send, and all nodes see the error; if it is used for `mishears`, only these
-    ports see the error in the frames that they receive."""
+    """Names of the ports at which the bits are wrong; empty for all ports. With the argument `corrupts` of the bus, the
+    fault acts on the frames that these ports send, and all nodes see the error. With the argument `mishears`, only
+    these ports see the error, in the frames that they receive."""
     frame_ids: tuple[int, ...] = ()
     """Identifiers of the frames on which the fault acts; empty for all frames."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """Return a function for `corrupts` or `mishears` of one `can_bridge.bus.simulated.SimulatedBus`. Call this
-        method again for each further bus."""
+        """Return a function for the argument `corrupts` or `mishears` of one `can_bridge.bus.simulated.SimulatedBus`.
+        Each bus needs a separate function."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 

@@ -11,8 +11,8 @@ from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Rul
 from contract.errors import BusError
 
 MOST_BABBLED: Final = 1000
-"""Largest number of additional frames in one call, more than the transmit queue of a simulated port holds. The limit is
-reached if the node's previous call was long ago."""
+"""Largest number of additional frames in one call, which is reached if the node's previous call was long ago. The
+transmit queue of a simulated port holds fewer frames."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -80,8 +80,8 @@ class AttemptOutcome(Generic[T]):
     Attributes:
         frame: frame that the nodes with the verdict HEARD receive; None if the frame did not reach its end.
         verdicts: the result for each node.
-        used: numbers of bits at the nominal and at the data bit rate, from the start of frame to the end of frame or to
-            the error.
+        used: number of bits at the nominal bit rate and number of bits at the data bit rate, from the start of frame to
+            the end of frame or to the error.
         rest: number of nominal bits from the last bit of `used` until the bus is free.
     """
 
@@ -98,7 +98,8 @@ def resolve(
     misheard: Mapping[T, int],
     disturbed: int | None,
 ) -> AttemptOutcome[T]:
-    """Return the outcome if nodes start frames of equal priority at the same time; usually there is only one sender.
+    """Return the outcome of an attempt in which the senders start frames of equal priority at the same time. Usually
+    there is only one sender.
 
     Args:
         senders: the nodes that send, with their frames.

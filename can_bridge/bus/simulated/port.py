@@ -23,7 +23,7 @@ class Queued(NamedTuple):
 class TransmitQueue:
     """A queue of limited length, as in a controller with many mailboxes or a sorted FIFO.
 
-    No frame in the queue waits for an earlier frame of lower priority, as the response-time analysis assumes. A frame
+    As the response-time analysis assumes, no frame in the queue waits for an earlier frame of lower priority. A frame
     stays in the queue until it has been sent, so a frame of higher priority may be sent before a destroyed frame is
     repeated.
     """
@@ -70,7 +70,7 @@ class TransmitQueue:
 
 class Recovery(NamedTuple):
     """The recovery from bus-off: the number of sequences of eleven recessive bits that are still missing, and the time
-    from which they are counted."""
+    from which these sequences are counted."""
 
     left: int
     since_ns: int

@@ -42,7 +42,8 @@ class Counter:
 
 
 class RandomNumbers:
-    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR); here with a seed."""
+    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR); in this model the numbers
+    follow from a seed."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control = random.Random(seed), 0

@@ -32,8 +32,9 @@ _QUALITY: Final = 90
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
-    """Write a finished run as a measurement file. Returns, by name, the number of frames for which the file has no
-    channels. Raises StillwakeError if there is no run, a file is damaged, or the measurement file cannot be written."""
+    """Write a finished run as a measurement file. Returns the number of frames that have no channels in the file, by
+    the name of the message. Raises StillwakeError if there is no run, a file is damaged, or the measurement file cannot
+    be written."""
     log = run_log.load(folder.series)
     return write_measurement(
         path,
