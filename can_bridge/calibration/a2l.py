@@ -1,9 +1,9 @@
 """The A2L file (ASAM MCD-2 MC 1.7.1): names, addresses, limits and units of the calibration, for a measurement tool.
 
-A file belongs to one release on one vehicle; it states the limits that this vehicle sets. The text that all files share
-is in `stillwake.a2l`, in the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC description
-file", and part 3); this text describes only the features of this ECU. The timeouts T1 to T7 are longer than a control
-period, because the ECU answers every command within a control period.
+A file belongs to one release on one vehicle, and states the limits that this vehicle sets. The text that all files
+share is in `stillwake.a2l`, in the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC
+description file", and part 3); this text describes only the features of this ECU. The timeouts T1 to T7 are longer than
+a control period, because the ECU answers every command within a control period.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,8 @@
 """The calibration as a memory segment. UDS and XCP read and write the segment, and the controller reads it between
 periods.
 
-The working page is writable; the reference page has the release's own values. When all bytes of a value have been
-written and the value is within its limits, it takes effect with the next control period.
+The working page is writable; the reference page has the release's own values. A value takes effect with the next
+control period after all its bytes have been written, if it is within its limits.
 """
 
 from enum import IntEnum

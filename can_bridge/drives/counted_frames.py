@@ -2,8 +2,8 @@
 
 A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. The
 counter numbers the sender's frames; the time only shows the number of times that the counter has wrapped. A stretch is
-a part of the log in which the counter runs without interruption. A new stretch begins where counter and time disagree
-permanently, because the sender restarted or the logger's clock was set, and after a long gap.
+a part of the log in which the counter runs without interruption. A new stretch begins after a long gap, and where the
+counter and the time disagree permanently because the sender restarted or the logger's clock was set.
 """
 
 from collections.abc import Sequence
@@ -102,8 +102,8 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
 
 
 def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> list[list[tuple[int, CountedFrame]]]:
-    """Return the frames with their numbers. A new part begins where counter and clock disagree or many frames are
-    missing."""
+    """Return the frames with their numbers. A new part begins where the counter and the clock disagree or many frames
+    are missing."""
     parts: list[list[tuple[int, CountedFrame]]] = []
     newest, before = 0, None
     for frame in frames:

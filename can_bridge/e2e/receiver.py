@@ -18,8 +18,8 @@ of the window. As in the standard, the receiver continues from the new count aft
 restarted sender are good from the second frame on.
 
 As in the standard, the state machine advances once a period, whatever the number of frames. The check of a period is an
-error if the check of any of its frames is an error. It is good if the check of at least one frame is good and none is
-an error.
+error if the check of any of its frames is an error. The check of a period is good if the check of at least one frame is
+good and no check is an error.
 """
 
 from collections.abc import Iterable

@@ -69,7 +69,7 @@ class Summary:
 
     @property
     def unchecked_macs(self) -> int:
-        """The number of frames of secured messages whose MAC was not checked, because there was no key."""
+        """The number of frames of secured messages whose MAC was not checked, because no key was given."""
         return sum(one.count for one in self.messages.values() if one.mac is Mac.NOT_CHECKED)
 
     @property

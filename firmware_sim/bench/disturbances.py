@@ -113,7 +113,8 @@ class OtherBody(Span, section="body"):
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)); built-in solver only.
+    """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)). Only the built-in
+    solver supports this.
 
     `wake.plant.drive` defines the frame of reference. Forces, pressures and jet actions remain in units of the mean
     U_inf. The gust lasts a whole number of periods: it ends with the last period that ends in the span.

@@ -1,4 +1,5 @@
-"""The state of the disturbances during a run, and their effects on bus, ports, transducers, flow, vehicle and ECU."""
+"""The state of the disturbances during a run, and their effects on the bus, the ports, the transducers, the flow, the
+vehicle and the ECU."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -57,7 +57,7 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 
 AGE_TOLERANCE: Final = 0.01
 """Tolerance of ages as a share of a period. It is far larger than the error of two clocks whose rates differ by 200
-ppm, and than the time from a frame's arrival to the reading of the bus."""
+ppm, and far larger than the time from a frame's arrival to the reading of the bus."""
 _LONGEST_S: Final = 1e6
 """Length in s that replaces the length of a span without an end."""
 ROUNDING: Final = 1e-9

@@ -1,4 +1,5 @@
-"""The interface of an observer of a run, which sees the nodes' frames and the plant, but no state of ECU or vehicle."""
+"""The interface of an observer of a run, which sees the nodes' frames and the plant, but no state of the ECU or the
+vehicle."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,8 +12,8 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True)
 class SeenFrame:
-    """A frame that a node sends or receives, as the node's software sees it. The port's faults act between software and
-    bus.
+    """A frame that a node sends or receives, as the node's software sees it. The port's faults act between the software
+    and the bus.
 
     Attributes:
         sent: True if the node sent the frame, False if the node received the frame.

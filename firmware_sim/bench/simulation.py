@@ -1,5 +1,5 @@
-"""One run of the closed loop in virtual time, without files. Its arguments are checked when the run is created; then it
-runs on a wake.
+"""One run of the closed loop in virtual time, without files. The arguments are checked when the run is created; then
+the loop runs on a wake.
 
 Equal arguments and an equal wake give the same run bit for bit on any machine, except for measured wall-clock times.
 """

@@ -2,9 +2,9 @@
 
 In every period the vehicle sends the pressures, its speed, and the air's density if it is known.
 
-The jets run only while the vehicle itself wants control. They follow only a command that is enabled, in a mode that
-drives the jets, and computed from recent pressures. No single signal of a command is enough to drive the jets. If too
-many commands are missing, the vehicle gives up control and withdraws its request on the bus (`heard_commands`).
+The jets run only while the vehicle itself wants control. The jets follow a command only if it is enabled, has a mode
+that drives the jets, and was computed from recent pressures. No single signal of a command is enough to drive the jets.
+If too many commands are missing, the vehicle gives up control and withdraws its request on the bus (`heard_commands`).
 """
 
 from collections.abc import Callable, Sequence

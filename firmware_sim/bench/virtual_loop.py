@@ -1,4 +1,4 @@
-"""The closed loop in virtual time: flow, bus and ECU advance together, and a run is deterministic bit for bit.
+"""The closed loop in virtual time, deterministic bit for bit: the flow, the bus and the ECU advance together.
 
 The control period that starts at t_k has these events:
 
@@ -43,7 +43,8 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """The ports through which vehicle and ECU send and receive: ports of a `SimulatedBus`, or wrappers around them."""
+    """The ports through which the vehicle and the ECU send and receive: ports of a `SimulatedBus`, or wrappers around
+    them."""
 
     vehicle: Bus
     ecu: Bus

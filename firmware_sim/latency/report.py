@@ -84,8 +84,8 @@ def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:
 
 
 def write_report(folder: Path, runs: Sequence[MeasuredRun], budgets: Sequence[Sequence[KeptLimit]]) -> None:
-    """Write page and figure into an existing folder. `budgets` has a list of compared limits for each run; the list is
-    empty without a budget."""
+    """Write the page and the figure into an existing folder. `budgets` has a list of compared limits for each run; the
+    list is empty without a budget."""
     histogram_figure(runs).savefig(folder / "histogram.png")
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
     lines += ["# Latency of the control loop\n", "![how often which latency](histogram.png)\n"]

@@ -1,9 +1,9 @@
 """The stages of each control period, from the sampling of the pressures to the command computed from them.
 
-The tables of vehicle and ECU are joined by the pressure counter in the frames. The whole latency is measured from the
-scheduled instant, not from the actual sampling. A period that a node slept through is not left out: its pressures count
-as answered when a command computed from later pressures arrives. If such periods were left out, a loop that stalls for
-many periods would count only one slow period (Tene's "coordinated omission").
+The tables of the vehicle and the ECU are joined by the pressure counter in the frames. The whole latency is measured
+from the scheduled instant, not from the actual sampling. A period that a node slept through is not left out: its
+pressures count as answered when a command computed from later pressures arrives. If such periods were left out, a loop
+that stalls for many periods would count only one slow period (Tene's "coordinated omission").
 """
 
 from collections.abc import Mapping
@@ -36,9 +36,10 @@ class Stage(StrEnum):
     """The time from the deadline (or, if the frame arrives later, from the receipt of the frame) to the controller's
     call: wake-up, checks, window."""
     PLAN = "plan"
-    """The time that encoder and optimiser take."""
+    """The time that the encoder and the optimiser take."""
     GATE = "gate"
-    """The time from the plan to the finished frames, in which command gate, fail-safe and protection run."""
+    """The time from the plan to the finished frames, in which the command gate, the fail-safe and the protection of the
+    frames run."""
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"

@@ -40,8 +40,8 @@ _SELDOM: Final = 5
 
 
 class LiveSession(NeverCopied):
-    """One loop and its viewers' settings. Raises StillwakeError if plant or ECU cannot be created, or if they do not
-    fit each other, the bundle or the vehicle.
+    """One loop and its viewers' settings. Raises StillwakeError if the plant or the ECU cannot be created, or if they
+    do not fit each other, the bundle or the vehicle.
 
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
@@ -210,8 +210,8 @@ class LiveSession(NeverCopied):
             run.power_on()
 
     def _clear(self) -> str:
-        """Reset all settings except request, controller and plant, and clear latched faults with a new request; return
-        a note."""
+        """Reset all settings except the request, the controller and the plant, and clear latched faults with a new
+        request; return a note."""
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:

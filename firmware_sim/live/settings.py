@@ -15,8 +15,8 @@ from contract.errors import ConfigError
 _TRUE: Final = ("clear", "power_cycle", "restart")
 ACTIONS: Final = ("set", "pause", *_TRUE)
 """Actions of a request. set: change values with `LiveSettings.changed`. pause: pause or continue. clear: reset
-everything except request, controller and plant, and re-arm after a latched fault. power_cycle: restart the ECU.
-restart: start again from the plant's initial state."""
+everything except the request, the controller and the plant, and re-arm after a latched fault. power_cycle: restart the
+ECU. restart: start again from the plant's initial state."""
 
 
 class Asked(NamedTuple):

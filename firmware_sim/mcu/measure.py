@@ -42,7 +42,7 @@ class Measurement:
         modelled_ms: time in ms that a step takes with the modelled cycles, by clock in MHz.
         steps: number of control steps compared with the host.
         identical: whether all outputs were equal bit for bit.
-        action_difference, cost_difference: largest differences of action and cost between core and host.
+        action_difference, cost_difference: largest differences of action and cost between the core and the host.
     """
 
     precision: str

@@ -16,7 +16,8 @@ Arm publishes no cycle counts for the Cortex-M7, so its model makes these assump
 A Cortex-M4 issues one instruction per cycle, from memories without wait states (Arm's table of its cycles, DDI 0439):
 
 - A load takes two cycles, or one cycle directly after a load or store. A double or multiple load or store takes one
-  cycle per word and one more. A fused multiply-add takes three cycles, a division 14, and every other instruction one.
+  cycle for each word, plus one cycle. A fused multiply-add takes three cycles, a division 14, and every other
+  instruction one.
 - A block that ends in a branch takes two more cycles.
 """
 

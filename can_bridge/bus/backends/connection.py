@@ -35,7 +35,7 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 
 def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.BusABC, str]:
     """Open the configured bus. Returns the bus and the name of its interface in python-can, which python-can's own
-    configuration may select. Raises BusError, which states interface and channel, if the bus cannot be opened.
+    configuration may select. Raises BusError, which states the interface and the channel, if the bus cannot be opened.
     `settle_s` is the time in s that a serial adapter gets to start."""
     _check_known(config.interface)
     # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.

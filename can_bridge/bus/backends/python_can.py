@@ -156,8 +156,8 @@ class PythonCanBus(OpenBus):
 
         A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
         epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on
-        `udp_multicast` do not leave this machine. Raises BusError, which states interface and channel, if the bus
-        cannot be opened.
+        `udp_multicast` do not leave this machine. Raises BusError, which states the interface and the channel, if the
+        bus cannot be opened.
 
         Args:
             accept, keep: see the constructor.

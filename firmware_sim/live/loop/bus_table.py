@@ -76,7 +76,7 @@ class BusTable:
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
     ) -> LiveMessage:
         """Return the message for viewers about the bus traffic in the latest second of virtual time. `pressures` and
-        `commands` are the states of the receivers in ECU and vehicle."""
+        `commands` are the states of the receivers in the ECU and in the vehicle."""
         first, last = self._activity[0], self._activity[-1]
         receivers = {
             self._messages.pressure.spec.frame_id: pressures,

@@ -1,4 +1,5 @@
-"""Texts for viewers about changes in ECU, vehicle and bus from one period to the next, and a log of events."""
+"""Texts for viewers about changes in the ECU, the vehicle and the bus from one period to the next, and a log of
+events."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple

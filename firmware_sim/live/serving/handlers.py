@@ -99,7 +99,7 @@ def _refuse(constant: str) -> None:
 
 MOST_VIEWERS: Final = 32
 BATCHES_A_SECOND: Final = 30.0
-"""Largest number of message batches per second to a viewer; a person would not notice more."""
+"""Largest number of message batches per second to a viewer; a person would not see a higher rate."""
 SEND_BUFFER: Final = 256 * 1024
 """Size in bytes of the operating system's send buffer for a viewer. A larger buffer would delay the view more."""
 STALLED_S: Final = 30.0

@@ -37,7 +37,7 @@ PING_S: Final = 20.0
 _IDLE_S: Final = 10.0
 """Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
-"""Largest number of connections: two for each viewer, and an equal number for loading files. This is half of the
+"""Largest number of connections: two for each viewer, and an equal number for loading files. This total is half of the
 smallest limit of file descriptors that systems set for a process."""
 
 
