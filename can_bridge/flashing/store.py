@@ -123,8 +123,8 @@ class Store:
         return None if self._announced is None else self.state.slots[self._announced].received
 
     def boot(self) -> Boot:
-        """Choose an image and check it completely. A boot on trial is counted before the check. No content of the
-        memory makes this method raise an exception."""
+        """Choose an image and check it completely. If an image is on trial, its boot is counted before the check. No
+        content of the memory makes this method raise an exception."""
         self._announced = None
         self._last_boot = boot(self._remembered)
         self._running = self._last_boot.slot

@@ -236,7 +236,8 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
     fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
-    # Some writers leave the flags 0, so the bit rate, the length and the length code show a CAN FD frame too.
+    # Some writers leave the flags 0, so a CAN FD frame is also recognised by its bit rate, its length and its length
+    # code.
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
         fd |= FD_FRAME
     elif flags & _REMOTE_FLAG:
@@ -247,8 +248,9 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
 
 
 def _event(word: str, text: str) -> LogEvent:
-    """Return the event of a line, found by the line's first word. Lines of variables and signals begin with their own
-    names, so their events are found by characters that only these lines have."""
+    """Return the event that a line describes. The first word of the line shows the event. Lines of variables and
+    signals begin with the name of the variable or signal, so these lines are recognised by characters that no other
+    lines have."""
     if "GMGroup:" in text:
         return LogEvent("marker")
     if ":=" in text:

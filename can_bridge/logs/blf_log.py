@@ -140,8 +140,8 @@ class _Stream:
         return b"LOBJ" in self._rest
 
     def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
-        """Yield type, bytes and header length of each object. Raises ValueError if there is no object where one must
-        begin."""
+        """Yield the type, the bytes and the header length of each object. Raises ValueError if there is no object where
+        one must begin."""
         data, at = self._rest + block, 0
         while True:
             # Up to three bytes of padding come between objects, depending on their type.

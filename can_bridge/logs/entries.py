@@ -48,7 +48,7 @@ class LogEvent(NamedTuple):
 
 
 class CutOffError(Exception):
-    """The error for a file whose end is missing; the message states how this was noticed."""
+    """The error for a file whose end is missing; the message states how this was detected."""
 
 
 Entry = can.Message | LogEvent

@@ -35,7 +35,7 @@ GREATEST_TIME_S: Final = 2**63 / 1e9
 
 
 def suffix_of(path: Path) -> str:
-    """Return the last part of the file's name that shows a log's format (".asc"), without .gz, in lower case."""
+    """Return the ending of the file's name that shows a log's format, such as ".asc", in lower case and without .gz."""
     name = path.name.lower()
     return Path(name.removesuffix(PACKED)).suffix
 

@@ -44,8 +44,8 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
 
     A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is one of
     stillwake's messages, which the description of a whole vehicle also contains. Raises BusError if cantools or the
-    file is missing; the file is damaged; no message can be sent; two messages have one identifier; or a message does
-    not fit this bus.
+    file is missing; the file is damaged; no message can be sent; two messages have the same identifier; or a message
+    does not fit this bus.
 
     Args:
         path: file of messages; the ending of its name states its format.

@@ -87,7 +87,7 @@ def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Res
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
     """Return the response times of all messages in the given order. Raises ValueError if the messages are not in the
-    order of falling priority, or two messages have one priority."""
+    order of falling priority, or two messages have equal priorities."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} before {other.name}: messages must be in strictly falling priority")

@@ -54,7 +54,7 @@ class SecurityAccess:
     """The unlocked level, and the procedure to unlock a level.
 
     Args:
-        random_bytes: returns a number of unpredictable bytes.
+        random_bytes: returns the given number of unpredictable bytes.
         attempts: stores the counts of wrong attempts; may raise Refused.
     """
 

@@ -70,7 +70,7 @@ class UdsServer:
 
     Args:
         diagnostics: the ECU's services.
-        random_bytes: returns a number of unpredictable bytes, for seeds.
+        random_bytes: returns the given number of unpredictable bytes, for seeds.
         faults: the ECU's fault memory; None for a memory whose faults do not survive a reset.
 
     Attributes:

@@ -48,7 +48,7 @@ _PRESSURE: Final = struct.Struct("<3x B 4h H 2x")  # flags, pressures, age
 _VEHICLE_SPEED: Final = struct.Struct("<3x B H H")  # density, speed, age
 _JET_COMMAND: Final = struct.Struct("<3x B h B x")  # flags, flow, echoed counter
 # The fields are state, reason, bus-off, overruns, missed, CRC errors, hash, refused, not authentic, transmit errors,
-# receive errors, and pressures set aside.
+# receive errors, and pressures that the controller does not use.
 _ECU_STATUS: Final = struct.Struct("<3x B B B H H H I H H B B B x")
 
 _VALID: Final = 0b1111

@@ -149,7 +149,7 @@ class ActionLimit(Span, section="action_limit"):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckJets(Span, section="stuck_jets"):
-    """A stuck actuator: the jets keep one action, whatever command arrives."""
+    """A stuck actuator: the jets keep one action, and commands have no effect."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
     """Action at which the jets are stuck, as a share of `flow.action_limit`; 0 means that the jets are shut."""

@@ -38,8 +38,8 @@ def ecu_fmu(
     ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS
 ) -> bytes:
     """Return the FMU's file; equal arguments and an equal compiler give equal bytes. Raises LibraryError if there is no
-    compiler, or the compiler rejects the sources; ConfigError if step offset or compute time is not shorter than the
-    control period.
+    compiler, or the compiler rejects the sources; ConfigError if the step offset or the compute time is not shorter
+    than the control period.
 
     Args:
         ecu: sources of a library with the ECU and its settings (`ecu.in_c.c_ecu.ecu_sources`).

@@ -32,7 +32,7 @@ def plant_fmu(
     this machine; ModuleNotFoundError if `pythonfmu3` is not installed (extra fmu).
 
     Args:
-        config: whole configuration; flow, body and operating point are used.
+        config: whole configuration, of which the flow, the body and the operating point are used.
         front: sources of the binary that checks the calls (`ecu.c.sources.plant_fmu_sources`).
         start: file of the initial flow state; if None, the shipped state.
     """

@@ -170,7 +170,7 @@ def _on_host(sources: Mapping[str, bytes], rows: ProgramRows) -> ProgramRows:
 
 
 def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[str, str]]:
-    """Yield (label, verdict) as text for users: the control period, then a verdict for each clock.
+    """Yield pairs (label, text) for users: first the control period, then a verdict for each clock.
 
     Args:
         modelled_ms: time of a control step in ms, by clock in MHz (`firmware_sim.mcu.measure.Measurement.modelled_ms`).

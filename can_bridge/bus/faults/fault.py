@@ -99,7 +99,8 @@ class BusFault(Span, ABC, section="fault"):
 
 
 class Injector(WrappedBus):
-    """A port with one fault. `acted` counts the fault's effects; the class of each fault states what is counted."""
+    """A port with one fault. `acted` counts the fault's effects; the class of each fault states which effects are
+    counted."""
 
     def __init__(self, bus: Bus, fault: "BusFault", clock: NowNs, random: Random) -> None:
         """Apply a fault to a bus.

@@ -19,8 +19,8 @@ ROWS: Final = 64
 _UNKNOWN: Final = "unknown"
 """Name shown for a message that is not in the message set of the bus."""
 _BABBLER: Final = "babbler"
-"""Sender shown for a message that a node's port sends but neither node defines; it is from a babbling node, which is
-simulated at this port."""
+"""Sender shown for a message that neither node defines but a node's port sends. The message comes from a babbling node,
+which is simulated at this port."""
 _NS: Final = 10**9
 
 

@@ -73,7 +73,7 @@ LONGEST_REQUEST: Final = 16 * 1024
 
 
 def check(text: str | bytes) -> LiveAnswer | None:
-    """Return None for a well-formed request, otherwise the answer with its error."""
+    """Return None for a well-formed request, otherwise the answer that states the error."""
     if isinstance(text, bytes):
         return {"error": "a request must be text, not bytes"}
     try:
