@@ -1,2 +1,1 @@
-"""The simulation of a vehicle with an ECU: closed loop, campaigns, latency measurements, files of runs, and an emulated
-microcontroller."""
+"""The simulation of a vehicle with an ECU: closed loop, campaigns, latency, files of runs, emulated microcontroller."""

@@ -59,8 +59,7 @@ class Rejection(Enum):
     """The controller's report on the bus or on itself; see `PythonCanBus.health`."""
     EXTENDED = "29-bit identifier"
     WRONG_FORMAT = "CAN FD for classic, or the reverse"
-    """A CAN FD frame on a bus whose setting `bus.frames` is classic, or a frame of one of our messages in the wrong
-    format (CAN FD or classic)."""
+    """A CAN FD frame on a bus whose setting `bus.frames` is classic, or one of our messages in the wrong format."""
     OTHER_ID = "another identifier"
     OWN = "own frame received again"
     ADAPTER = "adapter refused a command"

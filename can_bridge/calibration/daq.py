@@ -22,8 +22,7 @@ DYNAMIC: Final = 0x01
 """Properties of the DAQ processor: lists are allocated dynamically, there are neither prescalers nor time stamps, and a
 frame begins with its number."""
 OF_DAQ: Final = 0x44
-"""Properties of the event: the event is for measurement, and all frames of a list have values of the same control
-period."""
+"""Properties of the event: it is for measurement, and all frames of a list have values of the same control period."""
 _NO_BITS: Final = 0xFF
 _SELECTED, _RUNNING = 0x01, 0x40
 """Bits of a list's mode: selected, running."""

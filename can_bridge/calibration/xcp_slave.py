@@ -1,8 +1,7 @@
 """The ECU's side of XCP: a state machine whose inputs are the time and the packets from the tool.
 
 A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`), and reads or measures the latest
-control period (`can_bridge.calibration.daq`). The ECU announces neither block mode nor flashing, and rejects their
-commands.
+control period (`can_bridge.calibration.daq`). The ECU supports neither block mode nor flashing.
 """
 
 import struct

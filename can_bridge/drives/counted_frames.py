@@ -24,9 +24,8 @@ _JUMP: Final = 0.5
 """Largest permanent shift of the frames' times within a stretch, in periods. After a larger shift the counter does not
 show how many frames were lost."""
 _AROUND: Final = 16
-"""Number of frames on each side of a shift of the times; the shift is the difference of the median latenesses of the
-two sides. The number is larger than that of the frames in a burst, and large enough to average jitter of 0.4 periods.
-"""
+"""Number of frames on each side of a shift of the times; the shift is the difference of the two sides' median
+latenesses. The number exceeds that of the frames in a burst, and is large enough to average jitter of 0.4 periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,8 +101,7 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
 
 
 def _parts(frames: Sequence[CountedFrame], period_s: float, modulus: int) -> list[list[tuple[int, CountedFrame]]]:
-    """Return the frames with their numbers. A new part begins where the counter and the clock disagree or many frames
-    are missing."""
+    """Number the frames; begin a new part where the counter and the clock disagree or many frames are missing."""
     parts: list[list[tuple[int, CountedFrame]]] = []
     newest, before = 0, None
     for frame in frames:

@@ -22,8 +22,7 @@ from contract.config.vehicle import SpeedConfig
 _HELD: Final = (Mode.HOLD, Mode.DECAY, Mode.FAULT)
 """Modes in which a command is not the answer to the frame whose counter the command echoes."""
 _UNKNOWN_LAG: Final = 0.5
-"""Assumed time from a pressure frame to the command that answers it, in periods, if no command echoes a pressure
-frame's counter."""
+"""Assumed time from a pressure frame to its command, in periods, if no command echoes a pressure frame's counter."""
 
 
 @dataclass(frozen=True, kw_only=True)

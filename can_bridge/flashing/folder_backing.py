@@ -160,8 +160,7 @@ class FolderBacking:
         self._files.sync_folder()
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class always returns its argument
-        `length`."""
+        """Empty a slot's file. `behind` must be 0, because `begin_again` of this class always returns `length`."""
         assert behind == 0
         self._written.pop(slot, None)
         self._files.replace(_slot_file(slot), b"")

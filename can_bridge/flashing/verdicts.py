@@ -8,8 +8,7 @@ from typing import Self
 
 
 class Verdict(IntEnum):
-    """The checks in their order; the first failed check is the verdict. `in_words` is the text of the verdict for
-    people."""
+    """The checks in their order; the first failed check is the verdict. `in_words` is the verdict's text for people."""
 
     in_words: str
 

@@ -208,8 +208,7 @@ class Endpoint:
     """An endpoint for messages of 1 to 4095 bytes, one at a time in each direction.
 
     Attributes:
-        is_held: whether the latest message is still being processed; meanwhile no message of several frames is
-            accepted.
+        is_held: whether the latest message is still being processed; no message of several frames is then accepted.
         dropped_received: number of complete messages dropped because earlier messages had not been taken.
         dropped_sent: number of messages not sent because the queue was full.
     """

@@ -70,8 +70,8 @@ def check_suffix(path: Path) -> None:
 
 
 class CanLog:
-    """A log that can be read once, from its first message to its last. Timestamps are in s; channels have their names
-    in the file.
+    """A log that can be read once, from its first message to its last. Timestamps are in s; channels are named as in
+    the file.
 
     Attributes:
         events: numbers of entries read so far that are not messages, by name.

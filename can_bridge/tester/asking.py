@@ -24,8 +24,7 @@ P2_S: Final = 1.0
 P2_EXTENDED_S: Final = 6.0
 """Longest wait in s for the next answer after a response-pending."""
 LONGEST_PENDING_S: Final = 60.0
-"""Longest time in s for which an ECU may send only response-pending or busy answers before the tester treats the ECU as
-absent."""
+"""Longest time in s for which an ECU may send only response-pending or busy answers before it counts as absent."""
 TIMES: Final = 5
 """Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
@@ -103,8 +102,8 @@ class Asking:
                 return
             except RefusedError as refused:
                 if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
-                    # The key may have been computed from a late answer, with the seed of an earlier request. So a new
-                    # seed is requested.
+                    # The key may have been computed from the late answer to an earlier request, so a new seed is
+                    # requested.
                     refused_keys += 1
                     continue
                 if refused.code == Nrc.INVALID_KEY:

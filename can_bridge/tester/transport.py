@@ -137,7 +137,7 @@ class BusConnection(BaseConnection):
         self._layer.reset()
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        """Send a request. Raises TimeoutException if the ECU's flow control stops the transmission, BusError if the bus
+        """Send a request. Raises TimeoutException if the ECU's flow control stops sending, BusError if the bus
         fails."""
         self._request, self._failed = payload, False
         self._layer.send(payload)

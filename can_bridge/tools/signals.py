@@ -132,8 +132,7 @@ def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:
 
 
 def _or_word(name: str, value: float | None, unit: str, without: float, word: str) -> SignalValue:
-    """Return a signal's value; a missing value (None) is shown as the number `without` of the frame, with the text
-    `word`."""
+    """Return a signal's value; for a missing value (None) the number is `without` and the text is `word`."""
     return SignalValue(name, without, unit, word) if value is None else SignalValue(name, value, unit)
 
 

@@ -6,8 +6,7 @@ The codec works as `can_bridge.wire.codec` does, within the limits of eight byte
 - an age in units of 10 ms, rounded up, so that no frame looks fresher than it is; the largest value, 70 ms or more, is
   read as `STALE_NS`, which is too old for any use; the age of a speed is sent as 2.55 s if it is greater;
 - a status with counts up to 63 (bus-off: 15) and two bytes of the bundle hash; it has no count of frames that are not
-  authentic (this set has no authentication), no error counters, and no list of pressures that the controller does not
-  use.
+  authentic (this set has no authentication), no error counters, and no list of unused pressures.
 """
 
 import struct

@@ -45,8 +45,7 @@ class SentBits:
 
     @property
     def total(self) -> tuple[int, int]:
-        """The number of bits at the nominal and at the data rate, from the start of frame to the end of the
-        intermission."""
+        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission."""
         return self.nominal + TAIL, self.data
 
     def through(self, position: int) -> tuple[int, int]:
@@ -71,8 +70,7 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
 
 
 def frame_bits(frame: Frame) -> tuple[int, int]:
-    """Return the number of bits at the nominal and at the data rate, from the start of frame to the end of the
-    intermission.
+    """Return the number of bits at the nominal and at the data rate, from the start of frame through the intermission.
 
     A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; here both bits are counted
     completely at the nominal rate, as in `worst_case_bits`.

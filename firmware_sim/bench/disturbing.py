@@ -1,5 +1,4 @@
-"""The state of the disturbances during a run, and their effects on the bus, the ports, the transducers, the flow, the
-vehicle and the ECU."""
+"""The state of disturbances during a run, and their effects on the bus, ports, transducers, flow, vehicle and ECU."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -177,8 +177,7 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The E2E state depends only on the latest frames. If these frames had no errors, the vehicle accepts the next
-        # frame.
+        # The E2E state depends only on the latest frames. If these had no errors, the vehicle accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))

@@ -1,5 +1,4 @@
-"""The interface of an observer of a run, which sees the nodes' frames and the plant, but no state of the ECU or the
-vehicle."""
+"""The interface of an observer of a run, which sees the nodes' frames and the plant, but no state of the nodes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,8 +32,7 @@ class Observer(Protocol):
         """Process a frame that a node sent or received."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """Process a control period that has ended: the sample at its start, and whether the vehicle requested control
-        in it."""
+        """Process an ended control period: the sample at its start, and whether the vehicle requested control in it."""
 
     def finished(self, sample: Sample) -> None:
         """Process the sample at the end of the run."""

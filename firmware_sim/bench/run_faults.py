@@ -111,8 +111,7 @@ class NodeFaults:
     def _look(self) -> None:
         if self._ended:
             return
-        # Each call of this function is also an event of the bus, after which the loop checks whether the ECU has
-        # received pressures.
+        # Each call is also an event of the bus, after which the loop checks whether the ECU has received pressures.
         for port in self._babbling:
             port.look()
         self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)

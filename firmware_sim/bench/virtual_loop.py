@@ -43,8 +43,7 @@ from wake.plant.sample import Sample
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BusPorts:
-    """The ports through which the vehicle and the ECU send and receive: ports of a `SimulatedBus`, or wrappers around
-    them."""
+    """The ports of the vehicle and the ECU: ports of a `SimulatedBus`, or wrappers around these ports."""
 
     vehicle: Bus
     ecu: Bus
@@ -75,7 +74,7 @@ class VirtualLoop(NeverCopied):
         bus: the bus, at time 0; the loop advances its time.
         clock: wall clock in s, which measures the ECU's step; the loop's results do not depend on this clock.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
-        step_ns: function that returns the computing time of the ECU's latest step in ns; if None, this time is
+        step_ns: function that returns the computing time of the ECU's latest step in ns; by default
             `ecu.compute_time_ms`.
 
     Attributes:

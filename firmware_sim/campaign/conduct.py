@@ -180,8 +180,7 @@ class _Runs:
         self._progress(len(self._outcomes), self._total, task.name)
 
     def claim(self) -> None:
-        """Write the campaign's label, initial states and reused runs into the folder, before the first new run is
-        written."""
+        """Write the campaign's label, initial states and reused runs into the folder, before any new run is written."""
         if self._claimed:
             return
         self._folder.claim(self._campaign.label())

@@ -66,7 +66,7 @@ class CampaignFolder:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:
-        """Return the finished run of this name; None if the folder has no run of this name, or only a run with another
+        """Return the finished run of this name; None if there is no run of this name, or only a run with another
         key."""
         kept = load(self._run(name))
         return kept if kept is not None and kept.key == key else None

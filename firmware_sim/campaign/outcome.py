@@ -49,8 +49,7 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average over the samples from the time `from_t` on, which counts from the same origin as the times of the
-        series.
+        """Average over the samples from the time `from_t` on, which counts like the times of the series.
 
         The runs with and without control start in the same phase of shedding and are averaged over the same instants,
         so both averages leave out the same part of a shedding cycle.

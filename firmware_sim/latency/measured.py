@@ -118,8 +118,7 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether the idle loop was at least once later than the slack, so that even a loop without work would miss a
-        command."""
+        """Whether the idle loop was once later than the slack: even a loop without work would have missed a command."""
         return self.idle_misses > 0
 
     @property

@@ -38,8 +38,8 @@ class Stage(StrEnum):
     PLAN = "plan"
     """The time that the encoder and the optimiser take."""
     GATE = "gate"
-    """The time from the plan to the finished frames, in which the command gate, the fail-safe and the protection of the
-    frames run."""
+    """The time from the plan to the finished frames, for the command gate, the fail-safe and the protection of the
+    frames."""
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"

@@ -58,8 +58,7 @@ class RunEcu:
 
     Attributes:
         kind: python, c or mcu.
-        clock_mhz: clock of the emulated core; None without an emulated core; the computing time is then
-            `ecu.compute_time_ms`.
+        clock_mhz: clock of the emulated core; None if the computing time is `ecu.compute_time_ms`.
         modelled_ms: median of the modelled times of the emulated core for a step with a plan; None without an emulated
             core.
         modelled_ms_max: largest of these times.

@@ -28,8 +28,7 @@ _DRAG_ROWS: Final = (
     ("std of Uy at {probe}", "Uy_std", ".3f"),
     ("whole shedding cycles averaged", "cycles", "d"),
 )
-"""Label, field of `Regime`, and number format of each row. In a label, {probe} is replaced by the position of the wake
-probe."""
+"""Label, field of `Regime`, and number format of each row. {probe} in a label is the position of the wake probe."""
 
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""

@@ -1,5 +1,4 @@
-"""A connection to an open python-can bus. The connection receives one message at a time, and can be closed even if the
-bus has failed."""
+"""A connection to an open python-can bus: it receives single messages, and closes even if the bus has failed."""
 
 import struct
 from collections.abc import Mapping

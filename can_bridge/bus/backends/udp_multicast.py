@@ -35,8 +35,8 @@ RECEIVE_QUEUE: Final = 1 << 22
 holds 256."""
 
 _ECHOES: Final = 4096
-"""Largest number of sent datagrams that the node stores until it receives their echoes. The kernel's queue holds fewer
-datagrams."""
+"""Largest number of sent datagrams that the node stores until it receives their echoes; the kernel's queue holds
+fewer."""
 
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49

@@ -99,8 +99,7 @@ class BusFault(Span, ABC, section="fault"):
 
 
 class Injector(WrappedBus):
-    """A port with one fault. `acted` counts the fault's effects; the class of each fault states which effects are
-    counted."""
+    """A port with one fault. `acted` counts the fault's effects, which the fault's class defines."""
 
     def __init__(self, bus: Bus, fault: "BusFault", clock: NowNs, random: Random) -> None:
         """Apply a fault to a bus.

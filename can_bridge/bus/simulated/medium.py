@@ -4,8 +4,7 @@ Every node has a port with a queue (`can_bridge.bus.simulated.port`) and a contr
 (`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the first frames of all queues compete, and the
 smallest identifier wins. The winning frame occupies the bus for the time of its bits (`can_bridge.wire.frame_bits`),
 including the intermission of three bits. At the end of frame, before the intermission, all other nodes receive the
-frame, stamped with the time of its end, and the sender removes the frame from its queue. A destroyed frame is sent
-again.
+frame, stamped with this time, and the sender removes the frame from its queue. A destroyed frame is sent again.
 
 If two nodes send the same identifier with the same content, they do not notice each other. If the contents differ, the
 node that first sends a recessive bit against a dominant bit has a bit error.

@@ -98,7 +98,7 @@ def run_vehicle(
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             if course.drive is not None:
-                # In periods without pressures, the live wake's time does not advance, so the drive's time does not
+                # In periods without pressures the live wake's time does not advance, and the drive's time must not
                 # advance either.
                 driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
                 node.speed = node.stated_speed = course.drive.speed(driven_s)

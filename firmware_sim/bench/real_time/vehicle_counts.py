@@ -32,8 +32,7 @@ class Durations:
         of the times does not exceed. A share of 1.0 gives the largest time; NaN is returned if no times were added."""
         if self._total == 0:
             return nan
-        # In binary floating point, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 in place of
-        # 7.
+        # In binary, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 in place of 7.
         rank = max(1, ceil(round(share * self._total, 6)))
         return int(np.searchsorted(np.cumsum(self._counts), rank)) * RESOLUTION_NS / 1e6
 

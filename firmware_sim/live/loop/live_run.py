@@ -60,8 +60,7 @@ class ControlRequest:
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
-        """Withdraw the request if only a new request can bring control back; return whether the request is
-        withdrawn."""
+        """Withdraw the request if only a new request can restore control; return whether the request is withdrawn."""
         latched = given_up or fail_safe.mode in _NEEDS_A_RISE
         self.rearming = self.rearming or (self.first is not None and self.wanted and latched)
         return self.rearming

@@ -1,5 +1,4 @@
-"""Texts for viewers about changes in the ECU, the vehicle and the bus from one period to the next, and a log of
-events."""
+"""Texts for viewers about changes of the ECU, the vehicle and the bus between two periods, and a log of events."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple

@@ -30,8 +30,7 @@ TOKEN_BYTES: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
-    """Rules of access to one server. Every request needs the token, unless the server listens on loopback and so has no
-    token."""
+    """Rules of access to one server. Every request needs the token, except on loopback, where there is no token."""
 
     token: str | None
 

@@ -32,8 +32,7 @@ _OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:
-    """A store of the loop's messages, which several threads may use. Each stream has a count that increases with new
-    content."""
+    """A store of the loop's messages for several threads. Each stream has a count that increases with new content."""
 
     def __init__(self) -> None:
         self._lock = Lock()

@@ -77,8 +77,7 @@ class TransmitBuffers:
         self._drop(bits)
 
     def switch(self, now_ns: int, *, is_on: bool) -> None:
-        """Connect the controller to the bus, or disconnect it. After a disconnection, a frame in transmission waits
-        again."""
+        """Connect or disconnect the controller. After a disconnection, a frame in transmission waits again."""
         self.progress(now_ns)
         if is_on and not self.is_on:
             self._free_ns = max(self._free_ns, now_ns)

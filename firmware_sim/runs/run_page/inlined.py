@@ -50,8 +50,7 @@ def inlined(main: str) -> Inlined:
 
 
 def as_json(values: Any) -> Markup:
-    """Return values as JSON for a script element of type application/json. No text in the values can end the
-    element."""
+    """Return values as JSON for a script element of type application/json, which no text in the values can end."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
