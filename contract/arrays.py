@@ -1,4 +1,5 @@
-"""Types of the NumPy arrays that pass between functions; each docstring gives shape, unit and order."""
+"""Types of the arrays that functions take and return. The docstring of each function gives an array's shape, unit and
+order."""
 
 from typing import Any, Final, TypeAlias
 

@@ -1,4 +1,4 @@
-"""Writing of files that exist either completely or not at all."""
+"""Functions that write a file or folder completely or not at all."""
 
 import errno
 import os
@@ -21,20 +21,22 @@ def leads_to(path: Path) -> Path:
     if place.is_symlink():
         raise StillwakeError(f"cannot write {path}: {os.strerror(errno.ELOOP)}")
     for link in (path, *path.parents):
-        # The link may point to a disk that is not mounted. The link's target itself may be missing, but the folder of
-        # the target must exist.
+        # A link in the path may point to a disk that is not mounted. Only the path itself may be a link to a missing
+        # file, and only in an existing folder; the file is then created there.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
             raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
     return place
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Check before a computation whether its result can be written, by creating and removing a file next to the target.
+    """Check, before a computation, whether its result can be written to `path`. The check creates and removes a test
+    file.
 
-    Missing folders are not created; the test file is then created in the nearest existing folder. `folder` states
-    whether the result is a folder; otherwise it is a file. Raises StillwakeError if `path` is a folder and the result
-    is a file, or the reverse; if `path` has no last name, like `..`; if it is the file to which this process prints; if
-    it has a further hard link, which would keep the old content; or if it cannot be written.
+    The test file is in the folder of the result or, because missing folders are not created, in the nearest existing
+    folder. `folder` states whether the result is a folder; otherwise it is a file. Raises StillwakeError in these
+    cases: `path` is a folder but the result is a file, or the reverse; `path` has no last name, like `..`; this process
+    prints to `path`; the file has a further hard link, which would keep the old content; or nothing can be written
+    there.
     """
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
@@ -128,8 +130,8 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy the mode and, if possible, the owner from the old file to the new one; in folders, for all files of equal
-    names."""
+    """Copy the mode and, if possible, the owner of the old file to the new file. In folders, do this for each new file
+    for which there is an old file of the same name."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

@@ -48,7 +48,7 @@ class DifferentiableFlow(Protocol):
 
         Args:
             speeds: (n + 1,) speeds as ratios to the design speed, for a run of n periods: the speed at the start, then
-                the speed at each period's sample; the speed is linear in between.
+                the speed at each period's sample. Between samples the speed is linear in time.
         """
         ...
 
@@ -59,8 +59,8 @@ class DifferentiableFlow(Protocol):
 
     def back(self, weights: Seen) -> float:
         """Go back by a period, and return the gradient of a scalar with respect to the period's action. `weights` has
-        the scalar's derivatives with respect to the period's sample. The calls for later periods had the derivatives
-        with respect to their samples."""
+        the scalar's derivatives with respect to the period's sample. Calls go from the last period to the first, each
+        with the derivatives for its own period."""
         ...
 
     def state(self) -> FlowState:

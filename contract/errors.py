@@ -4,8 +4,8 @@ from typing import ClassVar
 
 
 def install(extra: str) -> str:
-    """Return the pip command that installs an extra and the data from which its commands start. The command installs
-    from a checkout because no package index has stillwake."""
+    """Return the pip command that installs an extra, and also the data that the extra's commands need. The command
+    installs from a checkout because no package index has stillwake."""
     data = " ./data" if extra in ("sim", "c", "train") else ""
     return f"pip install '.[{extra}]'{data} in a checkout of stillwake"
 

@@ -13,14 +13,15 @@ from typing import Any
 from contract.atomic import replacing
 
 _version = cache(version)
-"""The version of a package, whose metadata is a file that takes milliseconds to parse."""
+"""A cached look-up of a package's version. Without the cache, each call takes milliseconds to parse the package's
+metadata."""
 
 
 def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date) -> None:
     """Write a result as JSON, completely or not at all.
 
     Args:
-        figures: measured values; the code that reads the file documents their units.
+        figures: measured values; their units are documented in the code that reads the file.
         facts: settings, seeds, versions and hashes of the inputs; this function adds a description of the machine.
     """
     content = {"date": on.isoformat(), "figures": figures, "facts": {**facts, "machine": machine()}}

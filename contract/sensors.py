@@ -33,8 +33,8 @@ BASE: Final = slice(2 * PER_SIDE, COUNT)
 
 def positions() -> Array:
     """Return the sensor coordinates in W, shape (90, 2), on the body's surface."""
-    # The positions are evenly spaced between the rounded edge and the rear, without end points, and rounded as in the
-    # paper.
+    # The positions are evenly spaced between the rounded edge and the rear, without the end points. They are rounded as
+    # in the paper.
     side_x = np.round(np.linspace(LEADING_EDGE_RADIUS, LENGTH, PER_SIDE + 2)[1:-1], 6)
     upper = np.column_stack([side_x, np.full(PER_SIDE, HALF_WIDTH)])
     lower = upper * (1.0, -1.0)

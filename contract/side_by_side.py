@@ -1,4 +1,4 @@
-"""Parallel work in processes of this machine, or on dask workers. These may run on other machines, and may die.
+"""Parallel work in processes of this machine, or on dask workers, which may run on other machines and may die.
 
 No process and no temporary file remains, even if the work fails or is stopped.
 """
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""Signals that a terminal or service sends to every process. Child processes ignore these signals, so that only the
-parent reacts."""
+"""Signals that a terminal or a service manager sends to every process of a command. Child processes ignore these
+signals, so that only the parent reacts."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 
@@ -69,10 +69,11 @@ def spread(
         call: returns a job's function and its arguments, which are sent to the worker; called when a slot is free.
         workers: largest number of local processes to start; there are never more processes than jobs.
         scheduler: address of a running scheduler to use instead of local processes.
-        names: returns, for the error message, the job's name and what remains of the job if its workers die.
+        names: returns, for the error message, the job's name and the part of the job that remains if its workers die.
         finished: called in this process with every finished job and its result, in the order in which the jobs finish.
         looked: called at every poll with the number of threads of each worker, by the worker's address.
-        slots: returns the number of slots: of jobs that these workers run at the same time.
+        slots: returns the number of slots, which is the number of jobs that the workers run at the same time, from the
+            argument of `looked`.
 
     Raises:
         StillwakeError: the scheduler cannot be reached or has no worker, workers died too often during one job, or the

@@ -30,9 +30,9 @@ _STEP: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
 
 
 def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
-    """Convert a tree to a dataclass; whole numbers become floats and lists become tuples where the fields' types
-    require it. `complete` states whether the tree must also have the fields with defaults. Raises ConfigError if a name
-    is unknown or missing, or a value has another type."""
+    """Convert a tree to a dataclass. Whole numbers become floats and lists become tuples where the fields' types
+    require it. `complete` states whether the tree must also have the fields that have defaults. Raises ConfigError if a
+    name is unknown or missing, or a value has another type."""
     _check_names(tree, kind, "", complete=complete)
     try:
         value = msgspec.convert(tree, kind)
@@ -77,8 +77,8 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
 
 
 def _set_in_order(value: object) -> None:
-    """Put all fields into `vars` in declaration order, because msgspec sets only the fields in the tree, in the tree's
-    order."""
+    """Put all fields into `vars` in declaration order, because msgspec only sets the fields that the tree has, in the
+    tree's order."""
     if isinstance(value, list | tuple):
         for item in value:
             _set_in_order(item)

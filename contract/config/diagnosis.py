@@ -69,7 +69,7 @@ class DiagnosisConfig(
     xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
     """Identifier of the ECU's packets to the calibration tool."""
     xcp: Annotated[bool, ours("a calibration tool works without a change of settings", page=_PAGE)] = True
-    """Whether the ECU answers a calibration tool (XCP). If false, the ECU in C contains no code for it."""
+    """Whether the ECU answers a calibration tool (XCP). If false, the ECU in C contains no code for XCP."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -129,7 +129,8 @@ _LIKE: Final = {
     "xcp_command_id": "xcp_command_id",
     "xcp_response_id": "xcp_command_id",
 }
-"""Map from each setting to a setting with which it is compared: both identifiers must have 11 bits, or both 29."""
+"""Map from each setting to the setting whose identifier must have the same length: 11 bits for both, or 29 bits for
+both."""
 
 
 @cache

@@ -66,9 +66,9 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """The finish: the last passes of the joint fit, with a longer unroll. They follow passes that predict 5 steps, and
-    reduce the prediction error at the controller's horizon. A training that uses the longer unroll from the start
-    stalls: it predicts only the mean forces.
+    """The finish: the last passes of the joint fit of all networks, which predict more steps. The passes before the
+    finish predict 5 steps. The finish reduces the prediction error at the controller's horizon. A training that
+    predicts the larger number of steps from the start stalls: it predicts only the mean forces.
 
     In the finish, each of these fields replaces the field of `train` with the same name.
     """
@@ -117,7 +117,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
     """Number of passes of the distillation that read the recording as a stream. These passes precede the passes that
-    read windows, and cost far less. The passes that read windows then reduce the error only a little further."""
+    read windows, and cost far less. After them, the passes that read windows reduce the error only a little further."""
     distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
     """Number of passes of the slim encoder's distillation that read windows."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
@@ -154,11 +154,13 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """Training of the prior in closed loop, with gradients through the flow solver. A stretch is an interval of the
-    closed loop. The cost over a stretch is differentiated with respect to the prior's weights."""
+    """Training of the prior, which is the network that computes the optimiser's initial plan. The prior is trained in
+    closed loop, with gradients through the flow solver. The cost over an interval of the closed loop, called a stretch,
+    is differentiated with respect to the prior's weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
-    """Number of rows of sensor differences and actions that the prior reads."""
+    """Number of past rows that the prior reads. A row has the sensor differences and the action of one control
+    period."""
     units: AtLeastOne[int] = 24
     """Width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450
@@ -183,7 +185,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     effort_price: NonNegative[float] = 0.0
     """Weight of the squared action in the cost; the drag's weight is 1."""
     goals: bool = False
-    """Whether each flow draws its own weights of lift and effort and its own limit of the jets. Each of these three
+    """Whether each flow has random weights of lift and effort and a random limit of the jets. Each of these three
     values equals the configured value with probability one half."""
     motion_price: NonNegative[float] = 0.2
     """Weight of the squared transverse velocity at the wake probe. This velocity indicates the drag after the

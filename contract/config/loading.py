@@ -1,4 +1,5 @@
-"""Reading of the settings from TOML files and `key.path=value` overrides. Errors for wrong names suggest names."""
+"""Functions that read the settings from TOML files and `key.path=value` overrides. The error for a wrong name suggests
+similar names."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +18,7 @@ from contract.typed import LONGEST_SHOWN, typed
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
-    """Check that every name in a tree is in `Config`, and that sections and values are where they belong. Raises
+    """Check that every name in a tree is in `Config`, and that sections and values are not confused. Raises
     ConfigError, which states the wrong name and the correct names that are most similar."""
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key

@@ -2,9 +2,9 @@
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
-`Settings` checks the rules of its fields when it is created; a condition on two fields is a `require` in the class's
-own `__post_init__`. A number without a unit is a ratio, or a count whose name states what is counted; no value is
-converted. A field without its own source has the source of its section.
+`Settings` checks the rules of its fields when it is created. A condition on two fields is checked by a call of
+`require` in the class's own `__post_init__`. A number without a unit is a ratio, or a count whose name states what is
+counted; no value is converted. A field without its own source has the source of its section.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,8 +39,8 @@ class Source:
 
 def paper(place: str, note: str = "") -> Source:
     """Mark a default as the paper's number at the given place, e.g. "section 2.1". If the paper does not state the
-    number, the note says how the number follows. Equations have the numbers of the manuscript, in which numbering does
-    not restart with each section."""
+    number, the note says how the number follows. Equations have the manuscript's numbers, which do not restart with
+    each section."""
     return Source("paper", place=place, note=note)
 
 

@@ -50,9 +50,9 @@ class E2eConfig(
     """Largest increment of the counter with which a frame is still accepted as the next frame. The default 4 allows a
     loss of three frames in a row, which is the number that the ECU's fail-safe bridges."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
-    """Latest checks that are judged together."""
+    """Number of latest check results that together decide whether a stream is valid."""
     min_ok: Annotated[int, FRAMES] = 2
-    """Smallest number of good checks in the window with which a stream is valid."""
+    """Smallest number of passed checks in the window with which a stream is valid."""
     max_errors: Annotated[int, FRAMES] = 2
     """Largest number of CRC errors in the window with which a stream is valid."""
 
@@ -66,7 +66,8 @@ class E2eConfig(
 class BackgroundConfig(
     Settings, section="bus.background", source=ours("a bus without other nodes", page="explanation/simulated-bus.md")
 ):
-    """Traffic of other nodes on the simulated bus; without it, arbitration has hardly any effect."""
+    """Traffic of other nodes on the simulated bus. Without this traffic, the ECU's and the vehicle's frames hardly ever
+    wait for the bus."""
 
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, stuff bits included."""
@@ -101,7 +102,8 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     data_bitrate: Annotated[Positive[int], BIT_RATE, _CAN_FD] = 2_000_000
     """Bit rate of the data phase of CAN FD frames."""
     frames: Annotated[Literal["fd", "classic"], ours("the stronger check", page="explanation/protection.md")] = "fd"
-    """Set of messages: CAN FD, or classic CAN with eight data bytes, coarser pressures and a weaker CRC."""
+    """Set of messages: `fd` for CAN FD; `classic` for classic CAN, with eight data bytes, coarser pressures and a
+    weaker CRC."""
     key: Annotated[str, ours("each user makes a secret key", page="explanation/protection.md")] = ""
     """File with a 128-bit key. If it is given, both nodes authenticate every frame (AUTOSAR SecOC) and refuse
     unauthenticated frames. Only CAN FD frames have space for the authenticator."""
@@ -137,21 +139,22 @@ class SensorCheckConfig(
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
-    """Ratio at which the ECU no longer uses a sensor: the deviation of its reading from the estimate by the other
-    sensors, divided by the deviation of the other sensors from each other. Healthy sensors reach 8."""
+    """Ratio at which the ECU no longer uses a sensor: the mean squared deviation of its reading from the estimate by
+    the other sensors, divided by the mean squared deviation of the other sensors from each other. Healthy sensors reach
+    8."""
     bias_level: Positive[float] = 20.0
-    """Limit of the ratio of `liar_level`, here computed from means over two shedding cycles, which show small biases
-    and drifts. Healthy sensors reach 16."""
+    """Ratio like `liar_level`, at which the ECU no longer uses a sensor, but of deviations averaged over two shedding
+    cycles. Such averages show small biases and drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
-    """Ratio at which two sensors are taken for exchanged: the disagreement of the pressures as they arrive, divided by
-    their disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
+    """Ratio at which two sensors are taken for exchanged: the disagreement among the received pressures, divided by the
+    disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
-    """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. When
+    """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. Once
     the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside the
     range of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count at which the jets go to zero and the fault latches. A doubtful period adds 1 to the count, any other period
-    subtracts 1."""
+    """Count of doubtful periods at which the jets go to zero and the fault latches. A doubtful period adds 1 to the
+    count, any other period subtracts 1."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
     """Number of consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
@@ -178,8 +181,8 @@ class BenefitCheckConfig(
     """Largest mean difference between mirrored sensors with which control counts as helping, relative to the mean
     difference without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count at which the jets are shut for a test. A period in which control did not help adds 1 to the count, a period
-    in which it helped subtracts 1. The fault latches if the test fails."""
+    """Count of periods without benefit at which the jets are shut for a test. A period in which control did not help
+    adds 1 to the count, a period in which it helped subtracts 1. The fault latches if the test fails."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -215,8 +218,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Number of further periods without usable pressures, each of which halves the command. After them the command is
     zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Number of consecutive good frames that must have arrived when the vehicle's request rises to clear a latched
-    fault."""
+    """Number of consecutive good frames that must have arrived before the rising edge of the vehicle's request clears
+    a latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Largest age, from sampling to control step, of pressures that may be used for planning. The default allows one
     period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect; with 40 ms
@@ -238,8 +241,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
         NonNegative[float], MILLISECONDS, ours("a fifth of a period covers jitter", page="how-to/run-on-an-ecu.md")
     ] = 4.0
     """Time from the expected arrival of a pressure frame to the control step that uses the frame. Pressures that are
-    late by less than this time are still used in their own period. The plan is for the next period, so waiting costs
-    nothing if the step is finished before the present period ends."""
+    late by less than this time are still used in their own period. The plan is for the next period, so the wait has no
+    cost if the step is finished before the present period ends."""
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)

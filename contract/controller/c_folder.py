@@ -109,7 +109,7 @@ class ProgramSettings:
 
 
 def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
-    """Write `sw_settings.h` from definitions, in the form that `ProgramSettings` reads; text is quoted."""
+    """Write `sw_settings.h` from definitions, in the form that `ProgramSettings` reads. Text values are quoted."""
     lines = "\n".join(f"#define {name} {_literal(value)}" for name, value in definitions.items())
     return (
         "/* Generated: sizes and settings of one trained program. */\n"

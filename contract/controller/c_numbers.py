@@ -1,8 +1,8 @@
 """The parameters of a release as a C struct: a constant for the compiler, and the bytes to which the compiler converts
 it.
 
-Both are built from one description, the arrays in the order of the struct's members, so that compiled-in parameters and
-those of an image (`contract.controller.image_payload`) are equal.
+Both are built from one description, which is the arrays in the order of the struct's members. So compiled-in parameters
+and the parameters of an image (`contract.controller.image_payload`) are equal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,7 +44,7 @@ class Numbers:
 
     @property
     def as_packed(self) -> str:
-        """A C expression that is true if the compiler lays the struct out as `packed` does."""
+        """A C expression that is true if the compiler's layout of the struct equals the layout of `packed`."""
         places, size = self._places()
         places_in_c = (f"offsetof({self.struct}, {name}) == {place}" for name, place in places.items())
         return f"({' && '.join([*places_in_c, f'sizeof({self.struct}) == {size}'])})"

@@ -1,8 +1,8 @@
 """The settings of a release that may be changed on the vehicle: the goal of the control, and the limits of the jets.
 
 The paper's controller reads its goal as data: the weights of the cost are inputs of every control step (section on
-multi-objective control). So a fleet can weight drag against side force anew without training or flashing. Calibration
-can narrow the limits but never widen them.
+multi-objective control). So the weights of drag and side force can be changed in a fleet without training or flashing.
+Calibration can narrow the limits but never widen them.
 """
 
 import struct
@@ -102,7 +102,7 @@ class CalibrationLimits:
     greatest: Calibration
 
     def changed(self, now: Calibration, values: Mapping[str, object]) -> Calibration:
-        """Return a calibration with some values replaced, by name. Every change of a weight on an ECU uses this
+        """Return the calibration `now` with some values replaced, by name. Every change of a weight on an ECU uses this
         function. Raises ConfigError for an unknown name, a value that is not a number, or a value outside the limits.
         """
         wanted = dict(zip(CALIBRATION_NAMES, now.values, strict=True))
@@ -118,7 +118,7 @@ class CalibrationLimits:
         return Calibration.of(tuple(wanted.values()))
 
     def check(self, calibration: Calibration) -> None:
-        """Raise ConfigError for a value that is out of range; the message states its name and the range."""
+        """Raise ConfigError if a value is out of range; the message states the name of the value and the range."""
         self.check_values(calibration.values)
 
     def check_values(self, values: Sequence[float]) -> None:

@@ -1,8 +1,8 @@
 """The goal of the control as the prior reads it: the weights of effort and lift relative to drag, and the jets' limit.
 
 The prior of the plan is trained for a range of goals (`train.refinement`). In every control step the prior reads the
-position of the present goal in that range; a goal outside the range has the position of the range's nearest end. The
-MPC iterations optimise only the terms of the cost for which the prior was not trained (`unknown_to_prior`).
+position of the present goal in that range. A goal outside the range is read as the nearest end of the range. The MPC
+iterations optimise only the terms of the cost for which the prior was not trained (`unknown_to_prior`).
 """
 
 from dataclasses import replace
@@ -22,14 +22,14 @@ DEAREST_LIFT: Final = 1.0
 NARROWEST: Final = 0.5
 """Smallest limit of the jets for which a prior is trained, as a share of the release's limit."""
 SPEED_SCALE: Final = 0.4
-"""Relative difference of a vehicle's speed from the design speed that is scaled to 1."""
+"""Difference of a vehicle's speed from the design speed, as a share of the design speed, that is scaled to 1."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
 """Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
 above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the pressures of
 mirrored sensors."""
 SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
-"""Indices of the two speed variables in `SCHEDULED`. With one variable for all speeds, more training at high speeds
-made a prior worse at low speeds."""
+"""Indices of the two speed variables in `SCHEDULED`. There are two because, with one variable for all speeds, more
+training at high speeds made a prior worse at low speeds."""
 
 
 class Goal(NamedTuple):
@@ -56,7 +56,7 @@ class Goal(NamedTuple):
         )
 
     def prices(self) -> tuple[float, float]:
-        """Return the weights of effort and lift relative to a weight of 1 on drag."""
+        """Return the weights of effort and lift, relative to a weight of 1 on drag, at this position."""
         return DEAREST_EFFORT * self.effort**2, DEAREST_LIFT * self.lift**2
 
     def share_of_limit(self) -> float:
@@ -75,21 +75,22 @@ def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
 
 
 def of_two_speeds(parts: Array) -> Array:
-    """Return a prior's scheduled weights with two variables for the speed (`SCHEDULED`, first axis). If they have one
-    variable, as in `truck-wake-13`, its weights are used for both; otherwise the weights are unchanged."""
+    """Return a prior's scheduled weights with two variables for the speed; the first axis has the variables of
+    `SCHEDULED`. If the prior has one variable for the speed, as in `truck-wake-13`, the weights of this variable are
+    used for both. Otherwise the weights are unchanged."""
     below, above = SPEED_PLACES
     return np.insert(parts, above, parts[below], axis=0) if len(parts) == len(SCHEDULED) - 1 else parts
 
 
 def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWeights:
-    """Return the weights for MPC iterations that start from a prior's plan: the weights of terms that the prior does
-    not take into account.
+    """Return the weights for MPC iterations that start from a prior's plan. Terms that the prior takes into account get
+    weight zero.
 
     The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range: the
     expected gradient of a goal's cost with respect to the plan is zero. A gradient that the model computes for such a
-    goal is noise and error, so the weights of the goal are removed. A goal outside the range gets no iterations either:
-    with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in three pairs of
-    runs); with four times the largest weight of effort, iterations did not lower the cost.
+    goal is therefore noise and model error, so these terms get no weight. A goal outside the range gets no iterations
+    either: with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in three pairs
+    of runs); with four times the largest weight of effort, iterations did not lower the cost.
 
     A prior trained for drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """

@@ -1,14 +1,15 @@
 """The payload of an image for a microcontroller: a release's parameters as C reads them, then the text of their layout.
 
 The parameters are `sw_payload` of `sw_image.h`. The text, which C does not read, is the layout: one line for every
-setting and every struct on which the positions or the meaning of the parameters depend. Its SHA-256 identifies the
-layout in the image's header and in a build's `sw_layout.h`; a build refuses parameters of another layout. Nothing else
-in a library's headers belongs to a release, except the identity of the compiled-in release.
+setting and every struct on which the positions or the meaning of the parameters depend. The text's SHA-256 identifies
+the layout, in the image's header and in a build's `sw_layout.h`. A build refuses parameters of another layout. Nothing
+else in a library's headers belongs to a release, except the identity of the compiled-in release.
 
-An ECU must not use an invalid number as an index or a bound. The rules are stated in this module only: a build's
-`sw_layout.h` has them as a table, with which `sw_image_open` checks an image in C, and `check_numbers` checks an image
-in Python. Floating-point numbers must be finite. Divisors and widths must be positive. Integers must be in a range in
-which no sum of the int8 library overflows. Rules that do not fit into the table are in C and in `_together`.
+An ECU must not use an invalid number as an index or a bound. The rules for valid numbers are stated in this module
+only. A build's `sw_layout.h` has them as a table, with which `sw_image_open` checks an image in C; `check_numbers`
+checks an image in Python. Floating-point numbers must be finite. Divisors and widths must be positive. Integers must be
+in a range in which no sum of the int8 library overflows. Rules that do not fit into the table are in C and in
+`_together`.
 """
 
 import hashlib
@@ -41,8 +42,8 @@ _ESTIMATOR_MOST: Final = 2.0**17
 """Largest magnitude of the estimator's weights for which every estimate is finite."""
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
-"""Number that represents a row's scale of 1; `_GAIN_ONE` represents a gain of 1. Both equal those in
-`export.to_c.int8_format`."""
+"""Integer that represents the largest scale of a layer's rows; `_GAIN_ONE` represents the largest gain of a layer. Both
+equal the constants in `export.to_c.int8_format`."""
 _OF_ELU_MOST: Final = 65535.0
 """Largest value of the factor that converts an ELU's integer to the scale of the decoder's residuals."""
 
@@ -52,8 +53,8 @@ Range = tuple[float, float]
 
 
 class Limits(NamedTuple):
-    """The bounds of numbers in a payload: `groups` of `run` numbers each. The first group begins at byte `place`, and
-    each further group begins `stride` bytes after the one before."""
+    """The bounds of some numbers in a payload, which form `groups` groups of `run` consecutive numbers. The first group
+    begins at byte `place`, and each further group begins `stride` bytes after the group before."""
 
     name: str
     dtype: str
@@ -78,8 +79,8 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
         each = _ranges(struct, member, dtype, layout)
         if not each:
             continue
-        # If the last axis has one entry per constant, the constants alternate; otherwise each fills the last axis
-        # (eight outputs).
+        # If the last axis has one entry per constant, the constants alternate in memory. Otherwise the last axis has
+        # eight entries, which belong to the same constant of eight outputs.
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:
@@ -105,8 +106,8 @@ def wrong_in(
 
 
 def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
-    """Return one range for all numbers of an array, or one for each of the constants that the array interleaves; an
-    empty tuple if any number is allowed."""
+    """Return the allowed ranges of an array's numbers: one range for all numbers, or one range for each constant if the
+    array interleaves several constants. The tuple is empty if any number is allowed."""
     if dtype.startswith("float"):
         info: Any = np.finfo(dtype)
         return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
@@ -148,8 +149,8 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number. If the definition is missing, the image belongs to no ECU, and the returned
-    `otherwise` disables the check."""
+    """Return a definition as a number. If the definition is missing, the image belongs to no ECU; the function then
+    returns `otherwise`, which disables the check."""
     return int(layout.get(name, otherwise))
 
 

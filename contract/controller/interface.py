@@ -92,7 +92,8 @@ class Controller(Protocol):
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """Compute a control step; weights and limit default to the controller's. Raises ControllerError on failure."""
+        """Compute a control step. By default, weights and limit are the controller's own. Raises ControllerError on
+        failure."""
 
 
 class RunnableController(Controller, Protocol):
@@ -114,11 +115,11 @@ class CompiledLibrary(Controller, Protocol):
 
     def known_answer(self) -> tuple[float, float]:
         """Return the expected action and cost of the control step that a build runs as its self-test at start. Both
-        equal, bit for bit, the results of a build without fused multiply-add. Raises ControllerError if nothing is
-        expected."""
+        equal, bit for bit, the results of a build without fused multiply-add. Raises ControllerError if the library
+        contains no expected results."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
 """A function that compiles the given files, for the given sizes, into a library on this machine, or raises
-LibraryError. `ecu.in_c` has such a function; the command line passes it to `export`, which thus checks the C code
-without depending on a compiler."""
+LibraryError. `ecu.in_c` has such a function. The command line passes it to `export`, which can thus check the C code
+although it does not depend on a compiler."""

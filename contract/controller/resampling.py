@@ -1,7 +1,7 @@
 """The past at another speed: rows of control periods, resampled to steps of `flow.control_period` in convective time.
 
-A controller expects steps of `flow.control_period` convective times. At s times the design speed a control period lasts
-s of these steps. So the past is interpolated between the rows of the control periods, at the convective times (lengths
+A controller expects rows that are `flow.control_period` convective times apart. At s times the design speed, a control
+period lasts s of these steps. So the rows of the control periods are interpolated at the convective times (lengths
 travelled) that the controller expects.
 
 Below the design speed the control periods are shorter than these steps. A controller that reacted fully in every period
@@ -41,7 +41,8 @@ T = TypeVar("T", Array, float)
 
 
 def followed(before: T, new: T, share: float) -> T:
-    """Return the stored pressures, or the command, after a period in which they move towards `new`.
+    """Return the value at the given share of the way from `before` to `new`, for the stored pressures or for the
+    command.
 
     The result is `new` if the share is 1 or more, that is, at the design speed and above.
     """
@@ -49,7 +50,8 @@ def followed(before: T, new: T, share: float) -> T:
 
 
 def places(speeds: Sequence[float], length: int) -> Places:
-    """Compute the positions of `length` rows, the newest at the newest period; fewer if the past is too short.
+    """Compute the interpolation positions of `length` rows, of which the last is at the newest period. If the past is
+    too short, there are fewer positions.
 
     Args:
         speeds: (n,) speed at each of n periods' samples, oldest first, as a ratio to the design speed, above 0. The

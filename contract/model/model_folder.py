@@ -104,7 +104,7 @@ class Provenance:
     config: Mapping[str, Any]
 
     def training(self) -> dict[str, Any]:
-        """Return the `provenance` of a bundle's manifest without the hashes, for which the manifest has other
+        """Return the `provenance` of a bundle's manifest without the hashes, which the manifest states in other
         fields."""
         return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
 
@@ -161,7 +161,7 @@ class ModelFolder:
 
 
 def check_free(path: Path) -> None:
-    """Raise StillwakeError if writing to `path` would replace anything but a model directory."""
+    """Raise StillwakeError if `path` exists and is neither a model directory nor an empty directory."""
     if path.exists() and not (path.is_dir() and ((path / DESCRIPTION).is_file() or not any(path.iterdir()))):
         raise StillwakeError(f"{path}: exists and is not a model directory; name another directory")
 

@@ -50,7 +50,7 @@ def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.
 
 
 def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
-    """Return the values. Each differs by at most half a quantum from the value before packing."""
+    """Convert integers back to values. Each value differs by at most half a quantum from the value before packing."""
     return integers.astype(np.float64) * quantum
 
 
@@ -67,9 +67,9 @@ EXACT_SERIES: Final = frozenset({"t", "action"})
 """Series stored in double precision, because their values are set and not measured."""
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
-"""Smallest quantum of Cp; the smallest quantum of all other measured series is `QUANTUM`. With 16 bits, Cp can be
-within +-4 and the other series within +-1. The bus transmits Cp in steps of 2.7e-4 (0.1 Pa at the default operating
-point). A series with larger values uses the next power of two with which its values fit."""
+"""Smallest quantum of Cp; the smallest quantum of all other measured series is `QUANTUM`. With these quanta, 16 bits
+hold Cp within +-4 and the other series within +-1. A series with larger values uses the next power of two with which
+its values fit. The bus transmits Cp in steps of 2.7e-4 (0.1 Pa at the default operating point)."""
 COARSEST_QUANTUM: Final = 2.0**-8
 """Largest quantum. Values beyond +-128 are therefore refused; no coefficient of this flow comes near that value."""
 _CHUNK: Final = 1000
@@ -109,15 +109,15 @@ class Dataset:
 
     @property
     def plant(self) -> PlantFacts:
-        """The plant's facts. Missing facts come from the episodes' provenance; a missing control period may also come
-        from the times t."""
+        """The plant's facts. Facts missing here come from the episodes' provenance; a control period missing there too
+        comes from the times t."""
         given = () if self.facts is None else (self.facts,)
         return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
 
 
 def read(path: Path) -> Dataset:
-    """Read and check a data set. Raises DatasetError if the file is missing, truncated or of another schema, or has an
-    invalid field; the message states the file, the episode and the field."""
+    """Read and check a data set. Raises DatasetError if the file is missing, truncated or of an unsupported schema, or
+    has an invalid field; the message states the file, the episode and the field."""
     dataset, problems = survey(path)
     if dataset is None or problems:
         first = problems[0]

@@ -1,9 +1,9 @@
-"""An episode, which is one uninterrupted recording: its series, their units, and the conditions that they must meet.
+"""An episode, which is one uninterrupted recording: its series, their units, and the conditions for a valid episode.
 
-Sample k holds Cp, the forces at t_k and the action a_k commanded at t_k; the jet ramps linearly from a_{k-1} to a_k
-over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.
+Sample k holds Cp and the forces at t_k, and the action a_k commanded at t_k. The action of the jets changes linearly
+from a_{k-1} to a_k over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.
 
-Facts describe the plant: control period, limit of the jets, Reynolds number.
+The facts about the plant are control period, limit of the jets and Reynolds number.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,8 +18,8 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of the times in a table of forces for a log: seconds on the log's clock ("log"), seconds since the log's first
-pressure ("start"), or units of W / U_inf since that pressure ("t_c")."""
+"""Clock of the times in a table of forces for a log. The clocks are "log", seconds on the log's clock; "start", seconds
+since the log's first pressure; and "t_c", units of W / U_inf since that pressure."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,5 @@
-"""The check of a data set before training or export, which finds everything that would make one of them fail."""
+"""The check of a data set before training or export. It finds every property of the data set with which training or
+export would fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -17,19 +18,21 @@ from contract.recording.plausible import dominant_frequency, implausible, longes
 
 STEP_TOLERANCE: Final = 0.05
 """Largest deviation of a time step from the control period, as a share of the period. A clock error of a twentieth of a
-period has less effect, through the recorded ramp of the jets, than the resolution of the four pressures."""
+period shifts the ramp of the jets in the recording. This shift has less effect than the resolution of the four
+pressures."""
 CLOCK_TOLERANCE: Final = 1e-3
 """Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
 steps, the model's clock is then wrong by a fortieth of a step."""
 LIMIT_TOLERANCE: Final = 1e-6
 """Largest excess of an action over the limit, as a share of the limit, that rounding in a text file explains."""
 QUIET: Final = 0.05
-"""Share of the action limit below which jets count as off or weak."""
+"""Share of the action limit below which an action counts as zero or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Smallest and largest plausible extent of the sensors' positions, in W. The extent in mm or m is mostly outside this
-range."""
+"""Smallest and largest plausible extent of the sensors' positions, in W. If the positions are in mm or m, the extent is
+mostly outside this range."""
 _USED: Final = 0.25
-"""Smallest plausible ratio of the largest training action to the limit. With a wrong unit the ratio is far smaller."""
+"""Smallest plausible ratio of the largest training action to the limit. If the action or the limit has a wrong unit,
+the ratio is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
 """Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
 in seconds, the peak is mostly outside this range."""
@@ -59,8 +62,8 @@ class Finding:
 
 
 def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tuple[Finding, ...]:
-    """List all findings under the given settings, those that prevent training first. `choosing` states whether training
-    chooses the sensors according to `config.train`; it is False if the caller names the sensors."""
+    """List all findings under the given settings; findings that prevent training come first. `choosing` states whether
+    training chooses the sensors according to `config.train`; it is False if the caller names the sensors."""
     found = [
         *_disagreements(dataset, config),
         *_missing_roles(dataset),
@@ -76,13 +79,14 @@ def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tupl
 
 
 def agreeing(dataset: Dataset, config: Config) -> Config:
-    """Return the settings, in which the known facts of the data set's plant replace the values of the same names."""
+    """Return the settings with values of `config.flow` replaced by the known facts of the data set's plant."""
     known: dict[str, Any] = {name: value for name, value in dataset.plant.as_dict().items() if value is not None}
     return replace(config, flow=replace(config.flow, **known))
 
 
 def refuse_unfit(found: Sequence[Finding], name: str) -> None:
-    """Raise DatasetError for the first finding that prevents training, with the number of further findings."""
+    """Raise DatasetError if a finding prevents training; the message has the first such finding and the number of the
+    others."""
     stopping = [item.text for item in found if item.stops == "training"]
     if stopping:
         others = f" (and {len(stopping) - 1} more: see `stillwake dataset inspect {name}` with the same settings)"
@@ -280,7 +284,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
 
 
 def asymmetry(dataset: Dataset) -> Iterator[Finding]:
-    """Report mirrored sensors whose mean pressures differ, so that the mirrored recording is no possible flow."""
+    """Report mirrored sensors whose mean pressures differ. The mirror image of such a recording is no possible flow."""
     mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in dataset.episodes if item.role == "train"]
     if mirror is None or not training:
         return
@@ -299,7 +303,7 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _forcing(dataset: Dataset) -> Iterator[Finding]:
-    """Report if the jets' forcing has one frequency only in all training episodes."""
+    """Report a forcing of the jets that has a single frequency, equal in all training episodes."""
     period = dataset.plant.control_period
     if period is None:
         return
@@ -323,7 +327,7 @@ def _forcing(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _units(dataset: Dataset) -> Iterator[Finding]:
-    """Report numbers that a wrong unit explains: millimetres, seconds, or different units of limit and actions."""
+    """Report numbers that suggest a wrong unit: millimetres, seconds, or different units of limit and actions."""
     positions = dataset.layout.positions
     span = float(np.ptp(positions, axis=0).max())
     if len(positions) > 1 and not _SPAN[0] <= span <= _SPAN[1]:

@@ -1,4 +1,4 @@
-"""The number of control steps that an episode must have for training and export, and the reasons.
+"""The numbers of control steps that an episode must have for training and export, and the reasons for them.
 
 Windows do not cross an episode's boundary, so each episode must contain all steps that are read together.
 """
@@ -22,17 +22,18 @@ CALIBRATION_WINDOWS: Final = 400
 """Number of recorded windows with which int8 rounding is calibrated, counted over all kinds of forcing together."""
 
 LEAST_CALIBRATION: Final = 50
-"""Smallest number of windows to calibrate int8: two shedding cycles of the truck. With fewer windows, the measured
-ranges of the activations may miss parts of the cycle, and a value outside a calibrated range saturates on the vehicle.
-"""
+"""Smallest number of windows with which int8 rounding is calibrated: two shedding cycles of the truck. With fewer
+windows, the measured ranges of the activations may miss parts of the cycle, and on the vehicle a value outside a
+calibrated range saturates."""
 
 WINDOW_STEP: Final = 8
-"""Number of steps of which the window must be a multiple for the sensor check of the ECU in C."""
+"""Number of steps of which the window must be a multiple, so that the ECU in C can check the sensors."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """A smallest number of control steps, and an explanation of the parts that add up to this number."""
+    """The smallest number of control steps for a purpose, and an explanation of the parts that add up to this
+    number."""
 
     steps: int
     reason: str
@@ -71,7 +72,8 @@ def gate_need(config: Config) -> Need:
 
 
 def calibration_need(config: Config) -> Need:
-    """Return the number of steps that a "train" episode of each kind of forcing needs for calibrating int8."""
+    """Return the number of steps that an episode with role "train" needs for calibrating int8. Each kind of forcing
+    needs one such episode."""
     window = config.model.window
     return Need(
         steps=window - 1 + LEAST_CALIBRATION,

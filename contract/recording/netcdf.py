@@ -1,4 +1,4 @@
-"""An episode as a netCDF file with the conventions of CF, for xarray, ParaView, MATLAB, R and others."""
+"""A writer of episodes as netCDF files with the conventions of CF, for xarray, ParaView, MATLAB, R and others."""
 
 import json
 from pathlib import Path

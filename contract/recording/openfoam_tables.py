@@ -28,9 +28,9 @@ class FoamTable:
 
 
 def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
-    """Read the table in a function object's folder, which has a folder for every start of the case. The rows of a start
-    replace the rows of earlier starts from its first time on. Return None if there is no such file. Raises OSError, or
-    ValueError that states file and line.
+    """Read the table in a function object's folder, which has a subfolder for every start of the case. The rows of a
+    start replace all rows of earlier starts from the time at which this start begins. Return None if there is no such
+    file. Raises OSError, or ValueError that states file and line.
 
     Args:
         file: regular expression of the file's name.

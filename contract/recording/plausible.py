@@ -1,4 +1,5 @@
-"""Checks for numbers that a wall, a force balance or a logger hardly ever gives, with likely cause and remedy.
+"""Checks for numbers that a pressure sensor, a force balance or a logger hardly ever gives. Each report states the
+likely cause and a remedy.
 
 The checks are per episode and per sensor. They do not stop training: the bounds are those of usual bodies in a stream,
 and the body may be unusual.
@@ -25,7 +26,7 @@ def dominant_frequency(values: Array, period: float) -> float | None:
         return None
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
-    # Lower frequencies are drift, because the record has less than one and a half of their periods.
+    # Peaks at lower frequencies are drift, because the record has less than one and a half periods of them.
     first = 12
     return float((first + spectrum[first:].argmax()) / (padded * period))
 
@@ -44,12 +45,13 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 _HIGHEST: Final = 1.1
 """Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and q."""
 _LOWEST: Final = -5.0
-"""Lowest plausible mean Cp: suction peaks at a leading edge or a rotating cylinder. Means down to -5.5 are accepted."""
+"""Lowest plausible mean Cp, which suction peaks at a leading edge or a rotating cylinder reach. With a margin of 10 %,
+only means below -5.5 are reported."""
 _SWINGS: Final = (-6.0, 1.25)
-"""Bounds of Cp that at most one row in twenty may exceed. Gusts and noise of 15 % at a stagnation point do not exceed
-them."""
+"""Lower and upper bound of Cp; at most one row in twenty may be beyond either bound. Gusts and noise of 15 % at a
+stagnation point stay within the bounds."""
 _MOMENT: Final = 20.0
-"""|Cp| above which a single row is an error: conical vortices on roofs reach 15 for moments."""
+"""Largest plausible |Cp| in a single row. Conical vortices on roofs reach 15 for moments."""
 _FORCE: Final = 5.0
 """Largest plausible mean Cd, and largest plausible standard deviation of Cl. A plate across the stream has a Cd of 2,
 and of 4 in a narrow tunnel; only creeping flow, which has no wake, has a larger Cd. Cylinders that oscillate with their
@@ -57,24 +59,26 @@ wake have a Cl of 3."""
 _DRAG: Final = 0.02
 """Smallest plausible mean Cd, based on the width across the stream; slender sections have 0.04."""
 _FLAT: Final = 0.01
-"""Smallest plausible root mean square of all Cp; at the base of a slender body it is 0.1."""
+"""Smallest plausible root mean square of all Cp. It is 0.1 at the base of a slender body."""
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control removes half of the drag, rarely more."""
 _SCALE_OF_LIFT: Final = 10.0
 """Largest plausible ratio, between files, of Cl's standard deviation divided by Cp's; one wake causes both
 fluctuations."""
 _FAR: Final = (4.0, 10.0)
-"""Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is treated as a missing reading:
-its distance from the next value, and its distance from the median in interquartile ranges of the other values."""
+"""Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
+The first is the distance from the next value. The second is the distance from the median of the other values, in
+interquartile ranges of these values."""
 _STILL: Final = 20
-"""Number of rows during which a sensor may be constant while the other sensors change: most of a shedding cycle."""
+"""Number of rows for which a sensor may be constant while the other sensors change: most of a shedding cycle."""
 _STEPS: Final = 4.0
-"""Number of steps of resolution: a constant sensor counts as stuck if the others' variation suggests a larger
-change."""
+"""Smallest change, in steps of a sensor's resolution, that must be expected of a constant sensor for it to count as
+stuck. The expected change follows from the variation of the other sensors."""
 _FINEST: Final = 2.0**-12
-"""Smallest step between values that is assumed for a series: two times the quantum with which a data set stores Cp."""
+"""Smallest step between values that is assumed for a series: twice the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""Share of rows at the largest or smallest value, in runs of three or more, above which a sensor may be saturated."""
+"""Share of rows above which a sensor may be saturated. The rows are those at the sensor's largest or smallest value, in
+runs of three or more."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
@@ -89,8 +93,8 @@ _Note = tuple[str, str]
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report one line per cause, with the episodes and values that indicate the cause; then one per difference of
-    files."""
+    """Report one line per cause, with the episodes and values that indicate this cause. Then report one line per
+    difference between files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -278,8 +282,8 @@ def _readings(
             here = table[:, k] == extreme
             starts, lengths = _runs(here)
             clipped = int(lengths[lengths >= 3].sum())
-            # `usual` is the share of rows in which a sine is within four resolution steps of its peak: twice the share
-            # within one step.
+            # `usual` is the share of rows in which a sine is within four resolution steps of its largest value. This
+            # share is twice the share within one step.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue
@@ -297,8 +301,8 @@ def _readings(
 
 
 def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: Array) -> float:
-    """Return the variation of the other columns, or of the jets, in these rows, relative to their variation in all
-    rows."""
+    """Return the variation of the other sensors, or of the jets if it is larger, in these rows. It is relative to the
+    variation in all rows."""
     others = np.delete(np.arange(len(spread)), k)
     others = others[spread[others] > 0]
     moved = float(np.median(table[:, others].std(axis=0) / spread[others])) if others.size else 0.0
@@ -327,13 +331,13 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
 
 
 def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array) -> Iterator[str]:
-    """Report files that contain rows of another file, because a test on rows from training shows nothing."""
+    """Report files that contain rows of another file. A test on such rows, which training has read, shows nothing."""
     chosen = [*np.unique(np.linspace(0, len(spread) - 3, 4).astype(int)), -2, -1]
     cells = np.maximum(2 * _FINEST, spread[chosen] / _CELLS)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A periodic wake repeats itself within one file too. So only rows that differ from all other rows of their file
+    # A periodic wake repeats itself within one file too, so only rows that differ from all other rows of their file
     # count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1
@@ -351,7 +355,8 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
         in_order = pairs[pairs[:, 0] - pairs[:, 1] == offsets[times.argmax()], 1]
         between = (owner == b) & alone & (step >= in_order.min()) & (step <= in_order.max())
         few, ahead = min(len(tables[a]), len(tables[b])), int(offsets[times.argmax()])
-        # Rounding may move values into other cells, so the rows themselves are compared at the matches' offset.
+        # Rounding may move equal values into different cells, so the rows themselves are compared at the offset of the
+        # matches.
         one, other = tables[a][max(ahead, 0) :], tables[b][max(-ahead, 0) :]
         size = min(len(one), len(other))
         same = np.abs(one[:size] - other[:size]).max(axis=1) <= 4 * _FINEST

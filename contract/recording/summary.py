@@ -12,9 +12,9 @@ from contract.recording.needs import WINDOW_STEP, window_for_c
 from contract.recording.plausible import dominant_frequency, longest_run
 
 HORIZON_CYCLES: Final = 1.0
-"""The length of the MPC's horizon, in shedding cycles (paper, section 2.4)."""
+"""Length of the MPC's horizon, in shedding cycles (paper, section 2.4)."""
 WINDOW_CYCLES: Final = 1.28
-"""The length of the encoder's window, in shedding cycles: the paper's 32 steps at 25 steps per cycle."""
+"""Length of the encoder's window, in shedding cycles: the paper's 32 steps at 25 steps per cycle."""
 _PRACTICAL: Final = (10, 60)
 """Smallest and largest number of control steps per cycle for which horizon and window are derived from the cycle. With
 fewer steps the jets' ramp is coarse; with more steps a control step takes too long."""
@@ -51,8 +51,8 @@ def summarise(dataset: Dataset) -> tuple[EpisodeSummary, ...]:
 
 
 def uncontrolled(dataset: Dataset) -> Episode | None:
-    """Return the longest part of an episode in which the jets are off or weak, as an episode; None if there is no such
-    part."""
+    """Return the longest part of an episode in which the actions are zero or weak, as an episode; None if there is no
+    such part."""
     limit = dataset.plant.action_limit
     best: Episode | None = None
     for episode in dataset.episodes:
@@ -72,7 +72,8 @@ def uncontrolled(dataset: Dataset) -> Episode | None:
 
 
 def fitting_settings(dataset: Dataset) -> str:
-    """Return the text of a TOML file for `--set`: the settings that follow from the data set, and their reasons."""
+    """Return the text of a TOML file for `--set`. The file has the settings that follow from the data set, and the
+    reasons for their values."""
     return "\n".join(_settings_lines(dataset)) + "\n"
 
 

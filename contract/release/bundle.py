@@ -4,7 +4,7 @@
 the data set, weights and program from which it was built; and the SHA-256 of every other file and of the DBC.
 
 `manifest.sig`, if present, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so covers
-everything that the manifest states. Loading verifies everything; an error states the file or field. The manifest's own
+everything that the manifest states. Loading verifies all files; an error states the file or field. The manifest's own
 hash detects accidental changes. A signature by a trusted key detects deliberate changes too.
 
 `controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`.
@@ -71,8 +71,8 @@ def check_replaceable(path: Path) -> None:
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
     """Verify everything in a bundle except its signature, and sign the bundle in place. Raises BundleError as `load`
-    does; StillwakeError if the bundle cannot be written. `judge` is called before signing; it raises an error to
-    prevent the signature."""
+    does; StillwakeError if the bundle cannot be written. `judge` is called before signing; if it raises an error, the
+    bundle is not signed."""
     contents = read_files(path)
     contents.pop(SIGNATURE, None)
     bundle = read_checked(path, contents)
@@ -175,7 +175,7 @@ def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
     """Return the results of every check that `load` makes, in the order of `load`; the result of a failed check has its
     error.
 
-    The list ends at a check that cannot be made because an earlier check failed.
+    If a check cannot be made because an earlier check failed, the list ends before this check.
     """
     try:
         contents = read_files(path)

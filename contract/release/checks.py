@@ -76,7 +76,7 @@ class Check:
 
 
 def sha256(data: bytes) -> str:
-    """Return the SHA-256 of bytes in hex, as manifests state it."""
+    """Return the SHA-256 of bytes in hex, the form that manifests have."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -92,13 +92,15 @@ def dbc_sha256() -> str:
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks made so far while a bundle is read. The first failed check ends the reading, unless `lists` is set."""
+    """The checks made so far while a bundle is read. The first failed check ends the reading, unless `lists` is set.
+    Then every check that is still possible is made."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Run a check on which no other check depends. If the check fails and `lists` is set, return None."""
+        """Make a check whose failure does not prevent other checks. If the check fails and `lists` is set, return
+        None."""
         try:
             value = verify()
         except BundleError as error:
@@ -138,7 +140,7 @@ def read_checked(
     signer = made.check(SIGNATURE, lambda: _verify_signature(path, raw, signature, trusted), signed_by)
     opened = made.need(MANIFEST, lambda: open_manifest(path, raw))
     made.check(MANIFEST, lambda: opened.digest)
-    # The list has the files that are present and the files that must be present.
+    # These are the names of the files that are present and of the files that must be present.
     names = sorted({CONTROLLER} | opened.hashes.keys() | parts.keys())
     sound = {name for name in names if made.check(name, partial(_verify_file, path, name, parts, opened.hashes))}
     if not any_dbc:

@@ -1,4 +1,4 @@
-"""The files of a bundle in a directory: reading with bounds and checks, and writing completely or not at all.
+"""A reader and a writer of a bundle's directory. Reading is bounded and checked; writing is complete or has no effect.
 
 A bundle may come from anyone. So names must be plain, links are not followed, and sizes are limited while reading.
 
@@ -99,7 +99,7 @@ def _open_plain(path: Path, name: str) -> IO[bytes]:
 
 
 def _read_at_most(file: IO[bytes], most: int) -> bytes:
-    """Read up to `most` bytes in pieces, because a sparse file can state a size that no memory can hold."""
+    """Read up to `most` bytes in pieces, because a sparse file can state a size for which no memory is large enough."""
     pieces: list[bytes] = []
     while most > 0 and (piece := file.read(min(most, _CHUNK))):
         pieces.append(piece)

@@ -127,7 +127,8 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
 
 
 def signer_of(image: bytes) -> PublicKey | None:
-    """Verify an image's signature and return the signer's key; None if the image is unsigned. Nothing else is checked.
+    """Verify an image's signature and return the signer's key; None if the image is unsigned. The rest of the image is
+    not checked.
 
     Raises:
         BundleContainerError: the bytes are no complete image.

@@ -22,7 +22,8 @@ from contract.release.signing import PublicKey
 
 _MAX_BYTES: Final = 64 * 2**20
 _FEW: Final = 8
-"""Largest number of an array's values that are shown. For a larger array, the type, shape and hash are shown."""
+"""Largest number of values of an array that are shown. For a larger array, the type, shape and hash are shown
+instead."""
 
 
 def is_image(path: Path) -> bool:
@@ -99,7 +100,8 @@ class Difference(NamedTuple):
 
 def differences(a: Path, b: Path) -> list[Difference]:
     """List all differences between two bundles or images; fields of a manifest have dotted names. The bundles may be
-    for other versions' DBCs. Raises BundleError as `contract.release.bundle.load` does, except for the DBC."""
+    for the DBCs of other versions. Raises BundleError as `contract.release.bundle.load` does, except for another DBC.
+    """
     rows = []
     ours, theirs = _facts(a), _facts(b)
     for name in [*ours, *(name for name in theirs if name not in ours)]:

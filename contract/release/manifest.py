@@ -32,22 +32,24 @@ this version if the security version was never raised."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
-"""Largest window and horizon, in steps. This is hundreds of times the window of the release, and needs little
-memory."""
+"""Largest window and horizon, in steps. This number is hundreds of times the window of the release, and such a window
+needs little memory."""
 MAX_RESTING: Final = 100
 """Largest number of speeds for which the wake without jets is stated. The ECU searches these speeds in every period."""
 WeightPrecision = Literal["float32", "int8"]
-"""Type of the weights; `controller.onnx` calculates in float32 with both types."""
+"""Type of the stored weights. `controller.onnx` calculates in float32 with either type."""
 PRECISIONS: Final[tuple[WeightPrecision, ...]] = get_args(WeightPrecision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
-"""The only form of ISO 8601 that is written and accepted; `date.fromisoformat` would also accept week dates."""
+"""Form in which dates are written and accepted. ISO 8601 has further forms, such as week dates, which
+`date.fromisoformat` would also accept."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scaling:
-    """Standardisation inside the controller: scaled = (value - mean) / std, for each sensor and each force."""
+    """Standardisation inside the controller: scaled = (value - mean) / std, with separate means and deviations for each
+    sensor and each force."""
 
     pressure_mean: tuple[float, ...]
     pressure_std: tuple[float, ...]
@@ -173,8 +175,8 @@ class Manifest:
 
     @property
     def past(self) -> int:
-        """Number of past control periods that the controller's window needs. This number exceeds the window's number of
-        rows if the vehicle may be slower than the design speed."""
+        """Number of past control periods that the controller's window needs. If the vehicle may be slower than the
+        design speed, this number exceeds the window's number of rows."""
         slowest = 1.0 if self.speeds is None else self.speeds.slowest
         return self.window if slowest == 1.0 else ceil(self.window / slowest) + 1
 
@@ -268,7 +270,8 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
 
 
 class Opened(NamedTuple):
-    """A manifest whose hash of itself is correct, split into schema, fields, hashes of files and DBC, and that hash."""
+    """A manifest whose own hash was verified, split into schema, fields, hashes of files and DBC, and the manifest's
+    own hash."""
 
     schema: str
     body: Mapping[str, Any]
@@ -278,7 +281,7 @@ class Opened(NamedTuple):
 
 
 def is_sha256(value: object) -> bool:
-    """Return whether the value is a SHA-256 as manifests state it."""
+    """Return whether the value is a SHA-256 in hex, the form that manifests have."""
     return isinstance(value, str) and _SHA256.fullmatch(value) is not None
 
 

@@ -1,9 +1,10 @@
 """Content that is forbidden in a bundle's graphs; the bytes are checked before ONNX Runtime reads them.
 
 A graph may come from anyone. ONNX Runtime refuses unknown operators. Opening the graph's session refuses other inputs,
-outputs and shapes, and a first step runs in bounded time and memory (`contract.runtime`). Two cases remain: constants
-in other files, and operators that are not ONNX's own. Each of them puts a certain text somewhere into the file, and no
-exported graph contains this text. When a graph is signed, it is checked more strictly (`export.release.judged`).
+outputs and shapes, and a first step runs in bounded time and memory (`contract.runtime`). Two kinds of content remain,
+which this module refuses: constants in other files, and operators that are not ONNX's own. Each of them puts a certain
+text somewhere into the file, and no exported graph contains this text. When a graph is signed, it is checked more
+strictly (`export.release.judged`).
 """
 
 from typing import Final

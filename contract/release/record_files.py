@@ -1,7 +1,7 @@
 """Images as lines of text, which workshop and flash tools read: Intel HEX, and Motorola S-records in the form S37.
 
-Addresses begin at 0: they are offsets in the image, as in a download through UDS, and not addresses in the memory of an
-ECU.
+Addresses are offsets in the image and begin at 0, as in a download through UDS. They are not addresses in the memory of
+an ECU.
 """
 
 from collections.abc import Callable, Mapping

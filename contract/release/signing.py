@@ -42,9 +42,9 @@ _SMALL_ORDER: Final = frozenset(
         "ee" + "ff" * 30 + "7f",
     )
 )
-"""The y coordinates of the points of small order, whose multiple by eight is the identity; the last two coordinates are
-not reduced. A "signature" by such a key is valid for any text, so these points are refused as keys (RFC 8032, section
-8.8; the list is libsodium's)."""
+"""The y coordinates of the points of small order: eight times such a point is the identity. The last two coordinates
+are not reduced. With such a key, a "signature" is valid for any text, so these points are refused as keys (RFC
+8032, section 8.8; the list is libsodium's)."""
 _OWNER_ONLY: Final = 0o600
 _ALL_READ: Final = 0o644
 
@@ -67,8 +67,8 @@ def sign(key: Ed25519PrivateKey, data: bytes) -> bytes:
 
 
 def signer(signature: bytes, data: bytes) -> PublicKey | None:
-    """Check a signature file against the signed bytes. Returns the key that the file states, or None if the signature
-    was not made with this key. Raises ValueError if the file does not have the form of `manifest.sig`."""
+    """Check a signature file against the signed bytes. Returns the key in the file; None if the signature was not made
+    with this key. Raises ValueError if the file does not have the form of `manifest.sig`."""
     match = _TEXT.fullmatch(signature)
     if match is None:
         raise ValueError("not of the form stillwake-signature/1")
@@ -104,8 +104,7 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content, mode in ((PRIVATE_KEY, secret, _OWNER_ONLY), (PUBLIC_KEY, public, _ALL_READ)):
-            # The file is created exclusively and with its final mode, so that other users can at no moment read the
-            # key.
+            # The file is created exclusively and with its final mode, so that other users can never read the key.
             with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
                 written.append(folder / name)
                 file.write(content)

@@ -1,5 +1,5 @@
-"""A reader of strict JSON, which refuses all content that readers could interpret differently or that could overload
-them.
+"""A reader of strict JSON. It refuses content that two readers could interpret differently, or that could overload a
+reader.
 
 Python's `json` accepts more than the standard: NaN, numbers beyond a double, duplicate keys, lone surrogates, integers
 of any length, nesting to the limit of the stack. A manifest may come from anyone, so this module refuses all of them.
@@ -18,7 +18,7 @@ _MAX_DIGITS: Final = 19
 
 
 def decode(raw: bytes) -> dict[str, Any]:
-    """Return the table in a file. Raises ValueError if the file contains anything else."""
+    """Return the table in a JSON file with these bytes. Raises ValueError if the bytes are anything else."""
     try:
         tree = json.loads(
             raw.decode("utf-8"),
@@ -36,7 +36,8 @@ def decode(raw: bytes) -> dict[str, Any]:
 
 
 def encode(tree: Mapping[str, Any]) -> bytes:
-    """Return a table as bytes. Raises ValueError for a number that is not finite, TypeError for unknown types."""
+    """Return a table as the bytes of a JSON file. Raises ValueError for a number that is not finite, TypeError for
+    unknown types."""
     return (json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
 
 

@@ -44,9 +44,9 @@ class BoundedGraph:
     def tried(self, limit_s: float) -> None:
         """Run one step of the graph without optimisation, in bounded time and memory.
 
-        When ONNX Runtime optimises a graph, it computes constant expressions during loading, and neither the time nor
-        the memory for this can be bounded. A step without optimisation does the same computations, and it can be
-        bounded. Raises BundleControllerError as `session` and `run_on_zeros` do.
+        When ONNX Runtime optimises a graph, it computes constant expressions during loading. Neither the time nor the
+        memory of this computation can be bounded. A step without optimisation does the same computation in bounded time
+        and memory. Raises BundleControllerError as `session` and `run_on_zeros` do.
         """
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
@@ -101,14 +101,15 @@ class BoundedGraph:
 def _options() -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    # Errors are raised as exceptions, so they need not be printed. The optional `weights` input, an initialiser that
-    # may be overridden, would cause a warning whenever the graph is loaded.
+    # Errors are raised as exceptions, so they need not be printed. Without this line, the optional input `weights`,
+    # which is an initialiser that may be overridden, would cause a warning whenever the graph is loaded.
     options.log_severity_level = 4
     # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, the search
     # starts at a path that is no folder, and not in the working directory.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
-    # The memory limit also applies during control, where a graph may need more memory than it needs for zeros.
+    # Sessions get this allocator because the memory limit also applies during control, where a graph may need more
+    # memory than for zeros.
     _register_bounded_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     return options

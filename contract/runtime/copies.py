@@ -7,8 +7,8 @@ from typing import ClassVar, NoReturn, Self
 class CopiedWhole:
     """A stateful object for which `copy.copy` acts like `copy.deepcopy`: the copy shares nothing with the original.
 
-    A shallow copy would share the arrays with the original but count its own steps, so each would change the arrays of
-    the other.
+    A shallow copy would share the arrays with the original but have its own count of steps, so original and copy would
+    each change the arrays of the other.
     """
 
     def __copy__(self) -> Self:

@@ -13,7 +13,7 @@ from contract.runtime.bounded_session import BoundedGraph
 
 WARM_UP_LIMIT_S: Final = 10.0
 """Longest time for all steps of a warm-up, in s. The paper's controller takes some milliseconds per step, and its
-deadline is 20 ms. A graph that takes a thousand times longer does not end or is no controller."""
+deadline is 20 ms. A graph that takes a thousand times longer either never ends or is no controller."""
 
 
 class OnnxController:

@@ -1,1 +1,1 @@
-"""Import of a user's files as a data set: tables, arrays or OpenFOAM cases."""
+"""Functions that import a user's files as a data set: tables, arrays or OpenFOAM cases."""

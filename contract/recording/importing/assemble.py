@@ -1,4 +1,4 @@
-"""The assembly of a data set from files, one file per episode. Everything is checked before anything is written."""
+"""The assembly of a data set from files, one file per episode. All files are checked before the data set is written."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ _LARGEST: Final = 127.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MadeEpisode:
-    """An episode that was computed from a file, for example from a part of a CAN log and its forces.
+    """An episode that was computed from a file before the import, for example from a part of a CAN log and its forces.
 
     Attributes:
         series: arrays of the series in `contract.recording.episode.REQUIRED`; Cp is dimensionless.
@@ -143,7 +143,7 @@ def _episode(
     path, arrays, period, limit = source.path, contents.arrays, facts.control_period, facts.action_limit
     assert period is not None
     assert limit is not None
-    # In a CSV file the initial action is a column; its first row is used.
+    # In a CSV file the initial action is a column, of which only the first row is used.
     initial = float(np.ravel(arrays.pop(INITIAL_ACTION, np.zeros(1)))[0])
     for name in REQUIRED:
         if name not in arrays and name != "t":

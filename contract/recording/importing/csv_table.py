@@ -1,4 +1,4 @@
-"""Reading of CSV tables, one of which lists the sensors. Errors state file, line and column."""
+"""A reader of CSV tables, and of the table that lists the sensors. Errors state file, line and column."""
 
 import csv
 import re
@@ -63,8 +63,9 @@ def read_csv(path: Path) -> CsvTable:
     """Read a table: a header line, then rows. Cells are separated by commas, semicolons or tabs.
 
     Empty lines are skipped. Lines above the header that begin with # are comments. If numbers directly follow the
-    comments, the last comment is the header, as `numpy.savetxt` writes it. Raises DatasetError if the file cannot be
-    read as text, has no header or no rows, or has a row whose number of cells differs from the header's.
+    comments, the last comment is taken for the header, because `numpy.savetxt` writes a header in this form. Raises
+    DatasetError if the file cannot be read as text, has no header or no rows, or has a row whose number of cells
+    differs from the header's.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -127,7 +128,7 @@ def _with_header(content: list[str]) -> list[str]:
 
 
 def _number(cell: str) -> float:
-    """Parse a number in the notation of tables. Python's notation 1_000 is refused. Raises ValueError."""
+    """Parse a number in the notation of tables. Raises ValueError for other text, and for Python's notation 1_000."""
     return float(cell.replace("_", "?"))
 
 
@@ -140,7 +141,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
-    """Refuse a first line without column names, so that the error message says more than that a column is missing."""
+    """Refuse a first line without column names. Otherwise the error message would only say that a column is missing."""
     if all(map(_is_number, header)):
         raise DatasetError(f"{path}: line {line} holds numbers; the first line must have the names of the columns")
     if len(header) == 1 and len(header[0].split()) > 1:
@@ -159,8 +160,8 @@ def read_sensors(
 ) -> SensorLayout:
     """Read the sensors' layout, in the order of the file's rows. Raises DatasetError if a column is missing or a cell
     does not fit; the message states file, line and column. `symmetric` states whether body and jets are symmetric about
-    y = 0. The sensors' mirror images follow from their positions, if every sensor has a mirror image. If there are
-    columns that are not used, `told` is called with their names."""
+    y = 0. If they are, and every sensor has a mirror image, the mirror images are found from the positions. If there
+    are columns that are not used, `told` is called with their names."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
         if column not in table.header:

@@ -17,14 +17,14 @@ from contract.recording.openfoam_tables import FoamTable, read_foam_table
 from contract.sensor_layout import SensorLayout
 
 _ACTIONS: Final = "actions.csv"
-"""Name of the file of actions beside postProcessing, with the columns t (time of the case) and action. A case without
-this file has no control."""
+"""Name of the file of actions beside the folder postProcessing. The columns of the file are t (time of the case) and
+action. A case without this file counts as uncontrolled."""
 _POST: Final = "postProcessing"
 _PRESSURES: Final = r"p(_[-+.\de]+)?"
 _FORCES: Final = r"(coefficient|forceCoeffs)(_[-+.\de]+)?\.dat"
 _NUMBER: Final = re.compile(r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?")
 _NOT_FOUND: Final = 1e299
-"""Magnitude of a probe's value above which the probe is outside the mesh; OpenFOAM then writes -1e300."""
+"""Magnitude above which a probe's value means that the probe is outside the mesh; OpenFOAM then writes -1e300."""
 _GAP: Final = 1.05
 """Largest distance between two rows over which values are interpolated, in control periods."""
 _AT: Final = 0.01
@@ -50,10 +50,10 @@ def read_case(
     renamed: Mapping[str, str],
     references: Mapping[str, Reference],
 ) -> Contents:
-    """Read rows one control period apart, interpolated linearly if the case wrote finer rows. The pressure p is
-    kinematic; magUInf of the force coefficients converts p to Cp, unless `references` gives the scale. Raises
-    DatasetError if the tables cannot be read, or do not fit the layout or the period; the message states the file. The
-    arguments are those of `contract.recording.importing.source_file.read_source`."""
+    """Read rows one control period apart. If the case has rows at other times, they are interpolated linearly. The
+    pressure p is kinematic; magUInf of the force coefficients converts p to Cp, unless `references` gives the scale.
+    Raises DatasetError if the tables cannot be read, or do not fit the layout or the period; the message states the
+    file. The arguments are those of `contract.recording.importing.source_file.read_source`."""
     pressures, forces = _table(path, case, _PRESSURES, "probes of p"), _table(path, case, _FORCES, "forceCoeffs")
     speed = _speed(forces)
     if speed is None and "Cp" not in references:
@@ -92,8 +92,8 @@ def read_case(
 
 
 def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
-    """Return the table of the function object in whose folder the path lies; if there is only one table, return this
-    table."""
+    """Return the table of the function object in whose folder the path lies. If the case has only one table, return
+    that table."""
     tables = {}
     try:
         for folder in sorted((case / _POST).iterdir()):
@@ -128,8 +128,8 @@ def _scale(name: str, layout: SensorLayout, references: Mapping[str, Reference],
 
 
 def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
-    """Return the probe of every sensor, which is the probe at the sensor's position. If the case has another origin and
-    length scale, and all probes are arranged like the sensors, the probes belong to the sensors in order."""
+    """Return the index of every sensor's probe, which is the probe at the sensor's position. If the case has another
+    origin and length scale, but its probes are arranged like the sensors, the probes belong to the sensors in order."""
     path, count = pressures.files[0], pressures.rows.shape[1] - 1
     numbers = [(line.split("(")[0].split()[:1], "(" in line, _NUMBER.findall(line)) for line in pressures.header]
     places = [found[1:3] for word, bracket, found in numbers if word == ["Probe"] and bracket and len(found) == 4]

@@ -52,8 +52,8 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The value in the files that equals 1 in the data set, for example 40 N for a force coefficient of 1. A value
-    without a unit is in the unit that the file uses."""
+    """The value in the files that equals 1 in the data set: for example, a force of 40 N may equal a coefficient of 1.
+    A value without a unit is in the unit of the file."""
 
     number: float
     unit: str | None
@@ -88,9 +88,9 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 
 def factor(path: Path, name: str, inside: str, unit: str | None, reference: Reference | None) -> float:
-    """Return the factor that converts the numbers of `name` to the data set's unit. `inside` is the name in the file,
-    and `unit` the unit that the file states. Raises DatasetError if the numbers have a dimension but no reference, or a
-    reference of another dimension."""
+    """Return the factor that converts the numbers of the series or sensor `name` to the data set's unit. `inside` is
+    its name in the file, and `unit` the unit that the file states. Raises DatasetError if the numbers have a dimension
+    but no reference, or if the reference has another dimension."""
     base, size = ("1", 1.0) if unit is None else _base(unit)
     if reference is None:
         if base != "1":
@@ -118,7 +118,7 @@ def _base(unit: str) -> tuple[str, float]:
 
 
 def _plain(unit: str) -> str:
-    """Return the unit without the date in CF's units of time, and with m^3 written as m3."""
+    """Return the unit without the date that CF's units of time may have, and with m^3 written as m3."""
     unit = unit.split(" since ")[0].strip()
     return unit if unit in _KNOWN else unit.replace("^", "").replace("**", "")
 
@@ -212,9 +212,9 @@ def reference_of(name: str, layout: SensorLayout, references: Mapping[str, Refer
 def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
-    """Return the names that differ in this file, by the data set's names; a unit in brackets also counts as a
-    difference. Raises DatasetError for a renamed array that is in the file under neither name, because a series such as
-    t would otherwise be ignored silently."""
+    """Return the names in this file, by the data set's names, if they differ; a unit in brackets also counts as a
+    difference. Raises DatasetError if a renamed array is in the file under neither name. Without this error, a series
+    that may be missing, such as t, would be ignored silently."""
     plain = {split_unit(column)[0]: column for column in there}
     found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():
@@ -230,8 +230,8 @@ def _in_this_file(
 def _ordered(
     path: Path, pressures: Array, layout: SensorLayout, stored: Mapping[str, Stored]
 ) -> tuple[Array, frozenset[str]]:
-    """Return the columns of the pressures in the layout's order, if an array of names in the file states the columns'
-    order; otherwise unchanged."""
+    """Return the columns of the pressures in the layout's order if the file has an array of names, which states the
+    present order. Otherwise return the columns unchanged."""
     for name, one in stored.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):

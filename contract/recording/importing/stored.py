@@ -172,7 +172,8 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """Return the array. MATLAB's arrays get MATLAB's order of axes, and its characters become texts."""
+    """Return the array. The axes of MATLAB's arrays are put into MATLAB's order, and MATLAB's characters become
+    texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":
