@@ -35,8 +35,8 @@ class ParityTolerance:
     """The largest allowed differences.
 
     Attributes:
-        move: largest difference of an action, as a share of iterations * lr, which is Adam's largest move; with the
-            paper's settings it is 2.5e-5 U_inf W.
+        move: largest difference of an action, as a share of iterations * learning rate, which is Adam's largest move.
+            With the paper's settings the largest difference is 2.5e-5 U_inf W.
         force: largest difference of a predicted Cd or Cl.
         cost: largest difference of a cost term or of the cost J.
     """
@@ -77,8 +77,9 @@ class ControlCase:
 def control_cases(
     program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
-    """Yield the arguments of control steps. The previous plan is random, and up to a quarter of the plan is committed,
-    so it must not change. In every second step the cost weights differ from their defaults and are all above zero.
+    """Yield the arguments of control steps. The previous plan is random. Up to a quarter of the plan is committed,
+    which means that it must not change. In every second step the cost weights differ from their defaults and are all
+    above zero.
 
     Args:
         windows: recorded windows (L, S+1) of L rows and S sensors, one per case; random windows if None.
@@ -106,7 +107,7 @@ def control_cases(
 
 
 def case_speed(program: ControllerProgram, number: int) -> float:
-    """Return the vehicle's speed in a case, as a ratio to the design speed."""
+    """Return the vehicle's speed in the case with this number, as a ratio to the design speed."""
     return float(np.float32(SPEEDS[number % len(SPEEDS)])) if program.knows_speed else 1.0
 
 

@@ -24,10 +24,11 @@ class QuantisationLimits:
     """The limits of the gate.
 
     Attributes:
-        rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W. One step moves an action
-            by up to about iterations * lr (5e-3 with the paper's settings); the default limit is a fifth of that move.
-            The largest error is reported but has no limit: Adam follows the sign of a gradient. If the gradient is
-            close to zero, the two programs may move an action in opposite directions, which hardly changes the cost.
+        rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W. One control step moves an
+            action by up to about iterations * learning rate (5e-3 with the paper's settings); the default limit is a
+            fifth of that move. The largest error is reported but has no limit: Adam follows the sign of a gradient. If
+            the gradient is close to zero, the two programs may move an action in opposite directions, which hardly
+            changes the cost.
         max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 
@@ -75,8 +76,8 @@ def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[
 def compare_answers(
     program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
 ) -> QuantisationReport:
-    """Compute the control steps of `exact_answers` with another lowering, and compare. In each step, both programs
-    start from the float program's previous plan. Raises ExportError if there are no windows."""
+    """Compute the control steps of `exact_answers` with a lowering, and compare them with the exact steps. In each
+    step, both programs start from the float program's previous plan. Raises ExportError if there are no windows."""
     h = program.mpc.horizon
     plan, free = np.zeros(h), np.ones(h)
     weights = np.array(program.mpc.weights.as_tuple())
@@ -103,8 +104,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Return weights, speed and limit for a window; None for the program's weights and limit. For every second window
-    of a program with a prior, weights and limit are in the middle of the prior's range."""
+    """Return weights, speed and limit for the window with this number; weights or a limit of None are the program's
+    own. If the program has a prior, every second window has weights and a limit in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None
@@ -115,7 +116,8 @@ def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float
 
 
 def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *, name: str = "int8 weights") -> None:
-    """Raise ExportError if the report exceeds a limit; the message states the compared lowering and the figure."""
+    """Raise ExportError if the report exceeds a limit; the message states the name of the compared lowering and the
+    exceeded figure."""
     for figure in ("rms_action_error", "max_cost_gap"):
         found, allowed = getattr(report, figure), getattr(limits, figure)
         # The comparison is written so that NaN fails the gate too.

@@ -1,6 +1,6 @@
 """Rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
 
-The biases are not corrected by the mean of the remaining error: after error feedback, this correction gains nothing.
+A bias is not corrected by the mean of the error that remains: after error feedback, such a correction gains nothing.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from export.int8.rounded_program import QMAX, Int8Matrix, RoundedProgram, quanti
 from export.program.controller_program import ControllerProgram
 
 DAMPING: Final = 0.01
-"""Share of the mean diagonal of H (`quantise_on`) that is added to H's diagonal, so that errors in directions without
-inputs also count."""
+"""Share of the mean diagonal entry of H (`quantise_on`) that is added to H's diagonal. So errors count also in
+directions in which the inputs do not vary."""
 
 
 def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:

@@ -78,7 +78,7 @@ class RoundedProgram:
             rounded = rounding(name, weight)
             dequantised = rounded.dequantised().astype(np.float64)
             # A lowering's scale is the largest float32 weight of a row divided by 127. In one of 128 rows, this scale
-            # differs by one float32 ulp from the scale with which the weight was rounded.
+            # differs by one float32 ulp from the scale that was used for the rounding.
             stored[name] = Int8Matrix(values=rounded.values, scales=row_scales(dequantised))
             return dequantised
 
@@ -91,7 +91,7 @@ Program = ControllerProgram | RoundedProgram
 
 
 def effective(program: Program) -> ControllerProgram:
-    """Return the program that a lowering computes; the reference must compute the program with these weights."""
+    """Return the program that a lowering computes, which the reference must compute too."""
     return program.program if isinstance(program, RoundedProgram) else program
 
 

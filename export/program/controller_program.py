@@ -1,9 +1,10 @@
 """The controller as data: everything that a lowering needs, and nothing else.
 
 Rounding and lowerings refer to the weight matrices by name. The names are those of the tensors: `lstm.weight_input`,
-`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. In the small prior, only the two matrices that multiply
-filtered rows have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums`
-(n, F p), for n units, F filters and p sensor pairs. One hash identifies a program in every lowering.
+`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the prior, which is small, only the two matrices that
+multiply filtered rows have names. These are `prior.first` (6 n, F (p + 1)), with one row per schedule variable and
+unit, and `prior.sums` (n, F p), for n units, F filters and p sensor pairs. All lowerings of a program state the same
+hash, which identifies the program.
 """
 
 import hashlib
@@ -219,7 +220,7 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """Return the SHA-256, in hex, over every weight as a little-endian float64 with its name, and over every
+    """Return a program's SHA-256 in hex. It covers every weight, as a little-endian float64 with its name, and every
     setting."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
@@ -232,8 +233,9 @@ def program_sha256(program: ControllerProgram) -> str:
 
 
 def _as_trained(prior: PriorWeights) -> dict[str, Array]:
-    """Return the scheduled weights of a prior, with one variable for the speed if its two have equal weights. So a
-    model that was trained with one variable keeps its hash, and its bundles stay valid."""
+    """Return the scheduled weights of a prior. If the two variables for the speed have equal weights, the result has
+    only one of these variables. So a model that was trained with one variable keeps its hash, and its bundles stay
+    valid."""
     first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
     if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
         first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)

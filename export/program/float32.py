@@ -16,6 +16,7 @@ def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
 
 
 def float32_within(limit: float) -> float:
-    """Return the largest float32 that is not above the limit, so that rounding moves no action out of bounds."""
+    """Return the largest float32 that is not above the limit. With this value as the limit, rounding moves no action
+    out of bounds."""
     rounded = np.float32(limit)
     return float(np.nextafter(rounded, np.float32(0.0)) if float(rounded) > limit else rounded)

@@ -57,7 +57,8 @@ class Lstm:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EncoderWeights:
-    """The encoder: an LSTM, a layer norm of its last hidden state, then two linear layers with an ELU between them."""
+    """The encoder: an LSTM, a layer norm of the LSTM's last hidden state, then two linear layers with an ELU between
+    them."""
 
     lstm: Lstm
     norm: Norm
@@ -204,9 +205,9 @@ class PriorWeights:
         shape.
 
         In a model of version 1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and
-        "slope", both (n, F, p + 1); "slope" is the change of "first" if the speed rises by the design speed. Or the
-        model has "hidden", (n, M, p + 1), in place of filters, first and slope. `of_two_speeds` converts a model
-        with one variable for the speed.
+        "slope", both (n, F, p + 1); "slope" is the change of "first" if the speed rises by the design speed.
+        Alternatively, the model has "hidden", (n, M, p + 1), in place of filters, first and slope. `of_two_speeds`
+        converts a model with one variable for the speed.
         """
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
@@ -242,7 +243,7 @@ class PriorWeights:
 
     @property
     def pairs(self) -> int:
-        """p, the number of differences."""
+        """p, the number of sensor pairs, and so of the differences in a row."""
         return int(self.first.shape[3]) - 1
 
     @property
@@ -252,7 +253,7 @@ class PriorWeights:
 
     @property
     def knows_goal(self) -> bool:
-        """Whether plans depend on the weights on effort and lift."""
+        """Whether plans depend on the weights of effort and lift in the cost."""
         return self._knows("effort", "lift")
 
     def _knows(self, *names: str) -> bool:

@@ -1,8 +1,8 @@
 """The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints for the MPC.
 
-This module is the specification for the tests of every lowering. All functions act on the last axes of their arrays,
-with any leading axes: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and forces
-(..., 2) are the physical (Cd, Cl).
+This module is the specification with which tests compare every lowering. All functions act on the last axes of their
+arrays, with any leading axes: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and
+forces (..., 2) are the physical (Cd, Cl).
 
 The `*_layers` functions return the inputs of every layer of a network, for the adjoints and int8 calibration.
 
@@ -31,7 +31,7 @@ def linear_adjoint(layer: Linear, dy: Array) -> Array:
 
 def elu(x: Array) -> Array:
     """Return x for x > 0, exp(x) - 1 otherwise."""
-    # The minimum prevents an overflow of expm1 for large positive x, where its result is discarded.
+    # The minimum prevents an overflow of expm1 for large positive x, for which `where` does not use this result.
     return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
 
 
@@ -61,7 +61,8 @@ def sigmoid(x: Array) -> Array:
 
 
 def _normalise(x: Array) -> tuple[Array, Array]:
-    # These sums give `mean` and `var` without NumPy's overhead, which is two thirds of the time for short vectors.
+    # These sums are used in place of `mean` and `var`, because for short vectors two thirds of their time is overhead
+    # of NumPy.
     n = x.shape[-1]
     centred = x - np.add.reduce(x, axis=-1, keepdims=True) / n
     inverse_std = 1.0 / np.sqrt(np.add.reduce(centred * centred, axis=-1, keepdims=True) / n + LAYER_NORM_EPSILON)
@@ -138,7 +139,7 @@ def encode(program: ControllerProgram, window: Array) -> Array:
 
 
 def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
-    """Return the inputs of the encoder's layers; the arguments are those of `encode`."""
+    """Return the inputs of the encoder's layers for a window; the arguments are those of `encode`."""
     weights, scaling = program.encoder, program.scaling
     rows = np.asarray((window[..., -program.encoder_rows :, :] - scaling.window_mean) / scaling.window_std)
     h = _lstm(weights.lstm, rows)

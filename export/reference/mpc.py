@@ -1,12 +1,12 @@
 """One control step in NumPy float64 (paper, section 2.4): starting plan, prediction, adjoint, projected Adam.
 
-The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations from zero moments, so a control step depends on the
-window and the previous plan only, and always takes the same time.
+The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations, and its moments start at zero. So a control step
+depends on the window and the previous plan only, and always takes the same time.
 
 `control_step` and `evaluate` take one plan (H,). The other functions take any number of plans together, (..., H). The
 latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are given for each
 plan, or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan
-of the cost's term `prior`; without `start` that term is zero.
+of the cost's term `prior`; without `start` this term is zero.
 """
 
 from collections.abc import Iterable, Iterator
@@ -123,7 +123,7 @@ def gradient(
     """Compute the gradient dJ/da_k, shape (..., H), by the discrete adjoint.
 
     Let lambda_k = dJ/dz_{t+k}; lambda_H comes from the forces at t+H alone. Backwards in k, (lambda_k, dJ/da_k) =
-    step_adjoint(lambda_{k+1}), and the share of the forces at t+k is added to each lambda_k.
+    step_adjoint(lambda_{k+1}), and the contribution of the forces at t+k is added to each lambda_k.
     """
     latents = rollout(program, z, plan)
     forces = decode(program, latents[..., 1:, :])

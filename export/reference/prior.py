@@ -60,7 +60,7 @@ def prior_plan(
 
 
 def gates_of(prior: PriorWeights, window: Array, scheduled: Array) -> Array:
-    """Compute the gates g of the n units, (n,), for a window and a schedule (6,)."""
+    """Compute the gates g of the n units, (n,), from a window and a schedule (6,)."""
     by_sums = np.tensordot(prior.sums, filtered_sums(prior, window), axes=2)
     return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + by_sums))
 
@@ -75,9 +75,9 @@ def filtered_sums(prior: PriorWeights, window: Array) -> Array:
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
     """Return the M rows (y_i, a_i) before the present row, (M, p + 1), and the present pressure differences y_t, (p,).
 
-    The window does not contain the oldest of these rows; a copy of the second-oldest row takes its place.
+    The window does not contain the oldest of these rows, so a copy of the second-oldest row is used in its place.
     """
     newest = window[-memory:]
-    # In the window, a row holds the action that precedes its pressures. The present action is not decided yet.
+    # In the window, a row has the action that precedes the row's pressures. The present action is not yet decided.
     rows = np.column_stack([newest[:, :-1:2] - newest[:, 1:-1:2], np.append(newest[1:, -1], 0.0)])
     return np.vstack([rows[:1], rows[:-1]]), rows[-1, :-1]

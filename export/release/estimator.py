@@ -22,8 +22,8 @@ def lowered_estimator(
     are first averaged over time, as in the sensor check. They are measured on the episodes that were not used for
     training, or on the training episodes if there are no other episodes.
 
-    The provenance gets `r2`, the coefficient of determination of each sensor's estimate from the other sensors, and
-    `judged_on`, the roles of the episodes.
+    The returned provenance has two more entries: `r2`, the coefficient of determination of each sensor's estimate from
+    the other sensors, and `judged_on`, the roles of the measured episodes.
     """
     rounded = rounded_estimator(fitted)
     network, window, columns = rounded.network, fitted.window, recording.layout.indices(sensors)
@@ -46,8 +46,8 @@ def lowered_estimator(
 
 
 def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
-    """Compute the residuals over n rows, (n - L + 1, S, S): entry [., j, i] is the residual of sensor i, estimated
-    without sensors j and i."""
+    """Compute the residuals over n rows, (n - L + 1, S, S). Entry [., j, i] is the residual of sensor i, whose estimate
+    uses neither sensor j nor sensor i."""
     sensors, length = network.sensors, network.window
     windows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0).transpose(0, 2, 1)
     hypotheses = Hypotheses.of(sensors)

@@ -23,7 +23,7 @@ OPERATORS: Final = frozenset(
 SHAPING: Final = frozenset(
     ("ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Slice", "Split", "Squeeze", "Unsqueeze")
 )
-"""The operators whose inputs after the first determine the shape of their output, and so the duration of a step."""
+"""Operators for which the inputs after the first determine the output's shape, and thus the duration of a step."""
 
 
 def judge(bundle: Bundle) -> None:

@@ -15,8 +15,8 @@ from export.to_onnx.control_step import build_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """The lowerings, which are written after they have passed their gates. `library` has the C library's files by name,
-    or is None."""
+    """The lowerings of a program, which are written to files after they have passed their gates. `library` has the C
+    library's files by name, or is None."""
 
     program: Program
     graph: bytes
@@ -24,7 +24,7 @@ class Lowered:
 
     @property
     def effective(self) -> ControllerProgram:
-        """The program that the lowerings compute, which the reference must compute too."""
+        """The program that the lowerings compute; in the gates, the reference computes this program too."""
         return effective(self.program)
 
     @property
@@ -56,5 +56,5 @@ def library_of(program: Program, calibration: Sequence[Array]) -> dict[str, byte
 
 
 def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """Return the C library of a program that is rounded on these windows."""
+    """Round a program on these windows, and return its int8 C library."""
     return library_of(rounded_on(program, calibration), calibration)

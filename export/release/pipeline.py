@@ -127,8 +127,8 @@ def export_all(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> tuple[Gated, Bundle]:
-    """Write the bundle, read the bundle as users do, and write the C library if requested. Nothing is written until
-    both the bundle's graph and the library have passed their gates.
+    """Export a model as a bundle, read the bundle as users do, and write the C library if requested. Nothing is written
+    until both the bundle's graph and the library have passed their gates.
 
     Args:
         model: directory written by `train`.
@@ -136,7 +136,8 @@ def export_all(
         config: `config.mpc` is used for the controller; control period and action limit must be the model's.
         precision: "int8" or "float32", for bundle and library.
         key: key to sign the bundle with; the bundle is unsigned if None.
-        named: whether the user named the recording; if not, it must be the recording to which the model was fitted.
+        named: whether the user named the recording. If not, the recording must be the one to which the model was
+            fitted.
         estimator: a sensor estimator for the bundle; None for a bundle without estimator.
         notice: called with a line of text if the recording is not the model's.
         phase: called with each of `EXPORT_PHASES` when the phase begins.
@@ -151,7 +152,8 @@ def export_all(
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
-    # Both outputs are checked before the work. If one cannot be written, the export must not write the other.
+    # Both outputs are checked before any work, so that the export does not write one of them and then fail at the
+    # other.
     bundle.check_replaceable(output)
     if library is not None:
         c_folder_format.check_replaceable(library.folder)
@@ -191,9 +193,8 @@ def export_library(
     recording: Path,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of an existing release, from the model from which the release was exported. Raises
-    ExportError if the release is of another model, or rounding gives other integers; StillwakeError as `export_all`
-    does.
+    """Write the C library of an existing release, computed from the model of this release. Raises ExportError if the
+    release is of another model, or rounding gives other integers; StillwakeError as `export_all` does.
 
     Args:
         model: directory written by `train`.
@@ -275,8 +276,8 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration: the recording to which the model was fitted, or a recording of the
-    model's sensors that the user named.
+    """Read the recording for gates and calibration. It is the recording to which the model was fitted, or a recording
+    of the model's sensors that the user named.
 
     Args:
         of_model: SHA-256 of the recording to which the model was fitted.

@@ -22,7 +22,7 @@ PACK: Final = "stillwake.flow_controller.pdsc"
 _ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
 _HOME: Final = "https://pypi.org/project/stillwake"
 _APART: Final = ("board", "examples")
-"""Folders with programs, which are not part of the library."""
+"""Folders with programs, which are no part of the library."""
 _CLASS: Final = "Flow control"
 _FLAGS: Final = ("-O2", "-ffp-contract=off")
 """Compiler flags with which C computes the same plans as the exporter, and the same decisions as the Python ECU, bit
@@ -52,13 +52,13 @@ class LibraryPart:
 
     @property
     def described(self) -> str:
-        """A description of the part, for people."""
+        """The part's description for people."""
         return _IN_WORDS.get(self.name, f"{self.name}, around the ECU")
 
 
 def parts(files: Mapping[str, bytes]) -> tuple[LibraryPart, ...]:
-    """Return the parts of a library, each part after the parts that it needs. Raises LibraryError if the library has no
-    settings.
+    """Return the parts of a library. Each part comes after the parts that it needs. Raises LibraryError if the library
+    has no settings.
 
     Args:
         files: all files of the library's folder by their paths.

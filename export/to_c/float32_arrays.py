@@ -1,6 +1,6 @@
 """A program's parameters in the layout of the C sources (`export/to_c/sources/float32/sw_weights.h`).
 
-The numbers are derived in float64 and rounded once. Matrices are centred if a norm follows, the action's row is
+The numbers are derived in float64 and rounded once. Matrices are centred if a layer norm follows, the action's row is
 multiplied by 1 / action_std, and the two biases of the LSTM are added. Vectors are padded with zeros to whole
 registers.
 """
@@ -22,7 +22,7 @@ from export.reference.mpc import ADAM_BETAS
 
 Integers = npt.NDArray[np.int32]
 ArrayValues = Array | npt.NDArray[np.int8] | Integers | npt.NDArray[np.uint32]
-"""The numbers of an array in C. float64 in Python becomes float in C."""
+"""Types of the numbers of an array in C. An array of float64 in Python becomes an array of float in C."""
 
 FLOAT32_LANES = 16
 """Number of float32 values in the widest vector register that compilers should be able to fill."""
@@ -138,8 +138,8 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
 
 
 def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, ArrayValues]:
-    """Return the prior's filters, each from its first to its last nonzero row, and the prior's layers; an empty mapping
-    without a prior.
+    """Return the prior's filters, each from its first to its last nonzero row, and the weights of the prior's layers.
+    Without a prior, the mapping is empty.
 
     Args:
         integers: integers of the prior's two matrices by name; a matrix without integers is stored as floats with scale
@@ -152,7 +152,7 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
     first, first_scale = _stored(prior.first.reshape(-1, prior.first[0, 0].size), integers.get("prior.first"))
     sums, sums_scale = _stored(prior.sums.reshape(units, -1), integers.get("prior.sums"))
     by_unit = {
-        # The weights of a unit on one input are adjacent; there is one weight for each schedule variable.
+        # All weights of a unit on one input are adjacent: one weight for each schedule variable.
         "sw_prior_first": first.reshape(-1, units, first.shape[1]).transpose(1, 2, 0),
         "sw_prior_first_scale": first_scale.reshape(-1, units).T,
         "sw_prior_gate": prior.gate,
@@ -171,14 +171,14 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
 
 
 def _stored(matrix: Array, integers: Int8Matrix | None) -> tuple[Array | npt.NDArray[np.int8], Array]:
-    """Return the numbers of a matrix (outputs, inputs), and the scale of each output."""
+    """Return the stored numbers of a matrix (outputs, inputs), and the scale of each output."""
     if integers is None:
         return matrix, np.ones(len(matrix))
     return integers.values, integers.scales.astype(np.float64)
 
 
 def _filled(by_unit: Any) -> Any:
-    """Append zeros after the last unit, up to a multiple of `PRIOR_UNITS_AT_A_TIME`."""
+    """Append units of zeros, up to a multiple of `PRIOR_UNITS_AT_A_TIME` units."""
     return np.pad(by_unit, [(0, -len(by_unit) % PRIOR_UNITS_AT_A_TIME)] + [(0, 0)] * (by_unit.ndim - 1))
 
 
@@ -198,8 +198,8 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:
-    """Return the first row of each of the F filters, and the number of rows up to its last row, (F, 2). Rows of zeros
-    at the ends do not count; a filter of zeros has one row."""
+    """Return, for each of the F filters, its first nonzero row, and the number of rows from there to its last nonzero
+    row, (F, 2). A filter of zeros has one row."""
     ranges = []
     for column in prior.filters.T:
         read = np.flatnonzero(column) if column.any() else np.zeros(1, int)

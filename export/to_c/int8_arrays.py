@@ -43,12 +43,14 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 
 
 def _inverse_scale(largest: float, width: int) -> float:
-    """Return the number of integers per unit of an activation. For a range of zero, any number is allowed."""
+    """Return the factor that converts an activation to its integer. If the largest activation is zero, any factor is
+    allowed."""
     return qmax(padded_size(width)) / (form.ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 
 def _channels(*columns: Array) -> Array:
-    """Group the constants of the n outputs by eight outputs, (n / 8, constants, 8); the padding has zeros."""
+    """Group the constants of n outputs, eight outputs to a group, (n / 8, constants, 8). The padding consists of
+    zeros."""
     rows = np.pad(np.stack(columns, axis=-1), [(0, -len(columns[0]) % INT8_LANES), (0, 0)])
     return rows.reshape(-1, INT8_LANES, len(columns)).transpose(0, 2, 1)
 
@@ -56,8 +58,8 @@ def _channels(*columns: Array) -> Array:
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
     """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
 
-    A scaled sum is an integer times a unit. The unit is as small as two limits allow: the factor of C's sw_scaled must
-    be below 1/2, and the sum over all outputs must not overflow.
+    In C, a scaled sum is an integer that counts a certain unit. The unit is as small as two limits allow: the factor of
+    C's sw_scaled must be below 1/2, and the sum over all outputs must not overflow.
     """
     _stay_below(
         form.ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm"
@@ -69,8 +71,8 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
     offset = form.ELU_ARGUMENT_ONE * (norm.bias + form.ELU_RANGE)
     gain_max = np.abs(norm.weight).max() or 1.0
     largest = float(matrix.scales.max())
-    # In the adjoint, the product of a value, the integer of a gain and the integer of a slope is reduced to its upper
-    # 32 bits. If the gain is the largest and the slope is 1, the result is a quarter of the value.
+    # In the adjoint, a value is multiplied by the integers of a gain and of a slope, and the upper 32 bits of the
+    # product are used. With the largest gain and a slope of 1, the result is a quarter of the value.
     quarter = form.GAIN_ONE * 256 / 2**form.SCALED_BITS
     return {
         f"sw_{name}_channel": _integers(_channels(scales / unit * 2**form.SCALED_BITS, bias / unit, gain, offset)),
@@ -143,7 +145,7 @@ def _stay_below(limit: float, reach: Array, what: str) -> None:
 
 
 def _fed_by_elu(weight: Array) -> None:
-    """Check the width of a layer that follows an ELU. ELU outputs use all 16 bits, so a wide layer's sum could
+    """Check the width of a layer whose inputs are ELU outputs. These use all 16 bits, so the sum of a wide layer could
     overflow."""
     if weight.shape[1] > form.FULL_RANGE_WIDTH:
         raise ExportError(
@@ -212,8 +214,8 @@ def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, 
 
 
 def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, finest: float) -> float:
-    """Return the unit of the decoder's int32 residual sum. It is the smallest unit without overflow, but at least 1/512
-    of the smallest unit of the integers that are computed from the sum."""
+    """Return the unit of the decoder's int32 residual sum. It is the smallest unit without overflow. However, it is at
+    least 1/512 of the finest unit of the layers' inputs, which are computed from this sum."""
     sums = np.abs(first.values.astype(np.float64)).sum(axis=1) * (form.INT16_QMAX + 1) * first.scales / latent
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * form.ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)

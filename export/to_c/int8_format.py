@@ -14,14 +14,14 @@ from contract.arrays import Array
 from contract.errors import ExportError
 
 _WORD: Final = 4
-"""Number of int8 weights in a 32-bit word. A tile is one word wide; its number of rows is this number, too."""
+"""Number of int8 weights in a 32-bit word. A tile of a packed matrix has this number of rows, each of one word."""
 
 INT8_LANES: Final = 2 * _WORD
-"""Number of weights in two words. Every length is padded to a multiple of this number, and constants of outputs are
-grouped by it."""
+"""Number of weights in two words. Every length is padded to a multiple of this number. The constants of outputs are
+stored in groups of this number of outputs."""
 
 ACTIVATION_MARGIN: Final = 1.5
-"""Activation at which its integer saturates, divided by the largest activation in the calibration."""
+"""Ratio of the activation at which the integer saturates to the largest activation in the calibration."""
 
 AHEAD: Final = 16
 """Number of zeros after every matrix, because the C code loads weights ahead of their use."""
@@ -29,21 +29,20 @@ AHEAD: Final = 16
 INT16_QMAX: Final = 32767
 
 SUM_QMAX: Final = (2**31 - 1) // 127
-"""Largest sum of the magnitudes of a vector's numbers with which a product with int8 weights cannot overflow 32
-bits."""
+"""Largest sum of the magnitudes in a vector with which its product with int8 weights cannot overflow 32 bits."""
 
 FULL_RANGE_WIDTH: Final = SUM_QMAX // INT16_QMAX
 """Widest vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
 
 XHAT_QMAX: Final = 32767
-"""The integer of a normalised value at its bound, which is sqrt(n) in a layer of width n."""
+"""The integer of the largest possible normalised value, which is sqrt(n) in a layer of width n."""
 
 POINTS_PER_UNIT: Final = 32
 """Number of table points per unit of the argument; between points the function is interpolated linearly."""
 
 ELU_ONE: Final = 4096
-"""The integer of an ELU output of 1 in all layers, which can therefore share one table; outputs up to `ELU_RANGE`
-fit."""
+"""The integer of an ELU output of 1. It is the same in all layers, so they share one table. Outputs up to `ELU_RANGE`
+fit into 16 bits."""
 
 ELU_RANGE: Final = 8
 
@@ -54,21 +53,22 @@ ELU_ARGUMENT_ONE: Final = 1 << 18
 """The integer of an argument of 1 in the table of ELU."""
 
 ELU_ARGUMENT_MAX: Final = 4000.0
-"""Largest argument of an ELU that, in units of 1 / `ELU_ARGUMENT_ONE`, fits in an int32 with one bit in reserve."""
+"""Largest argument of an ELU whose integer, in units of 1 / `ELU_ARGUMENT_ONE`, fits in an int32 with one bit in
+reserve."""
 
 SLOPE_SHIFT: Final = 4
-"""Number of bits by which ELU slopes are shifted right to be stored as bytes on the tape; the integer of a slope of 1
-is `ELU_ONE` before the shift and 256 after it."""
+"""Number of bits by which the integers of ELU slopes are shifted right, so that they can be stored as bytes on the
+tape. The integer of a slope of 1 is `ELU_ONE` before the shift and 256 after it."""
 
 GAIN_ONE: Final = 1 << 22
-"""The integer of a layer's largest gain in the layer's adjoint; its product with a slope of 256 is a quarter of the
-range of an int32."""
+"""The integer of a layer's largest gain, as used in the layer's adjoint. The product of this integer and a slope of 256
+is a quarter of the range of an int32."""
 
 ROW_SCALE_ONE: Final = 1 << 23
-"""The integer of the largest scale of a layer's matrix in the layer's adjoint."""
+"""The integer of the largest row scale of a layer's matrix, as used in the layer's adjoint."""
 
 SCALED_BITS: Final = 32
-"""Number of fractional bits of the factor of C's sw_scaled: its integer is the factor, below 1/2, times
+"""Number of fractional bits of the factor in C's sw_scaled. The factor is below 1/2; its integer is the factor times
 2^SCALED_BITS."""
 
 LOGISTIC_ONE: Final = 16384
@@ -80,7 +80,7 @@ LOGISTIC_QMAX: Final = 32767
 LOGISTIC_RANGE: Final = 16
 
 GATE_MAX: Final = 6e4
-"""Largest gate argument whose double, in units of 1 / `LOGISTIC_ONE`, still fits in an int32."""
+"""Largest argument of a gate whose double still fits in an int32, in units of 1 / `LOGISTIC_ONE`."""
 
 
 def c_constants() -> dict[str, int | np.float32]:
@@ -104,8 +104,9 @@ def c_constants() -> dict[str, int | np.float32]:
 
 
 def qmax(width: int) -> int:
-    """Return the largest integer of a vector of this padded width with which a product cannot overflow 32 bits; in C,
-    SW_QMAX. Raises ExportError if the vector is so wide that too few integers are left."""
+    """Return the largest integer that a vector of this padded width may have, so that its product with int8 weights
+    cannot overflow 32 bits; in C, SW_QMAX. Raises ExportError if the vector is so wide that too few integers are left.
+    """
     if width > 4 * FULL_RANGE_WIDTH:
         raise ExportError(f"a layer of width {width}: int8 lowering accepts at most {4 * FULL_RANGE_WIDTH}")
     return INT16_QMAX if width <= FULL_RANGE_WIDTH else SUM_QMAX // width

@@ -36,7 +36,8 @@ from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
-"""Alignment of the arrays in bytes: a word of Cortex-M or a vector register (int8), and a cache line (float32)."""
+"""Alignment of the arrays in bytes. 16 for int8 suffices for a word of Cortex-M and for a vector register; 64 for
+float32 is a cache line."""
 _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
 """Tables that are equal for every program, so that they are compiled into the library and are no part of a release."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
@@ -73,8 +74,8 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
 def weights_files(
     arrays: Mapping[str, ArrayValues], definitions: Mapping[str, int | str | np.float32], alignment: int
 ) -> dict[str, bytes]:
-    """Return `sw_settings.h` with these definitions, and the numbers by their names in C, both as a source file and as
-    packed bytes."""
+    """Return `sw_settings.h` with these definitions, and the arrays, which have their C names, both as a C source file
+    and as packed bytes."""
     rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
     hot = {name: arrays[name] for name in _HOT if name in arrays}
     constants = {"sw_own_weights": numbers("sw_weights", rest, alignment)}
@@ -148,7 +149,7 @@ def settings(program: ControllerProgram, precision: WeightPrecision) -> dict[str
         "SW_WINDOW": program.window,
         "SW_SENSORS": len(program.sensors),
         "SW_HORIZON": mpc.horizon,
-        # In C, the name of a term in capitals after `SW_` is the index of the term.
+        # In C, the index of a term is a definition whose name is `SW_` and the term's name in capitals.
         **{f"SW_{name.upper()}": index for index, name in enumerate(TERMS)},
         "SW_TERMS": len(TERMS),
         "SW_LSTM": program.encoder.lstm.width,

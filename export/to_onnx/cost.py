@@ -29,7 +29,7 @@ class Cost:
         self._previous_action = previous_action
         self._weights = weights
         self._start = start
-        # The Split gives one value of shape (1,) per term.
+        # The Split gives the weight of each term as a value of shape (1,).
         pieces = graph.ops("Split", iterated, graph.index([1] * len(TERMS)), outputs=len(TERMS))
         self._weight = dict(zip(TERMS, pieces, strict=True))
         self._drag_reference = graph.constant([mpc.drag_reference], "drag_reference")
@@ -60,8 +60,8 @@ class Cost:
         """Add nodes that compute the gradient of `reference.cost.cost_gradient`, at (Cd, -Cd, Cl) (H, 3) and a plan (1,
         H).
 
-        The columns Cd and -Cd together give the drag's fluctuation, max Cd - min Cd = max Cd + max(-Cd), so that all
-        columns use the same nodes.
+        The drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd), so with the columns Cd and -Cd the same nodes
+        serve all columns.
         """
         share = _share_of_maximum(graph, signed_forces)
         fluctuation = graph.op("Mul", share, self._by_maximum)
@@ -130,6 +130,7 @@ def _square(graph: Graph, x: str) -> str:
 
 
 def _share_of_maximum(graph: Graph, x: str) -> str:
-    # The gradient is 1 at the largest value of a column; equal largest values share the gradient evenly.
+    # The gradient is 1 at the largest value of a column. If several values are the largest, they share the gradient
+    # evenly.
     ties = graph.op("Cast", graph.op("Equal", x, _reduce(graph, "ReduceMax", x)), to=1)
     return graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))

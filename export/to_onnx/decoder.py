@@ -84,7 +84,7 @@ class _Block:
 
     def taped(self, graph: Graph, x: str) -> tuple[str, BlockTape]:
         """Add nodes that compute the values for the adjoint, and the block's output. The output is too high by the
-        number of blocks up to and including this block, because each of them leaves out its term -1."""
+        number of blocks up to and including this block, because each block leaves out its term -1."""
         u = graph.op("Gemm", x, self._forward, self._taped_bias)
         y, inverse_std = self._norm.with_inverse_std(graph, u)
         slope = graph.op("Exp", graph.op("Min", y, self._zero))

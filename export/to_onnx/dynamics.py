@@ -56,7 +56,7 @@ class DynamicsGraph:
         self._forward = (transposed(graph, by_state), transposed(graph, second))
         self._output = third
         first_bias, self._hidden_bias, self._output_bias = _biases(graph, weights.input, weights.hidden, weights.output)
-        # This bias is b_1 plus the effect of k times b_3 on the first layer, (H, width).
+        # The bias in step k, a row of (H, width), is b_1 plus the effect of k b_3 on the first layer.
         steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
         self._bias_by_step = graph.op("Add", graph.op("Mul", steps, per_step), first_bias)
@@ -64,7 +64,7 @@ class DynamicsGraph:
         self._norms = norm_in, NormNames(graph, weights.norm_hidden, "dynamics.norm_hidden")
         self._backward = graph.op("Mul", second, self._norms[0].gain)
         self._output_backward = graph.op("Mul", third, self._norms[1].gain)
-        # These are the transposed matrices divided by the width n of a layer, for means of products over the layer.
+        # These matrices are transposed and divided by the width n of a layer, for means of products over the layer.
         self._output_backward_means = _per_width(graph, self._output_backward, self._norms[1])
         self._forward_means = _per_width(graph, self._forward[0], self._norms[0])
         self._column = graph.index([self._horizon, 1])
@@ -93,8 +93,8 @@ class DynamicsGraph:
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str, through_plan: str) -> str:
-        """Add nodes that compute dJ/da (1, H), from dJ/dz_{k+1} through the forces alone, (H, n_z), and dJ/da through
-        the plan alone."""
+        """Add nodes that compute dJ/da (1, H). The inputs are dJ/dz_{k+1} through the forces alone, (H, n_z), and dJ/da
+        through the plan alone."""
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)

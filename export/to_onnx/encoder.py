@@ -13,8 +13,8 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     width = weights.lstm.width
     gates = _onnx_gates(width)
     mean = graph.constant(scaling.window_mean, "window_mean")
-    # The standard deviation is used as a factor 1 / std, so that a value too small for float32 is refused; as a
-    # divisor, it would be rounded to zero.
+    # The window is multiplied by 1 / std, so that a standard deviation too small for float32 is refused. In a division,
+    # it would be rounded to zero.
     std = np.array(scaling.window_std)
     rows = window
     if program.encoder_rows < program.window:
@@ -25,7 +25,8 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
         weight = store(graph, f"encoder.{name}.weight")
         return graph.op("Gemm", x, weight, graph.constant(bias, f"encoder.{name}.bias"), transB=1)
 
-    # In ONNX's LSTM the first axis of the weights is the direction; the sequence also has a batch axis of length one.
+    # ONNX's LSTM expects the direction as the first axis of its weights, and a batch axis of length one in the
+    # sequence.
     biases = np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])
     _, hidden = graph.ops(
         "LSTM",

@@ -1,8 +1,8 @@
 """A small writer of ONNX graphs: nodes by operator name, shared constants, and bodies of Scans that read outer values.
 
-A weight matrix is stored as float32, or as int8 followed by a DequantizeLinear. Everything derived from a matrix (its
-transpose, its centred form) is computed in the outermost graph, never inside a Scan. For float weights ONNX Runtime
-folds these nodes when the session is built; for int8 weights the nodes run once per control step.
+A weight matrix is stored as float32, or as int8 followed by a DequantizeLinear. Matrices that are derived from it
+(transposed, centred) are computed in the outermost graph, never inside a Scan. For float weights ONNX Runtime folds
+these nodes when the session is built; for int8 weights the nodes run once per control step.
 """
 
 from collections.abc import Sequence
@@ -78,8 +78,8 @@ class Graph:
         return self.ops(kind, *inputs, outputs=1, **attributes)[0]
 
     def slice(self, x: str, *bounds: int) -> str:
-        """Add a slice of a value from a start to an end, along the first axis or along the axis that is the third
-        bound."""
+        """Add a slice of the value `x`. `bounds` has the start, the end and, if the slice is not along the first axis,
+        the axis."""
         return self.op("Slice", x, *(self.index([bound]) for bound in bounds))
 
     def ops(self, kind: str, *inputs: str, outputs: int, **attributes: Any) -> tuple[str, ...]:
@@ -97,8 +97,8 @@ class Graph:
     ) -> tuple[str, ...]:
         """Run `body` over the first axis of `sequences`. Returns the final states, then the stacked outputs.
 
-        The body's inputs are the states and then one slice of every sequence; its outputs are the new states and then
-        the values to stack. With `reverse`, slices are taken and stacked from the last to the first.
+        The body's inputs are the states and then one slice of every sequence. Its outputs are the new states and then
+        the values to stack. With `reverse`, slices are read, and outputs are stacked, from the last to the first.
         """
         stacked = len(body._outputs) - len(states)
         directions = {"scan_input_directions": [int(reverse)] * len(sequences)}
@@ -168,8 +168,8 @@ class Int8Store:
     """A store of the integers of a rounded program: one byte per weight and one scale per row.
 
     The stored value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators
-    that only rearrange (Transpose, Slice, Unsqueeze); its version 1.20 aborts if the moved operator has a scale per
-    row.
+    that only rearrange values (Transpose, Slice, Unsqueeze). Version 1.20 aborts when it moves a DequantizeLinear that
+    has one scale per row.
     """
 
     def __init__(self, program: RoundedProgram) -> None:

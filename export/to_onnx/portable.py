@@ -51,8 +51,9 @@ def _model(
 
 
 class _Writer:
-    """A writer of nodes without Scan. A Scan whose first sequence is a constant, such as the rates of the iterations,
-    has the length of this constant; every other Scan has the length of the horizon."""
+    """A writer of nodes without Scan. If the first sequence of a Scan is a constant, such as the rates of the
+    iterations, the Scan has as many steps as the constant has rows; otherwise it has one step for each action of the
+    horizon."""
 
     def __init__(self, graph: onnx.GraphProto) -> None:
         inputs = {value.name: value for value in graph.input}
@@ -60,8 +61,8 @@ class _Writer:
         self._horizon = inputs["plan"].type.tensor_type.shape.dim[0].dim_value if "plan" in inputs else 0
 
     def written(self, nodes: Iterable[Any], names: dict[str, str], suffix: str) -> list[onnx.NodeProto]:
-        """Return the nodes, with `suffix` appended to the names of their outputs. `names` maps the names in a body to
-        the names in this graph; the names of the outputs are added to `names`."""
+        """Return the nodes without Scan; `suffix` is appended to the names of their outputs. `names` maps the names in
+        a body to the names in this graph; the names of the outputs are added to `names`."""
         found = []
         for node in nodes:
             if node.op_type == "Scan":
@@ -71,8 +72,8 @@ class _Writer:
             copy.CopyFrom(node)
             copy.input[:] = [names.get(name, name) for name in node.input]
             if node.op_type == "CumSum":
-                # The standard requires a scalar axis; ONNX Runtime also accepts an array of length one, which the graph
-                # has.
+                # The standard requires a scalar axis here. The graph has an array of length one, which ONNX Runtime
+                # accepts, too.
                 copy.input[1] = self._constant(0)
             names |= {name: name + suffix for name in node.output if name and suffix}
             copy.output[:] = [names.get(name, name) for name in node.output]

@@ -30,7 +30,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     asked = graph.op("Concat", effort, lift, axis=0)
     dearest = graph.op("Mul", drag, graph.constant([DEAREST_EFFORT, DEAREST_LIFT]))
     root = graph.op("Sqrt", graph.op("Div", asked, dearest))
-    # Without a weight on drag, this node divides by zero, but Where then selects the other value.
+    # Without a weight on drag, this node divides by zero, but then the operator Where does not use the result.
     any_at_all = graph.op("Cast", graph.op("Greater", asked, graph.constant(0.0)), to=1)
     prices = graph.op("Where", graph.op("Greater", dearest, asked), root, any_at_all)
     one, zero = graph.constant(1.0), graph.constant(0.0)
@@ -47,8 +47,8 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
 
 
 def lower_unknown(graph: Graph, weights: str, *, knows_goal: bool) -> str:
-    """Add nodes that compute the weights (8,) for the iterations after a prior. The terms that the prior takes into
-    account have weight zero: drag, effort and lift, or drag alone."""
+    """Add nodes that compute the weights (8,) for iterations that start from a prior's plan. The terms that the prior
+    takes into account have weight zero: drag, effort and lift, or drag alone."""
     known = {"drag_mean", "effort", "lift"} if knows_goal else {"drag_mean"}
     return graph.op("Mul", weights, graph.constant([float(name not in known) for name in TERMS], "unknown"))
 
@@ -110,7 +110,7 @@ def _units(graph: Graph, prior: PriorWeights, store: PutMatrix, schedule: str) -
     weighted = graph.op("Mul", store(graph, "prior.first"), graph.op("Reshape", by_row, graph.index([-1, 1])))
     stacked = graph.op("Reshape", weighted, graph.index([scheduled, units, count * columns]))
     by_filter = transposed(graph, graph.op("ReduceSum", stacked, graph.index([0]), keepdims=0))
-    # The rows of this matrix are filters, as the product with the matrix of filters requires.
+    # Each row of this matrix belongs to a filter, as the product with the matrix of filters requires.
     by_filter = graph.op("Reshape", by_filter, graph.index([count, columns * units]))
     by_age = graph.op("MatMul", graph.constant(prior.filters, "prior.filters"), by_filter)
     return graph.op("Reshape", by_age, graph.index([prior.memory * columns, units]))
@@ -140,16 +140,16 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
 
 
 def _history(graph: Graph, window: str, length: int, pairs: int) -> str:
-    """Convert L rows (Cp_k, a_{k-1}), (L, S+1), to one row in which y_k and a_k alternate, without the last action, (1,
-    L (p + 1) - 1).
+    """Convert L rows (Cp_k, a_{k-1}), (L, S+1), to one row in which y_k and a_k alternate, (1, L (p + 1) - 1). The
+    window does not contain the last action, so it is missing here too.
 
-    The first row's action is older than the memory. This action is dropped, and the other actions move up by a row.
+    The first row's action is older than the memory, so it is dropped, and each other action moves up by a row.
     """
     signs = np.zeros((2 * pairs + 1, pairs + 1))
     for pair in range(pairs):
         signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
     signs[-1, 0] = 1.0
-    # The result has rows (a_{k-1}, y_k), one after another. Without the first number they are the history.
+    # This product has the rows (a_{k-1}, y_k). One after another, and without the first number, they are the history.
     turned = graph.op("MatMul", window, graph.constant(signs, "differences"))
     size = length * (pairs + 1)
     row = graph.op("Reshape", turned, graph.index([1, size]))
