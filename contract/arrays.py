@@ -29,7 +29,7 @@ class ArrayValue:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            # A writeable array may belong to the caller, who may change it later.
+            # A writeable array may belong to the caller, who may change it later, so the array is copied.
             if isinstance(value, np.ndarray) and value.flags.writeable:
                 own = value.copy()
                 own.flags.writeable = False

@@ -30,12 +30,12 @@ def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date
 
 
 def versions(*packages: str) -> dict[str, str]:
-    """Return the installed versions of packages, for `facts`."""
+    """Return the installed versions of packages, as part of the `facts` of a result."""
     return {package: _version(package) for package in packages}
 
 
 def machine() -> str:
-    """Return this computer's processor and its number of logical cores, for `facts`."""
+    """Return this computer's processor and its number of logical cores, as part of the `facts` of a result."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

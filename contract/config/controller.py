@@ -55,5 +55,5 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     magnitude, the first step equals the learning rate; if it is far above, the first step is the gradient times
     learning rate / `mpc.epsilon`."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
-    """C_d,ref: mean drag coefficient without control. It shifts the cost by a constant, so it changes no plan."""
+    """C_d,ref: mean drag coefficient without control. This constant shifts the cost, but changes no plan."""
     weights: CostWeights = field(default_factory=CostWeights)

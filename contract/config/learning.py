@@ -43,9 +43,10 @@ class ModelConfig(Settings, source=paper("table 1")):
     dropout: Fraction[float] = 0.25
     """Dropout probability between the decoder's layers during the joint fit."""
     slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Width of the deployed dynamics network, distilled from the trained one. None deploys the trained network."""
+    """Width of the deployed dynamics network, which is distilled from the trained network. None deploys the trained
+    network."""
     slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Width of the deployed decoder, distilled from the trained one. None deploys the trained decoder."""
+    """Width of the deployed decoder, which is distilled from the trained decoder. None deploys the trained decoder."""
 
     @property
     def slim(self) -> "ModelConfig":
@@ -194,9 +195,11 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Largest standard deviation of sensor noise, in global standard deviations of pressure; most stretches have far
     less noise."""
     offset: NonNegative[float] = 0.0
-    """Standard deviation of an offset in Cp that is common to both sensors of a mirrored pair during a stretch."""
+    """Standard deviation of a random offset in Cp. In a stretch, each mirrored pair has an offset that is common to its
+    two sensors."""
     speed_error: Annotated[float, within(0.0, 0.5, "a speed")] = 0.0
-    """Largest relative error of the speed that the prior reads, constant in a stretch; 0 in half of the stretches."""
+    """Largest relative error of the speed that the prior reads. The error is constant in a stretch, and 0 in half of
+    the stretches."""
     loss: Fraction[float] = 0.0
     """Largest share of a stretch's periods whose pressures are lost; in half of the stretches no pressures are lost."""
     refinement: Positive[float] = 0.75

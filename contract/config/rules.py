@@ -102,7 +102,7 @@ class Rule:
     or_none: bool = False
 
     def admits(self, value: float | str | None) -> bool:
-        """Return whether a field may hold this value."""
+        """Return whether a field with this rule may have the value."""
         if value is None and self.or_none:
             return True
         if isinstance(value, str):

@@ -81,7 +81,8 @@ class ControlStep:
 
 
 class Controller(Protocol):
-    """An object that computes control steps. The ECU and the gates of the export need nothing else."""
+    """An object that computes control steps. The ECU and the gates of the export use controllers only through this
+    interface."""
 
     def control_step(
         self,

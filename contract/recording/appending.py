@@ -60,7 +60,8 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
 
 
 def _differences(there: Mapping[str, Any], here: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """List the differences as (name, value there, value here), with dotted names and None for a missing value."""
+    """List the differences between two mappings as (name, value in `there`, value in `here`), with dotted names. A
+    missing value is None."""
     for key in sorted(there.keys() | here.keys()):
         a, b = there.get(key), here.get(key)
         if isinstance(a, Mapping) and isinstance(b, Mapping):

@@ -109,8 +109,8 @@ class Dataset:
 
     @property
     def plant(self) -> PlantFacts:
-        """The plant's facts. Facts missing here come from the episodes' provenance; a control period missing there too
-        comes from the times t."""
+        """The plant's facts. A fact that `facts` does not state comes from the episodes' provenance. If neither states
+        the control period, it comes from the times t."""
         given = () if self.facts is None else (self.facts,)
         return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
 
@@ -278,7 +278,8 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The single recorded force on the slot faces is read as pressure force, its main part; the sum is unchanged.
+        # The first schema only has the sum of the two forces on the slot faces. The sum is read as the pressure force,
+        # which is its main part.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {}

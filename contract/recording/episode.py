@@ -72,8 +72,8 @@ def _number(value: object) -> float | None:
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""Use of an episode. The model is fitted to "train" and tested on "test". The other roles are not used for fitting
-either: "extended" has forcing beyond the training range, "controlled" has a controller, "calm" begins at the steady
+"""Use of an episode. The model is fitted to episodes of "train" only, and tested on episodes of "test". Of the other
+roles, "extended" has forcing beyond the training range, "controlled" has a controller, "calm" begins at the steady
 wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 

@@ -32,7 +32,8 @@ def dominant_frequency(values: Array, period: float) -> float | None:
 
 
 def share_near(values: Array, period: float, frequency: float, width: float) -> float:
-    """Return the share of a series' fluctuation power within the relative `width` of a frequency, with a Hann window.
+    """Return the share of a series' fluctuation power in a band around a frequency, with a Hann window. The band
+    extends to either side by `width` times the frequency.
 
     The band is never narrower than two bins of the spectrum, the width of the peak that the Hann window causes.
     """
@@ -61,7 +62,7 @@ _DRAG: Final = 0.02
 _FLAT: Final = 0.01
 """Smallest plausible root mean square of all Cp. It is 0.1 at the base of a slender body."""
 _SCALE: Final = 3.0
-"""Largest plausible ratio of mean Cd or rms Cp between files. Control removes half of the drag, rarely more."""
+"""Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
 _SCALE_OF_LIFT: Final = 10.0
 """Largest plausible ratio, between files, of Cl's standard deviation divided by Cp's; one wake causes both
 fluctuations."""

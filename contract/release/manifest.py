@@ -42,8 +42,8 @@ PRECISIONS: Final[tuple[WeightPrecision, ...]] = get_args(WeightPrecision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
-"""Form in which dates are written and accepted. ISO 8601 has further forms, such as week dates, which
-`date.fromisoformat` would also accept."""
+"""Form of ISO 8601 in which dates are written and accepted. `date.fromisoformat` would also accept other forms, such as
+week dates."""
 
 
 @dataclass(frozen=True, kw_only=True)

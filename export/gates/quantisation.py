@@ -1,7 +1,7 @@
 """The effect of int8 weights on the controller: the difference in actions, and the resulting difference in cost.
 
-The gate compares behaviour, not bits: both programs start from equal windows and previous plans, and the model of the
-float program computes the cost of the quantised program's plan.
+The gate compares actions and costs and does not require equal numbers. Both programs start from equal windows and
+previous plans, and the model of the float program computes the cost of the quantised program's plan.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -24,7 +24,7 @@ from export.reference.model import decode, decode_adjoint, encode, step, step_ad
 from export.reference.prior import prior_plan
 
 ADAM_BETAS: Final = (0.9, 0.999)
-"""Kingma and Ba's constants, which are also PyTorch's defaults."""
+"""Decay rates of Adam's two moments. They are Kingma and Ba's, and also PyTorch's defaults."""
 
 
 def control_step(

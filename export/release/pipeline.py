@@ -76,7 +76,8 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
 def calibration_windows(
     program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Return windows (L, S+1) of the last episode of every kind of forcing, because inputs differ between kinds.
+    """Return windows (L, S+1) of the last episode of every kind of forcing, because the networks' inputs differ between
+    kinds.
 
     There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
     `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a separate kind.

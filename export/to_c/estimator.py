@@ -23,8 +23,8 @@ SIZES: Final = "sw_estimator_settings.h"
 NUMBERS: Final = "sw_estimator_weights.c"
 
 ONE: Final = int(INT16_QMAX / REACH)
-"""The integer of a flag of 1, and of a reading one standard deviation above its mean. Readings within `REACH` fit into
-16 bits."""
+"""Integer that represents 1: a flag that is set, or a reading one standard deviation above its mean. Readings within
+`REACH` fit into 16 bits."""
 
 
 def estimator_files(content: bytes) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ from export.to_c.int8_format import INT8_LANES, packed, padded_size, qmax
 def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, ArrayValues]:
     """Return every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with
     a norm in int32, all other arrays in float64. Raises ExportError for a decoder without residual blocks, a layer that
-    is too wide, a layer whose ELU outputs come near the end of their range, or an LSTM with too large weights."""
+    is too wide, a layer whose ELU outputs come near the end of their range, or an LSTM whose weights are too large."""
     program = rounded.program
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")

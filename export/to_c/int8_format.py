@@ -47,7 +47,7 @@ fit into 16 bits."""
 ELU_RANGE: Final = 8
 
 ELU_MAX: Final = 6.4
-"""Largest calibrated output of an ELU; the rest of `ELU_RANGE` is a margin."""
+"""Largest output of an ELU that is accepted in the calibration; the rest of `ELU_RANGE` is a margin."""
 
 ELU_ARGUMENT_ONE: Final = 1 << 18
 """The integer of an argument of 1 in the table of ELU."""

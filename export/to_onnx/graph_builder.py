@@ -20,7 +20,7 @@ from export.program.float32 import as_float32
 from export.program.weights import LAYER_NORM_EPSILON, Norm
 
 OPSET: Final = 18
-"""The oldest operator set with LayerNormalization, and in which the axes of every reduction are an input."""
+"""The oldest ONNX operator set that has LayerNormalization and in which every reduction takes its axes as an input."""
 IR_VERSION: Final = 8
 
 
