@@ -43,10 +43,9 @@ class ModelConfig(Settings, source=paper("table 1")):
     dropout: Fraction[float] = 0.25
     """Dropout probability between the decoder's layers during the joint fit."""
     slim_dynamics_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Width of the deployed dynamics network, which is distilled from the trained network. None deploys the trained
-    network."""
+    """Width of the deployed dynamics network, distilled from the trained network. None deploys the trained network."""
     slim_decoder_width: Annotated[AtLeastOneOrNone, _SLIMMED] = None
-    """Width of the deployed decoder, which is distilled from the trained decoder. None deploys the trained decoder."""
+    """Width of the deployed decoder, distilled from the trained decoder. None deploys the trained decoder."""
 
     @property
     def slim(self) -> "ModelConfig":
@@ -67,9 +66,9 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """The finish: the last passes of the joint fit of all networks, which predict more steps. The passes before the
-    finish predict 5 steps. The finish reduces the prediction error at the controller's horizon. A training that
-    predicts the larger number of steps from the start stalls: it predicts only the mean forces.
+    """The finish: the last passes of the joint fit. They predict more than the 5 steps of the passes before, and reduce
+    the prediction error at the controller's horizon. A training that predicts that many steps from the start stalls: it
+    predicts only the mean forces.
 
     In the finish, each of these fields replaces the field of `train` with the same name.
     """
@@ -155,13 +154,12 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """Training of the prior, which is the network that computes the optimiser's initial plan. The prior is trained in
-    closed loop, with gradients through the flow solver. The cost over an interval of the closed loop, called a stretch,
-    is differentiated with respect to the prior's weights."""
+    """Training of the prior, the network for the optimiser's initial plan, in closed loop with gradients through the
+    flow solver. The cost over a stretch (an interval of the closed loop) is differentiated with respect to the prior's
+    weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
-    """Number of past rows that the prior reads. A row has the sensor differences and the action of one control
-    period."""
+    """Number of past rows (sensor differences and action of a control period) that the prior reads."""
     units: AtLeastOne[int] = 24
     """Width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450
@@ -195,17 +193,16 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Largest standard deviation of sensor noise, in global standard deviations of pressure; most stretches have far
     less noise."""
     offset: NonNegative[float] = 0.0
-    """Standard deviation of a random offset in Cp. In a stretch, each mirrored pair has an offset that is common to its
-    two sensors."""
+    """Standard deviation of a random offset in Cp, constant in a stretch and equal for both sensors of a mirrored
+    pair."""
     speed_error: Annotated[float, within(0.0, 0.5, "a speed")] = 0.0
-    """Largest relative error of the speed that the prior reads. The error is constant in a stretch, and 0 in half of
-    the stretches."""
+    """Largest relative error of the speed that the prior reads; constant in a stretch, and 0 in half of the
+    stretches."""
     loss: Fraction[float] = 0.0
     """Largest share of a stretch's periods whose pressures are lost; in half of the stretches no pressures are lost."""
     refinement: Positive[float] = 0.75
-    """Refinement of the training's grid, like `flow.refinement`. With the default, training takes a quarter of the time
-    that it takes with refinement 1. The default is the coarsest grid on which a controller behaves as on the grid of
-    refinement 1."""
+    """Refinement of the training's grid, like `flow.refinement`. With the default, training takes a quarter of its time
+    with refinement 1. No coarser grid gives a controller that behaves as with refinement 1."""
     substeps: AtLeastOne[int] = 15
     """Number of time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True

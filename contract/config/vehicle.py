@@ -66,8 +66,7 @@ class E2eConfig(
 class BackgroundConfig(
     Settings, section="bus.background", source=ours("a bus without other nodes", page="explanation/simulated-bus.md")
 ):
-    """Traffic of other nodes on the simulated bus. Without this traffic, the ECU's and the vehicle's frames hardly ever
-    wait for the bus."""
+    """Traffic of other nodes on the simulated bus; without it, frames hardly ever wait for the bus."""
 
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, stuff bits included."""
@@ -139,12 +138,11 @@ class SensorCheckConfig(
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
-    """Ratio at which the ECU no longer uses a sensor: the mean squared deviation of its reading from the estimate by
-    the other sensors, divided by the mean squared deviation of the other sensors from each other. Healthy sensors reach
-    8."""
+    """Ratio at which the ECU no longer uses a sensor: the mean squared deviation of its reading from the other sensors'
+    estimate, divided by the other sensors' mean squared deviation from each other. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """Ratio like `liar_level`, at which the ECU no longer uses a sensor, but of deviations averaged over two shedding
-    cycles. Such averages show small biases and drifts. Healthy sensors reach 16."""
+    """Limit like `liar_level`, but for deviations averaged over two shedding cycles, which show small biases and
+    drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
     """Ratio at which two sensors are taken for exchanged: the disagreement among the received pressures, divided by the
     disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
@@ -153,8 +151,8 @@ class SensorCheckConfig(
     the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside the
     range of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count of doubtful periods at which the jets go to zero and the fault latches. A doubtful period adds 1 to the
-    count, any other period subtracts 1."""
+    """Count of doubtful periods at which the jets go to zero and the fault latches. Any other period subtracts 1 from
+    the count."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
     """Number of consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
 
@@ -181,8 +179,8 @@ class BenefitCheckConfig(
     """Largest mean difference between mirrored sensors with which control counts as helping, relative to the mean
     difference without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count of periods without benefit at which the jets are shut for a test. A period in which control did not help
-    adds 1 to the count, a period in which it helped subtracts 1. The fault latches if the test fails."""
+    """Count of periods in which control did not help, at which the jets are shut for a test. A period in which control
+    helped subtracts 1 from the count. The fault latches if the test fails."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -241,8 +239,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
         NonNegative[float], MILLISECONDS, ours("a fifth of a period covers jitter", page="how-to/run-on-an-ecu.md")
     ] = 4.0
     """Time from the expected arrival of a pressure frame to the control step that uses the frame. Pressures that are
-    late by less than this time are still used in their own period. The plan is for the next period, so the wait has no
-    cost if the step is finished before the present period ends."""
+    late by less than this time are still used in their own period. The plan is for the next period, so waiting costs
+    nothing if the step is finished before the present period ends."""
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
     """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
