@@ -22,7 +22,7 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     """The body: a box of width 1 with its front at x = 0, two jets at the edges of its base, and pressure sensors.
 
     The defaults describe the truck. Any other body works only in the project's own solver, and needs a developed wake
-    that `stillwake develop` computes.
+    from `stillwake develop`.
     """
 
     length: Annotated[float, _LENGTH, WIDTHS] = LENGTH

@@ -47,9 +47,9 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
     """H: number of control periods that the optimiser predicts; about one shedding cycle."""
     iterations: AtLeastOne[int] = 5
-    """Number of Adam iterations on the plan in each control step."""
+    """Number of Adam iterations in each control step."""
     learning_rate: Positive[float] = 1e-3
-    """Learning rate of the Adam iterations on the plan."""
+    """Learning rate of the Adam iterations."""
     epsilon: Annotated[Positive[float], ours("Kingma and Ba's; the paper gives none")] = 1e-8
     """Constant that Adam adds to the root of the gradient's second moment. If the constant is far below the gradient's
     magnitude, the first step equals the learning rate; if it is far above, the first step is the gradient times

@@ -107,7 +107,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
         ours("the simplest draw; the paper does not state how windows are drawn", page="how-to/train.md"),
     ] = 1
     """Number of consecutive windows drawn together; 1 draws each window separately. Consecutive windows share most of
-    their computation, so with segments of 8 windows an iteration is several times cheaper at an equal batch size."""
+    their computation, so segments of 8 windows make an iteration several times cheaper at an equal batch size."""
     streamed: Annotated[bool, paper("section 2.2.1", "the encoder reads windows")] = False
     """Whether the joint fit reads each drawn segment once and carries the LSTM's state from row to row, instead of
     reading each window from its start. The passes of `finish` always read windows."""
@@ -116,8 +116,8 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     and then lowers it to 0."""
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
-    """Number of passes of the distillation that read the recording as a stream. These passes precede the passes that
-    read windows, and cost far less. After them, the passes that read windows reduce the error only a little further."""
+    """Number of passes of the distillation that read the recording as a stream. They precede the passes that read
+    windows, and cost far less. After them, reading windows reduces the error only a little further."""
     distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
     """Number of passes of the slim encoder's distillation that read windows."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0

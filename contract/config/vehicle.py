@@ -216,8 +216,8 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Number of further periods without usable pressures, each of which halves the command. After them the command is
     zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Number of consecutive good frames that must have arrived before the rising edge of the vehicle's request clears
-    a latched fault."""
+    """Number of consecutive good frames that must precede the rising edge of the vehicle's request to clear a latched
+    fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
     """Largest age, from sampling to control step, of pressures that may be used for planning. The default allows one
     period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect; with 40 ms
