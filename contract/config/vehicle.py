@@ -50,7 +50,7 @@ class E2eConfig(
     """Largest increment of the counter with which a frame is still accepted as the next frame. The default 4 allows a
     loss of three frames in a row, which is the number that the ECU's fail-safe bridges."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
-    """Latest checks that are judged together."""
+    """Number of latest check results that together decide whether a stream is valid."""
     min_ok: Annotated[int, FRAMES] = 2
     """Smallest number of passed checks in the window with which a stream is valid."""
     max_errors: Annotated[int, FRAMES] = 2

@@ -92,7 +92,7 @@ def test_every_setting_has_a_line_with_default_release_unit_bounds_source_and_me
     assert lines["train.epochs"].startswith("- `train.epochs` 300 passes, release 40: Passes over the windows")
     assert "(shap, qr, greedy, random, hand), release greedy: " in lines["train.selection"]
     assert lines["train.selection"].endswith("(paper, section 2.3.1)")
-    assert lines["bus.e2e.window"] == "- `bus.e2e.window` 5 frames: Latest checks that are judged together."
+    assert lines["bus.e2e.window"].startswith("- `bus.e2e.window` 5 frames: Number of latest check results")
 
 
 def test_every_kind_of_disturbance_has_a_row_with_its_parameters():

@@ -48,7 +48,7 @@ def test_a_value_comes_with_its_unit_and_its_source(cli, tmp_path):
 def test_a_prefix_selects_and_explains(cli, refused):
     outcome = cli("config", "bus.e2e")
     assert set(rows(outcome.out)) == {"bus.e2e.max_delta", "bus.e2e.window", "bus.e2e.min_ok", "bus.e2e.max_errors"}
-    assert "Must be at least 1. Latest checks that are judged together." in outcome.out
+    assert "Must be at least 1. Number of latest check results that together decide" in outcome.out
     assert "Default (ours): AUTOSAR E2E leaves these numbers to the project" in outcome.out
     assert "Default (paper, section 2.4)." in cli("config", "mpc.horizon").out
     unknown = "error: no setting begins with 'nonsense'; the sections are operating_point, body"
