@@ -79,7 +79,7 @@ def _rows(twins: tuple[Message, ...], names: Iterable[str]) -> Iterable[tuple[st
 
 
 def _place(found: list[Signal]) -> str:
-    """Return the first bits of signals that share a row, and their common type and resolution."""
+    """Return the first bits of the signals that share a row, and the type and resolution that they have in common."""
     one = found[0]
     step = f", {one.scale:g} {one.unit or ''}".rstrip() if one.unit or one.scale != 1 else ""
     return f"{'/'.join(str(signal.start) for signal in found)}, {_type(one)}{step}"

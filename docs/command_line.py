@@ -108,7 +108,7 @@ def _options(command: Any) -> Iterator[tuple[_Option, str]]:
 
 
 def _help(parameter: Any) -> str:
-    """Return a parameter's help, with "see `--help`" in place of "see above", because the page lacks the text above."""
+    """Return a parameter's help, with "see `--help`" in place of "see above", because the page lacks that text."""
     return (parameter.help or "").replace("see above", "see `--help`")
 
 

@@ -2,7 +2,7 @@
 
     python -m docs.page_pictures
 
-A server runs the shipped release on the live wake. When control has calmed the wake, one sensor dies; later the page is
+A server runs the shipped release on the live wake. When control has calmed the wake, a sensor dies. Later the page is
 taken in a dark, a light and a narrow window. `docs/pictures/provenance.json` has the pictures' hashes.
 """
 

@@ -2,7 +2,7 @@
 
     python -m docs.release_pictures RUN_FOLDER
 
-`docs/pictures/provenance.json` states the bundle and the run; a test fails if another bundle is shipped.
+`docs/pictures/provenance.json` states the bundle and the run; a test fails if the shipped bundle is another bundle.
 """
 
 import hashlib

@@ -45,11 +45,11 @@ UNWANTED, WANTED = "INIT STANDBY ARMED", "WARMUP CONTROL HOLD DECAY"
 CHOICE: Final = (560, 245)
 """Middle of the diamond, which is not a state: lines from ARMED and from an accepted request branch there."""
 _FEW: Final = 3
-"""Largest number of missing states that are listed after "all but"."""
+"""Largest number of missing states that a row lists after "all but"."""
 
 
 class Line(NamedTuple):
-    """A line from one or several states to a state, with its corners and the middle of its label."""
+    """A line in the picture from one or several states to a state, with its corners and the middle of its label."""
 
     start: str
     to: str

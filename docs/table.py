@@ -1,9 +1,9 @@
-"""Write a table in Markdown."""
+"""A writer of Markdown tables."""
 
 from collections.abc import Iterable, Sequence
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table; a vertical bar in a cell is escaped."""
+    """Return a Markdown table; vertical bars in cells are escaped."""
     lines = [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in (heads, *rows)]
     return "\n".join([lines[0], f"|{'---|' * len(heads)}", *lines[1:]])

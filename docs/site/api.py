@@ -1,7 +1,7 @@
-"""The API by package: a page for every folder with modules, a section for every module, made of the docstrings.
+"""The API's pages from the docstrings: a page for every folder with modules, a section for every module.
 
-It is read from the source (`docs.site.source`), where autodoc imports all that a module imports and asks Python for
-every signature: that takes three times as long, and shows types as no one wrote them.
+They are read from the source (`docs.site.source`). Sphinx's autodoc would import every module and evaluate every
+signature: it takes three times as long, and shows types in another form than the source.
 """
 
 import re
@@ -31,7 +31,7 @@ states which package may import which.
 
 
 def folders() -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Every package and the names of the public modules that lie in its folder."""
+    """Yield every package, and the names of the public modules in its folder."""
     for package in source.PACKAGES:
         for path in sorted((pages.ROOT / package).rglob("__init__.py")):
             modules = tuple(sorted(one.stem for one in path.parent.glob("*.py") if not one.name.startswith("_")))
@@ -40,7 +40,7 @@ def folders() -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def texts() -> dict[Path, str]:
-    """Text of every page of the API by the file it is written to."""
+    """Return the text of every page of the API by the path of the page's file."""
     made = {FOLDER / f"{package}.rst": _page(package, modules) for package, modules in folders()}
     for package in source.PACKAGES:
         made[FOLDER / f"{package}.rst"] += _toctree([name for name, _ in folders() if name.startswith(f"{package}.")])
@@ -68,14 +68,14 @@ def _member(member: source.Member, prefix: str) -> str:
 
 
 def _text(docstring: str) -> str:
-    """A docstring as reStructuredText, its sections as fields."""
+    """Return a docstring as reStructuredText, with its sections as fields."""
     return str(GoogleDocstring(restructured(docstring.splitlines()), _SECTIONS)).strip("\n")
 
 
 def restructured(lines: Sequence[str]) -> list[str]:
-    """A docstring's lines as reStructuredText.
+    """Return a docstring's lines as reStructuredText.
 
-    An indented block after a blank line is shown as it stands, and bars are absolute values, no substitutions.
+    An indented block after a blank line becomes a literal block. Bars, here of absolute values, are escaped.
     """
     made: list[str] = []
     is_block, before = False, "-"
@@ -95,7 +95,7 @@ def _toctree(names: Sequence[str]) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the pages as soon as the configuration is read."""
+    """Register `_write`, which writes the pages when Sphinx has read the configuration."""
     app.connect("config-inited", _write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 

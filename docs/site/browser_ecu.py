@@ -1,7 +1,7 @@
 """A page of the site that runs the exported ECU in the reader's browser: `try/index.html`.
 
-The ECU in C of the shipped release is compiled to WebAssembly, without a C library. The page loads it, the facts about
-it and the recorded drives from one script, because a browser lets no page on a disk read another file.
+The ECU in C of the shipped release is compiled to WebAssembly, without a C library. The page loads the ECU, the facts
+about it and the recorded drives from one script, because a page that is opened from a disk cannot read other files.
 """
 
 import base64
@@ -63,7 +63,7 @@ DRIVES: Final = {
     "controlled_2_0": "under an earlier controller",
     "none_0": "without jets",
 }
-"""Episodes of the shipped recording, with their names for the reader."""
+"""Episodes of the shipped recording, with the names that the page shows."""
 PERIODS: Final = 1100
 """Length of a drive in control periods, which is 22 s."""
 EXPORTS: Final = (
@@ -74,7 +74,7 @@ FLAGS: Final = (
     *("-target", "wasm32-freestanding", "-O3", "-msimd128", "-mbulk-memory", "-ffp-contract=off", "-ffreestanding"),
     *("-nostdlib", "-Wl,--no-entry", "-Wl,--strip-all", *(f"-Wl,--export={name}" for name in EXPORTS)),
 )
-"""Flags of the compiler. Without contraction and reordering, all commands equal those of other machines bit for bit."""
+"""Flags of the compiler. Without contraction and reordering, the commands equal those of other machines bit for bit."""
 
 
 def write_page(folder: Path, sources: Mapping[str, bytes], release: Bundle, config: Config) -> None:
@@ -107,7 +107,7 @@ def compiled(sources: Mapping[str, bytes]) -> bytes:
 
 
 def facts(sources: Mapping[str, bytes], release: Bundle, config: Config) -> dict[str, Any]:
-    """Return what the page has to know about the release, the vehicle, the messages and the ECU's memory."""
+    """Return the data that the page needs about the release, the vehicle, the messages and the ECU's memory."""
     manifest, point, messages = release.manifest, config.operating_point, message_set(config.bus)
     database = cantools.database.load_string(dbc_bytes().decode("utf-8"), "dbc")
     assert isinstance(database, cantools.database.Database)
@@ -145,7 +145,7 @@ def facts(sources: Mapping[str, bytes], release: Bundle, config: Config) -> dict
 
 
 def layout(sources: Mapping[str, bytes]) -> dict[str, int]:
-    """Return sizes and places of values in the ECU's memory, in bytes; they are the same on every machine."""
+    """Return sizes and offsets of C structures and their members, in bytes; they are equal on every machine."""
     ffi = Structs(sources, host_compiler()).ffi
     members = ("timestamp_ns", "id", "is_extended", "is_fd", "length", "data")
     return {
@@ -157,7 +157,7 @@ def layout(sources: Mapping[str, bytes]) -> dict[str, int]:
 
 
 def drives(sensors: tuple[str, ...], config: Config) -> list[dict[str, Any]]:
-    """Return the recorded drives: pressures at the sensors and the recorded commands, in steps of their messages."""
+    """Return the recorded drives: pressures at the sensors and commands, as multiples of their messages' resolution."""
     data, point, messages = dataset.read(recording()), config.operating_point, message_set(config.bus)
     columns = data.layout.indices(sensors)
 
@@ -183,7 +183,7 @@ def _text(content: bytes) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the page when the site is complete."""
+    """Register `_write`, which writes the page when the site is complete."""
     app.connect("build-finished", _write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -203,7 +203,7 @@ def _write(app: Sphinx, failure: Exception | None) -> None:
 
 
 def _key() -> str:
-    """Return a hash of all that the page is made from."""
+    """Return a hash of the files from which the page is built."""
     found = hashlib.sha256(open_release(None).digest.encode())
     for place in (ROOT / "ecu", ROOT / "export", LIVE, OWN, Path(__file__)):
         for path in sorted(place.rglob("*")) if place.is_dir() else [place]:

@@ -1,5 +1,5 @@
-"""What Sphinx does not write by itself: formulas as MathML, which browsers show without a script or a network, and the
-level at which the captions of the navigation are headings."""
+"""Two changes of Sphinx's HTML. Formulas are MathML, which browsers show without a script or a network. The captions of
+the navigation, which are headings, get a heading level."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ _NAVIGATION = "furo_navigation_tree"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register the renderer `mathml`, and the change of captions, after the theme has made the navigation."""
+    """Register the renderer `mathml`, and `_level`, which changes the captions that the theme has written."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
     app.connect("html-page-context", _level, priority=900)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

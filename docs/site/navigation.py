@@ -1,4 +1,4 @@
-"""The order of the site, read from the lists of `docs/README.md`: sections, groups in them, pages in these."""
+"""The order of the site's sections, their groups and the groups' pages, read from the lists of `docs/README.md`."""
 
 import re
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ _LINK: Final = re.compile(r"\]\(([^)#\s]+)")
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Pages that stand together.
+    """A group of pages in a section.
 
     Attributes:
-        name: "" for pages of the section itself.
-        text: the list as it is written.
-        pages: links in it, in their order.
+        name: heading of the group; "" for pages that are directly in the section.
+        text: the Markdown below the heading.
+        pages: links in the group's lists, in their order.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Section:
 
 
 def sections(readme: str) -> tuple[Section, ...]:
-    """All sections that have a list; links are taken from lists alone."""
+    """Return all sections that contain a list; only links in lists count as pages."""
     found: list[tuple[str, list[tuple[str, list[str]]]]] = []
     for line in readme.splitlines():
         heading = _HEADING.match(line)

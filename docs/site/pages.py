@@ -1,8 +1,7 @@
-"""Pages that only the site has, made from files that stand elsewhere: the first page, one for each group of pages, and
-what lies outside `docs/`.
+"""The generated pages of the site: the first page, a page for each group, and pages for Markdown outside `docs/`.
 
-They are written before Sphinx looks for its sources, into `docs/generated` and `docs/index.markdown`, which git
-ignores, and only where they differ from what is there.
+They are written to `docs/generated` and `docs/index.markdown`, which git ignores, before Sphinx looks for its sources.
+A page that has not changed is not written.
 """
 
 import os
@@ -30,23 +29,23 @@ _PICTURE: Final = re.compile(
 
 
 def outside() -> dict[Path, str]:
-    """Markdown outside `docs/` that the site shows, by the name of its page."""
+    """Return the Markdown files outside `docs/` that the site shows, each with the name of its page."""
     files = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "examples").glob("*/README.md"))]
     names = ["-".join(path.relative_to(ROOT).with_suffix("").parts).lower() for path in files]
     return {path: f"generated/{name}" for path, name in zip(files, names, strict=True)}
 
 
 def docname(path: Path) -> str:
-    """Name of the page that shows a Markdown file."""
+    """Return the name of the page that shows a Markdown file."""
     if path == DOCS / "README.md":
         return "index"
     return outside().get(path) or path.relative_to(DOCS).with_suffix("").as_posix()
 
 
 def moved(text: str, source: Path, target: Path) -> str:
-    """Text of one file for another place: relative links lead to where they led.
+    """Return the text of the file `source` with its relative links and pictures adapted to the path `target`.
 
-    A picture in HTML with one file for light and one for dark becomes two, of which the theme shows one.
+    An HTML picture with a file for light and a file for dark becomes two pictures, of which the theme shows one.
     """
 
     def path(link: str) -> str:
@@ -66,7 +65,7 @@ def moved(text: str, source: Path, target: Path) -> str:
 
 
 def pages() -> dict[Path, str]:
-    """Text of every such page by the file it is written to."""
+    """Return the text of every generated page by the path of its file."""
     made = {DOCS / f"{name}.markdown": _whole(path, DOCS / f"{name}.markdown") for path, name in outside().items()}
     readme = (DOCS / "README.md").read_text(encoding="utf-8")
     toctrees = [_toctree("Start", [f"Overview </{outside()[ROOT / 'README.md']}>"])]
@@ -93,7 +92,7 @@ def docname_of_generated(path: Path) -> str:
 
 
 def write(texts: Mapping[Path, str]) -> None:
-    """Write what differs; what is there already keeps its time, and so Sphinx what it read of it."""
+    """Write the files whose text differs; the time stamps of other files tell Sphinx not to read them."""
     for path, text in texts.items():
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -101,7 +100,7 @@ def write(texts: Mapping[Path, str]) -> None:
 
 
 def has_gallery() -> bool:
-    """Whether there are scripts for the gallery."""
+    """Return whether the gallery has scripts."""
     return any((ROOT / "examples" / "gallery").glob("*.py"))
 
 
@@ -111,16 +110,16 @@ STORIES: Final = (
     "fault_in_the_loop.py",
     "bundle_to_cortex_m7.py",
 )
-"""The stories of the gallery, in their order."""
+"""The gallery's scripts in the order of the site."""
 
 
 def place_in_gallery(name: str) -> tuple[int, str]:
-    """Sorts the scripts of the gallery; one that is not in `STORIES` comes after them."""
+    """Return a sort key for a script of the gallery; a script that is not in `STORIES` comes after those."""
     return (STORIES.index(name) if name in STORIES else len(STORIES), name)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the pages as soon as the configuration is read, fill those of `docs.made`; keep the list of pages short."""
+    """Register the functions that write pages, fill in the parts of `docs.made`, and shorten the navigation."""
     app.connect("config-inited", _write)
     app.connect("env-get-outdated", _with_parts)
     app.connect("source-read", _fill)
@@ -137,7 +136,7 @@ def _write(app: Sphinx, config: Config) -> None:
 
 
 def _with_parts(app: Sphinx, env: object, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
-    """Pages that are read every time: what is made in them may have changed where their text has not."""
+    """Return the pages with generated parts, which can change without the page; Sphinx always reads these pages."""
     del app, env, added, changed, removed
     return [docname(path) for path in DOCS.rglob("*.md") if PLACE.search(path.read_text(encoding="utf-8"))]
 
@@ -148,7 +147,7 @@ def _fill(app: Sphinx, name: str, source: list[str]) -> None:
 
 
 def _collapse(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: object) -> None:
-    """Of the list of pages, show the branch of this one alone: whole on every page, it takes a quarter of the build."""
+    """Show only this page's branch of the navigation; all of it on every page takes a quarter of the build's time."""
     del app, page, template, tree
     whole = context.get("toctree")
     if whole is not None:
@@ -171,13 +170,13 @@ def _group_page(group: Group, path: Path) -> str:
 
 
 def _introduction() -> str:
-    """Title, what this is, and the first section of the README: two commands."""
+    """Return the README's title, introduction and first section."""
     text = moved((ROOT / "README.md").read_text(encoding="utf-8"), ROOT / "README.md", INDEX)
     return "\n## ".join(text.split("\n## ")[:2])
 
 
 def _documents(readme: str) -> str:
-    """The rest of the list of documents, one level lower; the groups have pages of their own."""
+    """Return the list of documents with every heading one level lower."""
     return re.sub(r"^#", "##", readme, flags=re.MULTILINE)
 
 

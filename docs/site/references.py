@@ -1,9 +1,9 @@
-"""Where references lead: Python's by their full names, links out of `docs/` to the pages that show their targets, and
-names in running text to the API.
+"""Targets of references: objects of Python by their full names, pages for links out of `docs/`, and the API for names
+in running text.
 
-Sphinx looks for a name of Python among the ends of all names, which takes half of a build's time and finds the wrong
-one. Ours are exact. A name that the API does not have is no reference: it is private, an alias without a docstring, or
-another package's, whose pages lie on a network.
+Sphinx compares a Python name with the ends of all names. This takes half of a build's time, and finds wrong objects, so
+here the full names are compared. A name that the API lacks becomes no link: it is private, an alias without a
+docstring, or a name of another package, whose pages are on a network.
 """
 
 from pathlib import Path
@@ -31,14 +31,14 @@ class ExactNames(SphinxPostTransform):
         for node in list(self.document.findall(addnodes.pending_xref)):
             if node.get("refdomain") == "py":
                 name, content = node["reftarget"], list(node.children)
-                # The errors that a docstring names stand in its module, or among the errors of all.
+                # A docstring's errors are defined in its module or in contract.errors.
                 full = (name, f"{node.get('py:module')}.{name}", f"contract.errors.{name}")
                 known = next((one for one in full if one in domain.objects), None)
                 node.replace_self(content if known is None else [_reference(self, domain, known, content)])
 
 
 class NamesInText(SphinxPostTransform):
-    """Make `package.module.name` and `package/module.py`, set as code, links to the API."""
+    """Turn `package.module.name` and `package/module.py`, in code style, into links to the API."""
 
     default_priority = 6
 
@@ -48,7 +48,7 @@ class NamesInText(SphinxPostTransform):
         for node in list(self.document.findall(nodes.literal)):
             text = node.astext()
             name = text.removesuffix(".py").replace("/", ".") if text.endswith(".py") else text
-            # A module's own file stands above its text.
+            # The line above a module's text shows the module's own file, and gets no link.
             is_plain = not isinstance(node.parent, nodes.reference | nodes.title) and "file" not in node["classes"]
             if is_plain and is_ours(name) and name in domain.objects:
                 node.replace_self([_reference(self, domain, name, [node.deepcopy()])])
@@ -63,7 +63,7 @@ def _reference(
 
 
 def lead_outside(app: Sphinx, doctree: nodes.document) -> None:
-    """Links to Markdown outside `docs/` lead to the page that shows it; a folder is named without a link."""
+    """Lead links to Markdown outside `docs/` to the page that shows it; replace a link to a folder by its text."""
     for node in list(doctree.findall(addnodes.pending_xref)):
         if node.get("reftype") != "myst":
             continue
@@ -81,7 +81,7 @@ _OUTSIDE: Final = pages.outside()
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Put both in their places."""
+    """Register both transforms and `lead_outside`."""
     app.add_post_transform(ExactNames)
     app.add_post_transform(NamesInText)
     app.connect("doctree-read", lead_outside)

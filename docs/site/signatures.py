@@ -1,6 +1,6 @@
-"""Signatures as the source has them, with our own types in full, so that they can be linked.
+"""Signatures as in the source, with the project's types by their full names, so that they become links.
 
-What Python evaluates would be unreadable: an array is `numpy.ndarray[tuple[...], numpy.dtype[...]]` there.
+Types that Python evaluates would be unreadable; an array would be `numpy.ndarray[tuple[...], numpy.dtype[...]]`.
 """
 
 import ast
@@ -10,13 +10,13 @@ from typing import Final
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Names = Mapping[str, str]
-"""Our names that a module uses, with their full names."""
+"""Full names of the project's types in a module, by the names that the module uses."""
 
 _LONGEST_DEFAULT: Final = 40
 
 
 def arguments(node: Function, names: Names, *, bound: bool) -> str:
-    """Arguments in brackets; of a bound one without the first."""
+    """Return a function's arguments in brackets; with `bound`, without the first argument."""
     made = deepcopy(node.args)
     if bound:
         (made.posonlyargs or made.args).pop(0)
@@ -27,12 +27,12 @@ def arguments(node: Function, names: Names, *, bound: bool) -> str:
 
 
 def fields(node: ast.ClassDef, names: Names) -> str:
-    """Arguments of a dataclass or named tuple, its fields."""
+    """Return the fields of a dataclass or named tuple as arguments in brackets."""
     return f"({', '.join(_fields(node, names))})"
 
 
 def annotation(node: ast.expr, names: Names) -> str:
-    """A type; ours with the mark that shows only the last part of its name."""
+    """Return a type. The project's types begin with `~`, for which Sphinx shows only the last part of the name."""
     return ast.unparse(_Full(names).visit(deepcopy(node)))
 
 
@@ -47,13 +47,13 @@ def _fields(node: ast.ClassDef, names: Names) -> Iterator[str]:
 
 
 def _default(value: ast.expr) -> str:
-    """A default as it is written, if that is short."""
+    """Return a default as in the source, or "..." if it is long."""
     text = ast.unparse(value)
     return text if len(text) < _LONGEST_DEFAULT and not text.startswith("field(") else "..."
 
 
 class _Full(ast.NodeTransformer):
-    """Our types in full; of `Annotated` the type alone; types in quotes without them."""
+    """Replace the project's types by full names, `Annotated` by its type, and quoted types by types without quotes."""
 
     def __init__(self, names: Names) -> None:
         self.names = names

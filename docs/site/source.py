@@ -1,6 +1,6 @@
-"""What a module offers, read from its source: nothing is imported, so no extra needs to be there.
+"""The public definitions of a module, read from its source without an import, so that no extra is needed.
 
-Names that begin with an underscore are private, and a constant without a docstring explains itself where it is used.
+Names that begin with an underscore are private. Constants without a docstring are left out.
 """
 
 import ast
@@ -15,27 +15,27 @@ from docs.site.signatures import Function, Names, annotation, arguments, fields
 Kind = Literal["function", "class", "exception", "method", "property", "attribute", "data"]
 
 PACKAGES: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim")
-"""Those that the API documents, from the one that all import upwards."""
+"""Packages in the API, beginning with the package that all others import."""
 _PROPERTIES: Final = ("property", "cached_property")
 _LONGEST_VALUE: Final = 60
 
 
 def is_ours(name: str) -> bool:
-    """Whether a dotted name begins with one of our packages."""
+    """Return whether a dotted name begins with a package of the API."""
     return name.partition(".")[0] in PACKAGES
 
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A definition.
+    """A public definition in a module or class.
 
     Attributes:
-        kind: as the directives of Sphinx for Python are called.
-        name: in its module or class.
-        signature: what stands behind the name.
-        options: of the directive.
-        docstring: "" for a function or a class without one.
-        members: of a class.
+        kind: name of Sphinx's directive for Python.
+        name: name in the module or class.
+        signature: text after the name, such as "(x: int) -> str".
+        options: options of the directive.
+        docstring: "" for a function or a class without a docstring.
+        members: definitions in a class.
     """
 
     kind: Kind
@@ -53,7 +53,7 @@ class Module:
 
 
 def read(path: Path, name: str) -> Module:
-    """Docstring and public definitions of a module, in the order of the source."""
+    """Return a module's docstring and public definitions, in the order of the source."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     members = tuple(_members(tree.body, _names(tree, name), inside=False))
     return Module(docstring=ast.get_docstring(tree) or "", members=members)
@@ -124,7 +124,7 @@ def _options(node: ast.Assign | ast.AnnAssign, names: Names) -> Iterator[str]:
 
 
 def _said(node: ast.stmt) -> str:
-    """The docstring below a constant; "" where another statement follows."""
+    """Return the docstring after a constant; "" if another statement follows."""
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
         return "\n".join(line.strip() for line in node.value.value.strip().splitlines())
     return ""
