@@ -44,7 +44,7 @@ RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
 _OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
-"""Folders of `ecu/c` by their names in `full.toml`. Every other name there is a folder of the control step."""
+"""Folders below `ecu/c`, by their names in `full.toml`. Other folders named there have the control step's C code."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 

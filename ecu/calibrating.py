@@ -1,8 +1,8 @@
 """The values of a release that may be calibrated on a vehicle, their limits, and the settings that result.
 
-The bounds on the jets can be narrowed, never widened: the vehicle's settings are their upper limits. The weights may
-have any value from 0 to their largest valid value. The delay is limited so that the controller always has an action to
-choose.
+The bounds on the jets can be narrowed, never widened: the vehicle's settings are their upper limits. The weights of the
+cost may have any value from 0 to their largest valid value. The assumed delay of the actuator is limited so that the
+controller always has an action to choose.
 """
 
 from dataclasses import replace
@@ -50,8 +50,8 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
 
 
 def with_calibration(config: Config, calibration: Calibration) -> Config:
-    """Return the vehicle's settings with a calibration's bounds and delay. The calibration's weights are no settings,
-    but an input of the controller.
+    """Return the vehicle's settings with a calibration's bounds on the jets and delay of the actuator. The
+    calibration's weights are no settings, but an input of the controller.
 
     A bound that equals the vehicle's setting rounded to float32 becomes the setting with all of its digits, so that a
     calibration to the vehicle's own values changes no bit of the results. Any other bound is used as float32, as in C.

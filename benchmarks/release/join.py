@@ -1,10 +1,10 @@
-"""Let the prior of a model take over what the priors of other models do at other speeds.
+"""Fit the prior of a model, the base, to the actions of the priors of other models, the experts, at other speeds.
 
     python -m benchmarks.release.join OUTPUT --base MODEL --expert 0.6 MODEL --expert 1.4 MODEL ...
 
 Each expert runs in closed loop on the mesh of `stillwake refine`, at its speed, from two phases of the developed wake.
-Then the base's prior is fitted to the experts' actions (`train.refinement.imitation`). At the design speed it stays
-the same, and so does everything else of the base: networks, sensors, configuration and the parts for the goal.
+Then the base's prior is fitted to the experts' actions (`train.refinement.imitation`). At the design speed the prior
+stays the same, and so do the base's networks, sensors, configuration and parts for the goal.
 """
 
 import argparse
@@ -29,14 +29,14 @@ from train.refinement.feedback import Feedback, scales_of
 from train.refinement.imitation import Demonstration, demonstrate, imitate
 
 PERIODS: Final = 1000
-"""Periods of an expert's run: 200 convective times of the design speed. The wake at 60 % of the speed takes half of
-that until its drag no longer changes."""
+"""Periods of an expert's run: 200 convective times of the design speed. At 60 % of the design speed, the wake's drag
+needs half of this time until it no longer changes."""
 STARTS: Final = 2
 
 
 def feedback_of(model: TrainedModel, base: TrainedModel, units: int) -> Feedback:
-    """Return a model's prior as a feedback with the scales of `base`. Raises ModelError without a prior or with other
-    sensors."""
+    """Return the prior of `model` as a feedback controller with `units` hidden units and the scales of `base`. Raises
+    ModelError if the model has no prior, or if its sensors differ from those of `base`."""
     if model.prior is None or "filters" not in model.prior:
         raise ModelError("the model has no prior: train it with `stillwake refine` first")
     if model.sensors != base.sensors:
@@ -53,7 +53,7 @@ def feedback_of(model: TrainedModel, base: TrainedModel, units: int) -> Feedback
 def demonstrations_of(
     speed: float, expert: Path, *, base: TrainedModel, config: Config, goal: Goal
 ) -> list[Demonstration]:
-    """Run an expert in closed loop from each start. Raises PlantError if the flow diverges."""
+    """Run an expert's prior in closed loop from each initial state. Raises PlantError if the flow diverges."""
     model = model_store.load(expert)
     units = 0 if model.prior is None else len(model.prior["output"])
     feedback = feedback_of(model, base, units)
@@ -69,7 +69,7 @@ def join(base: TrainedModel, experts: Sequence[tuple[float, Path]], *, workers: 
     """Return the base with a prior that imitates each expert near the expert's speed.
 
     Raises:
-        ModelError: a model has no prior or other sensors, or an expert's speed is the design speed.
+        ModelError: a model has no prior, its sensors differ from the base's, or an expert's speed is the design speed.
         PlantError: the flow diverged.
     """
     if any(speed == 1.0 for speed, _ in experts):

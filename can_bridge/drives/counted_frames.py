@@ -24,8 +24,8 @@ _JUMP: Final = 0.5
 """Largest permanent shift of the frames' times within a stretch, in periods. After a larger shift the counter does not
 show how many frames were lost."""
 _AROUND: Final = 16
-"""Number of frames on each side of a shift of the times; the shift is the difference of the two sides' median
-latenesses. The number exceeds that of the frames in a burst, and is large enough to average jitter of 0.4 periods."""
+"""Number of frames before, and after, a possible shift of the reception times; the shift is the difference of their
+median delays. The number exceeds that of a burst, and is large enough to average jitter of 0.4 periods."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,5 @@
-"""The cost terms and their gradient as ONNX nodes. They compute `reference.cost`, with one matrix for all quadratic
-terms."""
+"""The cost terms and their gradient as ONNX nodes. They compute the same values as `reference.cost`, with one matrix
+for all quadratic terms."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from export.to_onnx.graph_builder import Graph
 
 @dataclass(frozen=True, kw_only=True)
 class CostGradientNames:
-    """The names of two gradients in a graph: dJ/d(Cd, -Cd, Cl) (H, 3), and dJ/da (1, H) with the forces held fixed."""
+    """Names of two gradients in a graph: dJ/d(Cd, -Cd, Cl), shape (H, 3), and dJ/da at fixed forces, shape (1, H)."""
 
     signed_forces: str
     plan: str
@@ -57,11 +57,11 @@ class Cost:
         return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
 
     def gradient(self, graph: Graph, signed_forces: str, plan: str) -> CostGradientNames:
-        """Add nodes that compute the gradient of `reference.cost.cost_gradient`, at (Cd, -Cd, Cl) (H, 3) and a plan (1,
-        H).
+        """Add nodes that compute the same gradient as `reference.cost.cost_gradient`. `signed_forces`, shape (H, 3),
+        has the columns Cd, -Cd and Cl; `plan` has the shape (1, H).
 
-        The drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd), so with the columns Cd and -Cd the same nodes
-        serve all columns.
+        The drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd). Because -Cd has a column of its own, only maxima
+        are needed, and the same nodes serve all columns.
         """
         share = _share_of_maximum(graph, signed_forces)
         fluctuation = graph.op("Mul", share, self._by_maximum)

@@ -243,8 +243,8 @@ class Disturbances:
         return next((one for one in reversed(self.items) if isinstance(one, OtherBody)), None)
 
     def plant(self, config: Config) -> Config:
-        """Return the settings of the plant: `config`, with the body that replaces the release's body if there is
-        one."""
+        """Return the settings of the plant: `config`, or, if a disturbance replaces the release's body, `config` with
+        the replacement."""
         other = self.other_body
         return config if other is None else replace(config, body=other.instead_of(config.body))
 

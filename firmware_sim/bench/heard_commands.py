@@ -21,13 +21,13 @@ from contract.config.vehicle import VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo. The first frame is numbered with its counter.
-    From one frame to the next, the number increases by the difference of their counters.
+    """An immutable record of sent Pressure frames and of the last echo, the counter of a frame that a command repeats.
+    The first frame's number is its counter. From frame to frame, the number increases by the counters' difference.
 
     Attributes:
         kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
         newest: number of the newest frame; None before the first frame.
-        echoed: number of the frame echoed last; None if there is no previous echo.
+        echoed: number of the frame echoed last; None before the first echo, and after an interruption or wrong echo.
     """
 
     counter_period: int

@@ -1,5 +1,5 @@
-"""The gradient of a stretch, an interval of closed loop, with respect to the feedback's parameters, through feedback
-and flow; and the streams, each of which runs over several stretches."""
+"""The gradient of the mean cost of a stretch, an interval of closed loop, with respect to the feedback's parameters,
+computed through feedback and flow; and the streams, each of which runs over several stretches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class StretchReadings:
     """The errors of the values that the feedback receives in a stretch of n periods, with p pairs of sensors.
 
     Attributes:
-        noise: (n, 2 p), added to the sensors' Cp, in pairs of mirror images.
+        noise: (n, 2 p), added to the sensors' Cp; columns 2 k and 2 k + 1 are for the two mirrored sensors of pair k.
         told: ratio of the speed that the feedback receives to the flow's speed, (n,).
         lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command does not
             change.
@@ -148,8 +148,8 @@ class ClosedLoop:
         actions: n actions of the jets.
         leaves: n rows (2 p + 1,) as the feedback received them.
         commands: n commands.
-        read: for each period whose pressures are not lost, what the feedback read: (M, 2 p + 1) rows, the speed, and
-            its action; rows and action are in units of this speed.
+        read: for each period whose pressures are not lost, the (M, 2 p + 1) rows and the speed that the feedback read,
+            and its action; rows and action are in units of this speed.
         true_rows: (n, p + 1) differences without errors, and the action.
     """
 
@@ -211,11 +211,11 @@ def closed_loop(
 
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
-    """Resample a stream's n rows of c columns, (n, c), to the M rows that the feedback reads, (M, c), spaced for the
-    present speed, as the vehicle does.
+    """Resample a stream's rows, shape (n, c), to the M = `memory` rows that the feedback reads, shape (M, c). As on the
+    vehicle, these rows are equally spaced in convective time (`contract.controller.resampling`).
 
-    On the vehicle, each row holds the action that was in force when its sample was taken, divided by the speed at that
-    time. The row of the present sample holds the action that starts now.
+    A row is interpolated with the action that was in force when its sample was taken, divided by the speed at that
+    time. Then each row gets the action of the next row; the last row gets the action that starts now.
     """
     rows = _followed(rows, speeds)
     where = places(speeds, memory)

@@ -20,10 +20,10 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
     """Return coefficients along y: an array for u and an array for v. Coefficients of neighbours outside the domain are
     zero.
 
-    The array for u, (4, ny + 2), has a column for each padded column of u: 1 / (2 dy); diffusion to the north and to
-    the south, and minus their sum. The array for v, (7, ny + 1), has a column for each column of v-faces: shares of the
-    columns of u below and above the face; diffusion to the north and to the south, and minus their sum; 1 / (2 dyc) and
-    1 / dyc.
+    The array for u, (4, ny + 2), has a column for each padded column of u: 1 / (2 dy); the diffusion coefficients to
+    the north and to the south, and minus their sum. The array for v, (7, ny + 1), has a column for each column of
+    v-faces: the averaging weights of the columns of u below and above the face; the diffusion coefficients to the north
+    and to the south, and minus their sum; 1 / (2 dyc) and 1 / dyc.
     """
     real, ny = dy.dtype.type, len(dy)
     one, half = real(1.0), real(0.5)
@@ -57,9 +57,9 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     hy, north, south, self_u = yu[0], yu[1], yu[2], yu[3][1:-1]
     below, above, nv, sv, self_v, hc, cy = yv[0], yv[1], yv[2], yv[3], yv[4][1:-1], yv[5], yv[6]
     south_upper, below_upper, sv_upper = south[2:], below[1:], sv[2:]
-    # For each x-face i, the coefficients are 1 / dxc, diffusion to both sides, and the shares of both cells; for each
-    # cell, they are 1 / (2 dx) and diffusion to both sides. The arrays have one more entry before the first and after
-    # the last index.
+    # Rows 0 to 4, for each x-face i: 1 / dxc, the diffusion coefficients to the west and to the east, and the averaging
+    # weights of the cells on these sides. Rows 5 to 7, for each cell: 1 / (2 dx) and both diffusion coefficients.
+    # Entries after the last face or cell are zero; negative indices read them, too.
     x = np.zeros((8, nx + 3), u.dtype)
     rdxc, west, east, left, right, hrx, west_v, east_v = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
     for i in range(1, nx + 1):

@@ -135,8 +135,8 @@ def from_faces(xf: Array, yf: Array) -> Grid:
 
 
 def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float, *others: _Spacing) -> Array:
-    """Return faces from start to end. The cell size is the size in the table, or the smallest size in all tables; it is
-    divided by `refinement`, and scaled so that a whole number of cells fits."""
+    """Return faces from start to end. The cell size at a position is the smallest of the sizes that `spacing` and
+    `others` give there, divided by `refinement`, and scaled so that a whole number of cells fits."""
     x = np.linspace(start, end, 4001)
     sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
     density = refinement / sizes

@@ -33,7 +33,7 @@ typedef struct {
     uint8_t number;
     uint8_t sessions;
     uint8_t has_sub_function;
-    uint8_t writes; /* needs the flash memory: the service waits while a sector is erased for later use */
+    uint8_t writes; /* 1 if the service needs the flash memory: it then waits for the end of any running erasure */
     uint8_t (*handle)(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer);
     uint8_t (*go_on)(sw_services *services, sw_answer *answer); /* executes a further part; NULL if there is none */
 } sw_service;

@@ -41,10 +41,10 @@ typedef enum {
 
 typedef enum {
     SW_PHASE_EMPTY = 0,
-    SW_PHASE_FILLING = 1,   /* announced; the first `received` bytes are stored */
-    SW_PHASE_CHECKED = 2,   /* complete and valid */
-    SW_PHASE_TRIAL = 3,     /* boots from the next reset on, boots_left times */
-    SW_PHASE_CONFIRMED = 4, /* running, or the last confirmed release before the running release */
+    SW_PHASE_FILLING = 1,   /* the image is announced; its first `received` bytes are stored */
+    SW_PHASE_CHECKED = 2,   /* the image is complete and valid */
+    SW_PHASE_TRIAL = 3,     /* the image boots from the next reset on, boots_left times */
+    SW_PHASE_CONFIRMED = 4, /* the running release, or the last confirmed release before it */
     SW_PHASE_BAD = 5        /* the image is never booted */
 } sw_phase;
 
@@ -107,7 +107,7 @@ typedef struct {
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
     /* Long work, which is done in parts. */
     uint8_t work, slot;  /* sw_work, and its slot */
-    uint32_t at, until;  /* number of finished sectors or bytes (to erase, read or append), and total */
+    uint32_t at, until;  /* at: number of sectors erased, or bytes read or appended; until: number of bytes to append */
     const uint8_t *data; /* bytes to append */
     sw_scratch scratch;
 } sw_store;

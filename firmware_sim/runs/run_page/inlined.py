@@ -29,8 +29,8 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 @dataclass(frozen=True, kw_only=True)
 class Inlined:
-    """The parts of a page that a template needs. `policy` is the content security policy, which allows only these
-    scripts and no other address."""
+    """The scripts and styles that a template puts into a page. `policy` is the page's content security policy: it
+    permits only these scripts, and no request to another address."""
 
     policy: str
     styles: Markup
