@@ -22,7 +22,7 @@ MOST_LINES = {
     "examples": 2_030,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 70_766
+MOST_WORDS = 70_762
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Episode Freshness Key
