@@ -9,7 +9,7 @@ import sys
 import zipfile
 from pathlib import Path
 
-MOST_BYTES = 1_660_000
+MOST_BYTES = 1_670_000
 """Sources and their listing have 1.57 MB, whose lines tests/test_house.py counts, and the models 0.08."""
 MOST_MODEL_BYTES = 110_000
 """The shipped bundle's two graphs have 82 kB as they lie in the archive."""
