@@ -18,11 +18,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 67_386, "benchmarks": 5_231, "tests": 56_949, "own C": 15_499, "JavaScript": 2_746, "docs": 2_277,
+    "source": 67_391, "benchmarks": 5_232, "tests": 56_956, "own C": 15_499, "JavaScript": 2_746, "docs": 2_277,
     "examples": 2_030,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 70_762
+MOST_WORDS = 70_793
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Episode Freshness Key

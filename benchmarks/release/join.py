@@ -14,11 +14,10 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from contract.config.tree import Config
 from contract.controller.goal import Goal
 from contract.errors import ModelError
+from contract.model import model_folder
 from contract.side_by_side import process_pool
 from stillwake.console.terminal import make_console
 from stillwake.parts.differentiable_wake import differentiable_wake
@@ -27,6 +26,7 @@ from train.fitting.threads import torch_threads, without_denormals
 from train.model_store import TrainedModel
 from train.refinement.feedback import Feedback, scales_of
 from train.refinement.imitation import Demonstration, demonstrate, imitate
+from train.refinement.pipeline import middles_and_deviations
 
 PERIODS: Final = 1000
 """Periods of an expert's run: 200 convective times of the design speed. At 60 % of the design speed, the wake's drag
@@ -34,18 +34,20 @@ needs half of this time until it no longer changes."""
 STARTS: Final = 2
 
 
-def feedback_of(model: TrainedModel, base: TrainedModel, units: int) -> Feedback:
-    """Return the prior of `model` as a feedback controller with `units` hidden units and the scales of `base`. Raises
-    ModelError if the model has no prior, or if its sensors differ from those of `base`."""
-    if model.prior is None or "filters" not in model.prior:
+def feedback_of(model: TrainedModel, base: TrainedModel) -> Feedback:
+    """Return the prior of `model` as a feedback controller with the scales of `base`. Raises ModelError if there is no
+    prior, or if its sensors or its memory differ from those of the base."""
+    if model.prior is None or base.prior is None or "filters" not in model.prior:
         raise ModelError("the model has no prior: train it with `stillwake refine` first")
     if model.sensors != base.sensors:
         raise ModelError(f"the sensors are {', '.join(model.sensors)}, of the base {', '.join(base.sensors)}")
-    columns = list(base.layout.indices(base.sensors))
-    means, deviations = (np.array(each)[columns] for each in (base.scaling.pressure_mean, base.scaling.pressure_std))
+    memory, needed = len(model.prior["filters"]), len(base.prior["filters"])
+    if memory != needed:
+        raise ModelError(f"the prior reads {memory} rows, the base's reads {needed}")
+    middles, deviations = middles_and_deviations(base, base.sensors)
     limit = base.config.flow.action_limit
-    middles = tuple((means[::2] + means[1::2]).tolist())
-    made = Feedback(len(model.prior["filters"]), units, scales_of(deviations[::2].tolist(), limit), middles, limit, 0)
+    scales = scales_of(deviations[::2].tolist(), limit)
+    made = Feedback(memory, len(model.prior["output"]), scales, middles, limit, seed=0)
     made.begin_with(model.prior)
     return made
 
@@ -54,9 +56,7 @@ def demonstrations_of(
     speed: float, expert: Path, *, base: TrainedModel, config: Config, goal: Goal
 ) -> list[Demonstration]:
     """Run an expert's prior in closed loop from each initial state. Raises PlantError if the flow diverges."""
-    model = model_store.load(expert)
-    units = 0 if model.prior is None else len(model.prior["output"])
-    feedback = feedback_of(model, base, units)
+    feedback = feedback_of(model_store.load(expert), base)
     with torch_threads(1), without_denormals():
         flow, starts = differentiable_wake(config, base.sensors, None, lambda *_: None)
         found = [demonstrate(flow, feedback, start, speed, goal, periods=PERIODS) for start in starts]
@@ -76,7 +76,7 @@ def join(base: TrainedModel, experts: Sequence[tuple[float, Path]], *, workers: 
         raise ModelError("an expert's speed is 1, where the base stays the same: give another speed")
     config = replace(base.config, refine=replace(base.config.refine, streams=STARTS))
     goal = Goal.of(config.mpc.weights)
-    student = feedback_of(base, base, 0 if base.prior is None else len(base.prior["output"]))
+    student = feedback_of(base, base)
     with process_pool(workers, None) as pool:
         speeds, paths = zip(*experts, strict=True)
         demonstrations = list(pool.map(partial(demonstrations_of, base=base, config=config, goal=goal), speeds, paths))
@@ -97,5 +97,6 @@ if __name__ == "__main__":
     parser.add_argument("--base", type=Path, required=True, help="model whose prior is fitted")
     parser.add_argument("--expert", nargs=2, action="append", required=True, metavar=("SPEED", "MODEL"))
     given = parser.parse_args()
+    model_folder.check_free(given.output)
     pairs = [(float(speed), Path(model)) for speed, model in given.expert]
     model_store.save(given.output, join(model_store.load(given.base), pairs))

@@ -91,10 +91,7 @@ def refine_model(
             model = _with_sensors(model, dataset_path, settings, sensors, progress, checkpoints)
             model = replace(model, prior=None)
         plant, starts = flow(sensors)
-        columns = list(model.layout.indices(sensors))
-        means = np.array(model.scaling.pressure_mean)[columns]
-        middles = tuple((means[::2] + means[1::2]).tolist())
-        deviations = np.array(model.scaling.pressure_std)[columns]
+        middles, deviations = middles_and_deviations(model, sensors)
         scales = scales_of(deviations[::2].tolist(), settings.flow.action_limit)
         refined = refine(
             partial(_begun, settings, scales, middles, model.prior),
@@ -118,6 +115,14 @@ def refine_model(
         model_store.save(output, model)
     shutil.rmtree(folder, ignore_errors=True)
     return model, refined.periods
+
+
+def middles_and_deviations(model: TrainedModel, sensors: Sequence[str]) -> tuple[tuple[float, ...], Array]:
+    """Return the means (p,) of the sums of p sensor pairs and the standard deviations (2 p,) of the sensors, in Cp, in
+    the recording that the model was fitted to."""
+    columns = list(model.layout.indices(sensors))
+    means, deviations = (np.array(each)[columns] for each in (model.scaling.pressure_mean, model.scaling.pressure_std))
+    return tuple((means[::2] + means[1::2]).tolist()), deviations
 
 
 def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Config, progress: Progress) -> Array | None:

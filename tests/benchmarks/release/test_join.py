@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from benchmarks.release.join import feedback_of, join
@@ -14,6 +15,12 @@ def test_models_that_cannot_be_joined_are_refused():
     model = model_store.load(MODEL)
     with pytest.raises(ModelError, match="speed is 1"):
         join(model, [(1.0, MODEL)])
-    for other, reason in ((replace(model, prior=None), "no prior"), (replace(model, sensors=("base_0",)), "base_0")):
+    short = {**(model.prior or {}), "filters": np.zeros((8, 8))}
+    others = (
+        (replace(model, prior=None), "no prior"),
+        (replace(model, sensors=("base_0",)), "base_0"),
+        (replace(model, prior=short), "8 rows"),
+    )
+    for other, reason in others:
         with pytest.raises(ModelError, match=reason):
-            feedback_of(other, model, 32)
+            feedback_of(other, model)
