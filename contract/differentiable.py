@@ -50,22 +50,18 @@ class DifferentiableFlow(Protocol):
             speeds: (n + 1,) speeds as ratios to the design speed, for a run of n periods: the speed at the start, then
                 the speed at each period's sample. Between samples the speed is linear in time.
         """
-        ...
 
     def advance(self, action: float) -> Seen:
         """Advance by a control period, over which the jets move to `action`, and record the period on the tape. Raises
         PlantError if the flow diverged, or the run is too long for the tape's memory."""
-        ...
 
     def back(self, weights: Seen) -> float:
         """Go back by a period, and return the gradient of a scalar with respect to the period's action. `weights` has
         the scalar's derivatives with respect to the period's sample. Calls go from the last period to the first, each
         with the derivatives for its own period."""
-        ...
 
     def state(self) -> FlowState:
         """Return the present state of the flow, which `begin` accepts."""
-        ...
 
     def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
         """Return the mean base pressure and the mean magnitude of the differences between mirrored sensors, in Cp, of
@@ -75,4 +71,3 @@ class DifferentiableFlow(Protocol):
             state: a developed wake at the design speed.
             speed: constant speed, in units of the design speed.
         """
-        ...

@@ -13,8 +13,7 @@ from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.printable import quoted
-from contract.toml_file import read_toml
-from contract.typed import LONGEST_SHOWN, typed
+from contract.typed import LONGEST_SHOWN, read_toml, typed
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:

@@ -10,7 +10,7 @@ hash detects accidental changes. A signature by a trusted key detects deliberate
 `controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`.
 `sensors.onnx`, if present, estimates the pressures from each other for the ECU's sensor check
 (`contract.controller.estimator`). The bytes of both graphs are checked at every loading
-(`contract.release.onnx_graph`).
+(`contract.release.checks`).
 """
 
 from collections.abc import Callable, Collection, Mapping

@@ -1,7 +1,7 @@
 """Arrays in NPZ, HDF5, netCDF and MATLAB files, with packing, missing values and units as in CF and netCDF."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -122,8 +122,6 @@ class Stored:
 
 
 _PACKING: Final = (("scale_factor", 1.0), ("add_offset", 0.0))
-
-
 BINARY: Final = (".npz", ".h5", ".hdf5", ".nc", ".nc4", ".mat")
 INITIAL_ACTION: Final = "initial_action"
 _CDF: Final = b"CDF"
@@ -162,8 +160,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
                 if isinstance(node, h5py.Dataset) and not name.startswith("#"):
                     found[name] = Stored(values=_values(file, node), attributes=_attributes(node), netcdf=netcdf)
 
-            visit: Callable[[str, object], None] = keep
-            file.visititems(visit)
+            file.visititems(keep)
             if INITIAL_ACTION in file.attrs:
                 found[INITIAL_ACTION] = Stored(values=file.attrs[INITIAL_ACTION])
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
@@ -172,8 +169,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """Return the array. The axes of MATLAB's arrays are put into MATLAB's order, and MATLAB's characters become
-    texts."""
+    """Return the array, of MATLAB with the axes in MATLAB's order and characters as texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":
@@ -184,7 +180,7 @@ def _values(file: h5py.File, node: h5py.Dataset) -> Any:
 
 
 def _text(node: Any) -> Any:
-    """Return MATLAB's characters as a text. Return None if a cell contains anything else."""
+    """Return MATLAB's characters as a text; None if a cell contains anything else."""
     values = np.ravel(node[()]) if isinstance(node, h5py.Dataset) else np.empty(0)
     return "".join(map(chr, values.tolist())) if values.dtype == np.uint16 else None
 
@@ -209,12 +205,9 @@ def _read_classic(path: Path) -> dict[str, Stored]:
         raise ValueError(f"holds more values than {MOST_VALUES}")
     try:
         with netcdf_file(path, mmap=False) as file:
-            return {
-                name: Stored(
-                    values=np.array(one[:] if one.shape else one.getValue()), attributes=one._attributes, netcdf=True
-                )
-                for name, one in file.variables.items()
-            }
+            values = {name: np.array(one[:] if one.shape else one.getValue()) for name, one in file.variables.items()}
+            attributes = {name: one._attributes for name, one in file.variables.items()}
+            return {name: Stored(values=values[name], attributes=attributes[name], netcdf=True) for name in values}
     except Exception as error:  # SciPy raises what it likes for damaged files
         raise ValueError(f"damaged or not a netCDF file ({_first_line(error)})") from error
 
@@ -233,8 +226,7 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the arrays of nested structures; an array's name begins with the structures' names, joined by slashes as in
-    HDF5."""
+    """Yield the arrays of nested structures, with names joined by slashes as in HDF5."""
     for name, values in found.items():
         if name in _TABLES:
             yield "a MATLAB table or object, whose columns only MATLAB can read: save them as variables", None

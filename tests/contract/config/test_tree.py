@@ -16,8 +16,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from contract import sensors
-from contract.config.body import BodyConfig
-from contract.config.body_sensors import layout_of
+from contract.config.body import BodyConfig, layout_of
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.listing import Setting, sections
@@ -120,8 +119,8 @@ def test_the_defaults_are_the_papers_truck_and_the_rule_gives_its_table():
     # With another length the rule decides. The paper's table has 0.204555 once, for 0.204545.
     near = layout_of(BodyConfig(length=7.648))
     assert near.names == sensors.NAMES
-    assert np.abs(near.positions[80:, 1] - sensors.positions()[80:, 1]).max() == pytest.approx(1e-5, rel=1e-6)
-    assert np.abs(near.positions[:80] - sensors.positions()[:80]).max() < 1.1e-3
+    assert np.abs(near.positions[80:, 1] - sensors.TRUCK.positions[80:, 1]).max() == pytest.approx(1e-5, rel=1e-6)
+    assert np.abs(near.positions[:80] - sensors.TRUCK.positions[:80]).max() < 1.1e-3
 
 
 @given(length=st.floats(0.5, 15.0), radius=st.floats(1e-9, 0.5), sides=st.integers(1, 120), on_base=st.integers(1, 20))

@@ -15,8 +15,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from contract import sensors
 from contract.errors import DatasetError
 from contract.recording import dataset
-from contract.recording.appending import append, read_to_append
-from contract.recording.dataset import REQUIRED, UNITS, Dataset, pack, unpack
+from contract.recording.dataset import REQUIRED, UNITS, Dataset, append, pack, read_to_append, unpack
 from contract.recording.episode import PlantFacts
 from contract.sensor_layout import SensorLayout
 from tests.contract.recording.random_episodes import FACTS, episode

@@ -18,9 +18,8 @@ from onnx import helper
 
 from contract.errors import BundleContainerError
 from contract.release import container
-from contract.release.checks import CONTROLLER
+from contract.release.checks import CONTROLLER, MAX_GRAPH_BYTES, check_graph
 from contract.release.container import is_plain_name, read_files
-from contract.release.onnx_graph import MAX_GRAPH_BYTES, check_graph
 from contract.shipped import BUNDLE
 from tests.contract.controller.graphs import constant, graph_of, outside
 
