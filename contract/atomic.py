@@ -71,12 +71,10 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """Yield a temporary path in the same folder as the target. The block writes a file or a directory there, which
     replaces the target if the block succeeds, and is removed otherwise.
 
-    The target is `path`, or the place to which `path` leads if it contains symbolic links; the links remain. The new
-    content gets the mode of the old content. An old directory remains until the new directory has replaced it. With
-    `keep`, the files of a new directory are instead moved into the old directory, whose other files remain.
-
-    Missing parent folders of the target are created, and removed again if the block fails. Raises StillwakeError if the
-    target cannot be written.
+    The target is the place to which `path` leads; links remain. The new content gets the mode of the old content. An
+    old directory remains until the new directory has replaced it. With `keep`, the files of a new directory are instead
+    moved into the old directory, whose other files remain. Missing parent folders are created, and removed again if the
+    block fails. Raises StillwakeError if the target cannot be written.
     """
     place = leads_to(path)
     temporary, aside = _temporary(place, "part"), _temporary(place, "old")

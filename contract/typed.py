@@ -97,8 +97,7 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
 
 
 def _set_in_order(value: object) -> None:
-    """Put all fields into `vars` in declaration order, because msgspec only sets the fields that the tree has, in the
-    tree's order."""
+    """Put all fields into `vars` in declaration order; msgspec sets only the tree's fields, in its order."""
     if isinstance(value, list | tuple):
         for item in value:
             _set_in_order(item)
@@ -111,8 +110,7 @@ def _set_in_order(value: object) -> None:
 
 
 def _part_of(hint: Any) -> Any:
-    """Return the dataclass in a field's type, which may also be the type of a list's items or an optional type; None if
-    there is no dataclass."""
+    """Return the dataclass in a field's type, also of a list's items or of an optional value; None for none."""
     if get_origin(hint) is Mapping:
         return None  # its keys are names of the user's
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)

@@ -38,9 +38,8 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the paper's number at the given place, e.g. "section 2.1". If the paper does not state the
-    number, the note says how the number follows. Equations have the manuscript's numbers, which do not restart with
-    each section."""
+    """Mark a default as the paper's number at a place, e.g. "section 2.1", or as one that follows as the note says.
+    Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
 
@@ -113,14 +112,13 @@ class Rule:
 
 
 def at_least(least: int, reason: str = "", *, or_none: bool = False) -> Rule:
-    """Return the rule that a value is at least `least`. The rule's wording contains the reason, if one is given."""
+    """Return the rule that a value is at least `least`, for the given reason."""
     wording = f"at least {least}{f', {reason}' if reason else ''}"
     return Rule(wording=wording, holds=lambda value: value >= least, or_none=or_none)
 
 
 def within(least: float, most: float, reason: str) -> Rule:
-    """Return the rule that a value is from `least` to `most`. The rule's wording contains the reason for these
-    bounds."""
+    """Return the rule that a value is from `least` to `most`, for the given reason."""
     return Rule(wording=f"in {least}..{most}: {reason}", holds=lambda value: least <= value <= most)
 
 

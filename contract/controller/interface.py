@@ -65,14 +65,7 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """Result of a control step.
-
-    Attributes:
-        plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first action is commanded.
-        forces: (H, 2) predicted (Cd, Cl) at t+1 .. t+H under the plan.
-        terms: (8,) unweighted cost terms of the plan.
-        cost: cost J of the plan.
-    """
+    """Result of a control step: the outputs in the table above. The first action of the plan is commanded."""
 
     plan: Array
     forces: Array

@@ -2,8 +2,6 @@
 
 Sample k holds Cp and the forces at t_k, and the action a_k commanded at t_k. The action of the jets changes linearly
 from a_{k-1} to a_k over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.
-
-The facts about the plant are control period, limit of the jets and Reynolds number.
 """
 
 from collections import ChainMap

@@ -1,5 +1,4 @@
-"""The check of a data set before training or export. It finds every property of the data set with which training or
-export would fail."""
+"""The check of a data set: every property with which training or export would fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -50,12 +49,8 @@ _SAME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A problem or a warning about a data set.
-
-    Attributes:
-        stops: the work that the problem prevents, training or export; None for a warning.
-        text: one line, which states the place and what would be right.
-    """
+    """A problem or a warning about a data set, in one line with the place and what would be right. `stops` is the work
+    that the problem prevents; None for a warning."""
 
     stops: Literal["training", "export"] | None
     text: str
@@ -92,13 +87,11 @@ def agreeing(dataset: Dataset, config: Config) -> Config:
 
 
 def refuse_unfit(found: Sequence[Finding], name: str) -> None:
-    """Raise DatasetError if a finding prevents training; the message has the first such finding and the number of the
-    others."""
+    """Raise DatasetError if a finding prevents training; the message has the first such finding."""
     stopping = [item.text for item in found if item.stops == "training"]
     if stopping:
         others = f" (and {len(stopping) - 1} more: see `stillwake dataset inspect {name}` with the same settings)"
-        more = others if len(stopping) > 1 else ""
-        raise DatasetError(f"{name}: {stopping[0]}{more}")
+        raise DatasetError(f"{name}: {stopping[0]}{others if len(stopping) > 1 else ''}")
 
 
 def trainable(dataset: Dataset, config: Config) -> tuple[Episode, ...]:

@@ -31,8 +31,7 @@ WINDOW_STEP: Final = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """The smallest number of control steps for a purpose, and an explanation of the parts that add up to this
-    number."""
+    """The smallest number of control steps for a purpose, and the parts that add up to this number."""
 
     steps: int
     reason: str

@@ -1,9 +1,5 @@
 """Checks for numbers that a pressure sensor, a force balance or a logger hardly ever gives. Each report states the
-likely cause and a remedy.
-
-The checks are per episode and per sensor. They do not stop training: the bounds are those of usual bodies in a stream,
-and the body may be unusual.
-"""
+likely cause and a remedy. No check stops training, because the body may be unusual."""
 
 import itertools
 from collections.abc import Iterator, Sequence

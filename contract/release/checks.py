@@ -98,15 +98,14 @@ def dbc_sha256() -> str:
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks made so far while a bundle is read. The first failed check ends the reading, unless `lists` is set.
-    Then every check that is still possible is made."""
+    """The checks made while a bundle is read. The first failure ends the reading; with `lists`, every check that is
+    still possible is made."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check whose failure does not prevent other checks. If the check fails and `lists` is set, return
-        None."""
+        """Make a check whose failure does not prevent others. If it fails and `lists` is set, return None."""
         try:
             value = verify()
         except BundleError as error:
@@ -134,9 +133,8 @@ def read_checked(
     *,
     any_dbc: bool = False,
 ) -> Bundle:
-    """Check a bundle's files and return the bundle; nothing is parsed before its signature is verified. Raises
-    BundleError for the first check that fails. If `made` lists the checks, reading continues after a failed check if
-    possible."""
+    """Check a bundle's files and return the bundle. Raises BundleError for the first check that fails. If `made` lists
+    the checks, reading continues after a failed check if possible."""
     made = Made() if made is None else made
     raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
 

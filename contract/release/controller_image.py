@@ -58,17 +58,7 @@ HIGH: Final = 1 << 16
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFacts:
-    """The data in an image's header.
-
-    Attributes:
-        layout: SHA-256, 32 bytes, that identifies the build's layout of the payload.
-        dbc: SHA-256 of stillwake.dbc, 32 bytes.
-        digest: digest of the release, 32 bytes.
-        period_ns: control period in ns.
-        operating_point: width in m, speed in m/s, density in kg/m3.
-        action_limit: largest magnitude of the jets' action, in free-stream speed times width.
-        hardware: name of the ECU hardware to which the image may be flashed; None for any hardware.
-    """
+    """The data in an image's header, in the units of the table above; `hardware` is None for any hardware."""
 
     layout: bytes
     dbc: bytes
@@ -136,12 +126,8 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
 
 def signer_of(image: bytes) -> PublicKey | None:
     """Verify an image's signature and return the signer's key; None if the image is unsigned. The rest of the image is
-    not checked.
-
-    Raises:
-        BundleContainerError: the bytes are no complete image.
-        BundleSignatureError: the signature was not made with the key in the image.
-    """
+    not checked. Raises BundleContainerError if the bytes are no complete image, and BundleSignatureError if the
+    signature was not made with the key in the image."""
     if len(image) < HEADER_BYTES:
         raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER_BYTES} or more")
     magic, length, header = struct.unpack_from("<8sII", image)
@@ -160,12 +146,8 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """Check an image and return it; any key may have signed the image.
-
-    Raises:
-        BundleContainerError: the image is damaged, or the bytes are no image.
-        BundleSignatureError: the signature was not made with the key in the image.
-    """
+    """Check an image and return it; any key may have signed it. Raises as `signer_of` does, and BundleContainerError if
+    the image is damaged."""
     signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
     period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)

@@ -52,12 +52,9 @@ class BoundedGraph:
         return self._opened(_options())
 
     def tried(self, limit_s: float) -> None:
-        """Run one step of the graph without optimisation, in bounded time and memory.
-
-        When ONNX Runtime optimises a graph, it computes constant expressions during loading. Neither the time nor the
-        memory of this computation can be bounded. A step without optimisation does the same computation in bounded time
-        and memory. Raises BundleControllerError as `session` and `run_on_zeros` do.
-        """
+        """Run one step of the graph in bounded time and memory, without optimisation. ONNX Runtime's optimisation
+        computes constant expressions during loading, in unbounded time and memory; such a step computes them too.
+        Raises BundleControllerError as `session` and `run_on_zeros` do."""
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
         self.run_on_zeros(self._opened(options), 1, limit_s)
@@ -102,9 +99,8 @@ class BoundedGraph:
             raise BundleControllerError(f"{self.name} does not load: {shown(error)}") from error
         for name, shape in self.shapes.items():
             if found.get(name) != list(shape) and not (name in self.optional and name not in found):
-                raise BundleControllerError(
-                    f"{self.name}: {name!r} has shape {found.get(name)}, must have {list(shape)}"
-                )
+                wrong = f"{name!r} has shape {found.get(name)}, must have {list(shape)}"
+                raise BundleControllerError(f"{self.name}: {wrong}")
         return session
 
 
@@ -150,10 +146,8 @@ class OnnxController:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxController":
-        """Open a bundle's controller. Raises BundleControllerError if it does not load or does not fit the manifest.
-
-        The model may come from anyone, so one step first runs with bounded time and memory.
-        """
+        """Open a bundle's controller, after one step in bounded time and memory. Raises BundleControllerError if the
+        controller does not load or does not fit the manifest."""
         model, sizes = bundle.files[CONTROLLER], bundle.manifest.sizes
         _graph(model, sizes).tried(WARM_UP_LIMIT_S)
         controller = cls(model, sizes)
@@ -183,9 +177,8 @@ class OnnxController:
             if value is not None and name in self._defaults:
                 feeds[name] = np.asarray(value)
         try:
-            outputs = self._session.run(
-                list(OUTPUTS), {name: value.astype(np.float32) for name, value in feeds.items()}
-            )
+            values = {name: value.astype(np.float32) for name, value in feeds.items()}
+            outputs = self._session.run(list(OUTPUTS), values)
         except Exception as error:
             raise ControllerError(f"{CONTROLLER} failed: {shown(error)}") from error
         new_plan, forces, terms, cost = (np.asarray(value, dtype=np.float64) for value in outputs)
@@ -208,7 +201,6 @@ class OnnxEstimator:
         shapes = estimator_shapes(sizes.window, sizes.sensors)
         feeds = {ESTIMATOR_INPUT: np.zeros(shapes[ESTIMATOR_INPUT], dtype=np.float32)}
         graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, feeds=feeds, outputs=(ESTIMATOR_OUTPUT,))
-        # The model may come from anyone, so it first runs with bounded time and memory.
         graph.tried(WARM_UP_LIMIT_S)
         self._session = graph.session()
         graph.run_on_zeros(self._session, _WARM_UP_STEPS, WARM_UP_LIMIT_S)
@@ -232,5 +224,4 @@ class OnnxEstimator:
             raise ControllerError(f"{ESTIMATOR} failed: {shown(error)}") from error
         if not np.isfinite(values).all():
             raise ControllerError(f"{ESTIMATOR}: an estimate is not finite")
-        found: Array = np.asarray(values, dtype=np.float64)
-        return found
+        return np.asarray(values, dtype=np.float64)

@@ -22,13 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class CsvTable:
-    """A table of text cells under a header.
-
-    Attributes:
-        header: names of the columns, all different.
-        rows: cells of each row, with the header's number of cells.
-        lines: line number of each row, from 1.
-    """
+    """A table of text cells under a header of different names; `lines` has the line number of each row, from 1."""
 
     path: Path
     header: tuple[str, ...]

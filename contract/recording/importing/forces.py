@@ -23,15 +23,8 @@ _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeSeries:
-    """A force as a function of time, with n rows.
-
-    Attributes:
-        name: name of the force in the file.
-        t: times, rising, (n,).
-        values: values of the force, (n,).
-
-    Raises DatasetError for times that do not rise or a number that is not finite.
-    """
+    """The values of a force at rising times, both (n,), and its name in the file. Raises DatasetError for times that do
+    not rise or a number that is not finite."""
 
     path: Path
     name: str
@@ -53,9 +46,9 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """Interpolate the values linearly at m rising times, (m,). Raises DatasetError for times outside the rows, or in
-        a gap between rows that is longer than `longest_gap`; the message states the limits of the rows or of the gap.
-        The times may lie outside the rows by `slack`, because clocks differ."""
+        """Interpolate the values linearly at m rising times, (m,), which may lie outside the rows by `slack`, because
+        clocks differ. Raises DatasetError for other times outside the rows, or in a gap between rows that is longer
+        than `longest_gap`; the message states the limits of the rows or of the gap."""
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
                 f"{self.path}: {self.name!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
@@ -80,12 +73,7 @@ class TimeSeries:
 
 @dataclass(frozen=True, kw_only=True)
 class ForcesTable:
-    """The forces of a table.
-
-    Attributes:
-        forces: forces as functions of time, by the names in `FORCE_COLUMNS`.
-        clock: clock of the times according to the column's unit; None if the column does not state such a unit.
-    """
+    """The forces of a table, by the names in `FORCE_COLUMNS`, and the clock of the times that their unit states."""
 
     forces: Mapping[str, TimeSeries]
     clock: ForcesClock | None

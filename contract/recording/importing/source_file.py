@@ -88,9 +88,9 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 
 def factor(path: Path, name: str, inside: str, unit: str | None, reference: Reference | None) -> float:
-    """Return the factor that converts the numbers of the series or sensor `name` to the data set's unit. `inside` is
-    its name in the file, and `unit` the unit that the file states. Raises DatasetError if the numbers have a dimension
-    but no reference, or if the reference has another dimension."""
+    """Return the factor that converts the numbers of a series or sensor to the data set's unit. `inside` and `unit` are
+    name and unit in the file. Raises DatasetError if the numbers have a dimension but no reference, or a reference of
+    another dimension."""
     base, size = _base(unit)
     if reference is None:
         if base != "1":
@@ -228,8 +228,7 @@ def _in_this_file(
 def _ordered(
     path: Path, pressures: Array, layout: SensorLayout, stored: Mapping[str, Stored]
 ) -> tuple[Array, frozenset[str]]:
-    """Return the columns of the pressures in the layout's order if the file has an array of names, which states the
-    present order. Otherwise return the columns unchanged."""
+    """Return the pressures in the layout's order if the file has an array of names that states the present order."""
     for name, one in stored.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):
@@ -239,10 +238,8 @@ def _ordered(
     for name, one in stored.items():
         lacking = [sensor for sensor in layout.names if sensor not in one.texts]
         if len(one.texts) == pressures.shape[1] and len(lacking) < len(layout):
-            columns = _listed(one.texts)
-            raise DatasetError(
-                f"{path}: array {name!r} contains the columns {columns}, and none is the sensor {lacking[0]}"
-            )
+            columns = f"array {name!r} contains the columns {_listed(one.texts)}"
+            raise DatasetError(f"{path}: {columns}, and none is the sensor {lacking[0]}")
     return pressures, frozenset()
 
 
