@@ -13,8 +13,7 @@ from typing import Any
 from contract.atomic import replacing
 
 _version = cache(version)
-"""A cached look-up of a package's version. Without the cache, each call takes milliseconds to parse the package's
-metadata."""
+"""Cached, because each look-up of a package's version parses its metadata, which takes milliseconds."""
 
 
 def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date) -> None:

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""Signals that a terminal or a service manager sends to every process of a command. Child processes ignore these
-signals, so that only the parent reacts."""
+"""Signals that a terminal sends to every process of a command; only the parent reacts to them."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 

@@ -42,8 +42,7 @@ the rules for CMake and Zephyr, and the licence."""
 BILL: Final = "sbom.cdx.json"
 """Name of the folder's bill of materials, in CycloneDX."""
 BOARD: Final = ("board", "loader")
-"""Folders with the firmware around the ECU. `board` has a board's drivers, start-up code and main loop; `loader` has
-flashing and diagnosis."""
+"""Folders with a board's drivers, start-up code and main loop, and with flashing and diagnosis."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Name of the file with compiler flags for editors (clangd), one flag per line; only in sample folders."""
 
@@ -87,8 +86,7 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the number of multiplications by weights in a control step. A step has one more forward pass than
-        adjoint passes."""
+        """Return the number of multiplications by weights in a control step; one forward pass has no adjoint pass."""
         names = ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
         window, sensors, lstm, head, latent, dyn1, dyn2, decoder, blocks = (self.number(f"SW_{one}") for one in names)
         encoder = window * 4 * lstm * (sensors + 1 + lstm) + head * (lstm + latent)

@@ -27,8 +27,7 @@ _MOST_STEPS: Final = 2**32 - 1
 
 
 def as_float32(value: float) -> float:
-    """Return the nearest float32, as the double with the fewest decimal digits that rounds to this float32: 0.1 stays
-    0.1."""
+    """Return the nearest float32, as the double with the fewest decimal digits that rounds to it: 0.1 stays 0.1."""
     with np.errstate(over="ignore"):
         return float(str(np.float32(value)))
 

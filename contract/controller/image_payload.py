@@ -233,8 +233,7 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
 
 
 def check_numbers(payload: bytes, sha256: bytes) -> None:
-    """Raise BundleContainerError if the payload is too short or has a number outside its limits, because no ECU with
-    this layout accepts such a payload."""
+    """Raise BundleContainerError for a payload that no ECU accepts: too short, or with a number outside its limits."""
     layout = layout_in(payload, sha256)
     if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
         raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")

@@ -130,8 +130,7 @@ class ModelFolder:
 
     @property
     def resting(self) -> RestingWake | None:
-        """The wake without jets by speed; None for a model of one speed. Raises ModelError if the tensor has a wrong
-        shape."""
+        """The wake without jets by speed; None for a model of one speed. Raises ModelError for a wrong shape."""
         table = self.tensors.get(f"{PRIOR}.{RESTING}")
         if table is None:
             return None
@@ -154,8 +153,7 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write the model directory, replacing an existing model. Raises StillwakeError if the directory cannot be written
-    or contains anything other than a model."""
+    """Write the model directory, replacing a model. Raises StillwakeError if it cannot be written or holds other files."""
     import safetensors.numpy
 
     check_free(path)

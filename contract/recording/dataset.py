@@ -51,11 +51,9 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema, which can still be read: it has the truck's sensors by name, all ten series, and the plant's facts in
-the provenance."""
+"""Older schema, which can still be read: the truck's sensors by name, ten series, the facts in the provenance."""
 DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which can still be read: its series are float32, and one `Cd_slot` is the sum of pressure and viscous
-force."""
+"""First schema, which can still be read: float32 series, and one `Cd_slot`, the sum of pressure and viscous force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
@@ -121,8 +119,7 @@ def read(path: Path) -> Dataset:
 
 
 def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
-    """Read the valid episodes, and list every problem of the file, one line each. The data set is None if no episode
-    can be read."""
+    """Read the valid episodes, None if there are none, and list every problem of the file, one line each."""
     problems: list[str] = []
     dataset = None
     try:
@@ -359,8 +356,7 @@ def _fields_of(schema: str) -> tuple[str, ...]:
 
 
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
-    """Read floating-point numbers unchanged, and integers times their quantum. If the series is invalid, append a
-    problem and return None."""
+    """Read floats unchanged, integers times their quantum. For an invalid series, append a problem; return None."""
     unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"

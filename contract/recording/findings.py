@@ -27,11 +27,9 @@ LIMIT_TOLERANCE: Final = 1e-6
 QUIET: Final = 0.05
 """Share of the action limit below which an action counts as zero or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Smallest and largest plausible extent of the sensors' positions, in W. If the positions are in mm or m, the extent is
-mostly outside this range."""
+"""Plausible extents of the sensors' positions, in W; positions in mm or m are mostly outside this range."""
 _USED: Final = 0.25
-"""Smallest plausible ratio of the largest training action to the limit. If the action or the limit has a wrong unit,
-the ratio is far smaller."""
+"""Smallest plausible ratio of the largest training action to the limit; with a wrong unit it is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
 """Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
 in seconds, the peak is mostly outside this range."""

@@ -55,8 +55,7 @@ def judging_need(config: Config) -> Need:
 
 
 def roll_out_need(config: Config) -> Need | None:
-    """Return the number of steps that one episode with role "train" needs for distilling dynamics and decoder; None if
-    they are not distilled."""
+    """Return the number of steps that a "train" episode needs to distil dynamics and decoder; None if not distilled."""
     window, horizon = config.model.window, config.mpc.horizon
     need = Need(steps=window + horizon, reason=f"a window of {window} and the horizon of {horizon} steps")
     return need if config.model.is_slimmed else None
@@ -69,8 +68,7 @@ def gate_need(config: Config) -> Need:
 
 
 def calibration_need(config: Config) -> Need:
-    """Return the number of steps that an episode with role "train" needs for calibrating int8. Each kind of forcing
-    needs one such episode."""
+    """Return the number of steps that one "train" episode of each kind of forcing needs for calibrating int8."""
     window = config.model.window
     reason = f"{LEAST_CALIBRATION} windows of {window} to calibrate int8"
     return Need(steps=window - 1 + LEAST_CALIBRATION, reason=reason)

@@ -12,9 +12,8 @@ from contract.recording.dataset import Dataset, Episode
 
 
 def dominant_frequency(values: Array, period: float) -> float | None:
-    """Return the frequency of the largest peak of a series' spectrum; None for less than 16 samples or a constant
-    series. The spectrum has a Hann window and is zero-padded eightfold, so the peak is found to an eighth of
-    1 / duration."""
+    """Return the frequency of the largest peak of a series' spectrum, to an eighth of 1 / duration, with a Hann window;
+    None for less than 16 samples or a constant series."""
     fluctuation = values - values.mean()
     if len(values) < 16 or not fluctuation.any():
         return None
@@ -36,8 +35,7 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 _HIGHEST: Final = 1.1
 """Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and q."""
 _LOWEST: Final = -5.0
-"""Lowest plausible mean Cp, which suction peaks at a leading edge or a rotating cylinder reach. With a margin of 10 %,
-only means below -5.5 are reported."""
+"""Lowest mean Cp, at a leading edge or a rotating cylinder; with a margin, only means below -5.5 are reported."""
 _SWINGS: Final = (-6.0, 1.25)
 """Lower and upper bound of Cp; at most one row in twenty may be beyond either bound. Gusts and noise of 15 % at a
 stagnation point stay within the bounds."""
@@ -54,8 +52,7 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio, between files, of Cl's standard deviation divided by Cp's; one wake causes both
-fluctuations."""
+"""Largest plausible ratio, between files, of Cl's standard deviation by Cp's, which one wake causes."""
 _FAR: Final = (4.0, 10.0)
 """Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
 The first is the distance from the next value. The second is the distance from the median of the other values, in
@@ -68,16 +65,14 @@ stuck. The expected change follows from the variation of the other sensors."""
 _FINEST: Final = 2.0**-12
 """Smallest step between values that is assumed for a series: twice the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""Share of rows above which a sensor may be saturated. The rows are those at the sensor's largest or smallest value, in
-runs of three or more."""
+"""Share of rows, in runs of three or more at a sensor's largest or smallest value, above which it may be saturated."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
 """Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
 within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
-"""Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy of another
-file."""
+"""Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
@@ -225,8 +220,7 @@ def _divisor(episode: Episode) -> float:
 def _readings(
     names: Sequence[str], table: Array, told: Mask, spread: Array, finest: Array, action: Array
 ) -> Iterator[_Note]:
-    """Report sensors that are stuck, saturated or copies of another sensor, and repeated rows. `told` marks columns for
-    which something has been reported already."""
+    """Report sensors that are stuck, saturated or copies of another, and repeated rows; not for columns `told`."""
     rows = len(table)
     changes = np.flatnonzero((np.diff(table, axis=0) != 0).any(axis=1))
     gaps = np.diff(changes)

@@ -63,8 +63,7 @@ def summarise(dataset: Dataset) -> tuple[EpisodeSummary, ...]:
 
 
 def uncontrolled(dataset: Dataset) -> Episode | None:
-    """Return the longest part of an episode in which the actions are zero or weak, as an episode; None if there is no
-    such part."""
+    """Return the longest part of an episode with zero or weak actions, as an episode; None if there is none."""
     limit = dataset.plant.action_limit
     best: Episode | None = None
     for episode in dataset.episodes:

@@ -146,8 +146,7 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """Check an image and return it; any key may have signed it. Raises as `signer_of` does, and BundleContainerError if
-    the image is damaged."""
+    """Check an image, signed by any key. Raises as `signer_of`, and BundleContainerError if it is damaged."""
     signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
     period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)

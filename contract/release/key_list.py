@@ -99,8 +99,8 @@ def decode(raw: bytes, root: PublicKey) -> KeyList:
     _, version, allowed, revoked, reserved, _ = _HEADER.unpack_from(raw)
     body = raw[_HEADER.size : -_SIGNATURE]
     if reserved or len(body) != (allowed + revoked) * _KEY:
-        found = f"{len(body)} bytes of {allowed} + {revoked} keys, {reserved} reserved"
-        raise KeyFileError(f"key list: is damaged ({found})")
+        sizes = f"{len(body)} bytes of {allowed} + {revoked} keys, {reserved} reserved"
+        raise KeyFileError(f"key list: is damaged ({sizes})")
     keys = [body[at : at + _KEY] for at in range(0, len(body), _KEY)]
     for part in (keys[:allowed], keys[allowed:]):
         if part != sorted(set(part)):

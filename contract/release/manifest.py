@@ -46,8 +46,7 @@ _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
 
 @dataclass(frozen=True, kw_only=True)
 class Scaling:
-    """Standardisation inside the controller: scaled = (value - mean) / std, with separate means and deviations for each
-    sensor and each force."""
+    """Standardisation inside the controller: scaled = (value - mean) / std, of each sensor, the action, each force."""
 
     pressure_mean: tuple[float, ...]
     pressure_std: tuple[float, ...]
@@ -289,8 +288,7 @@ def is_sha256(value: object) -> bool:
 
 
 def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
-    """Return the manifest file's content, with its own hash. Raises BundleManifestError for a provenance that JSON
-    cannot express."""
+    """Return the manifest file's content. Raises BundleManifestError for a provenance that JSON cannot express."""
     body = {"schema": _SCHEMA, **asdict(manifest), "dbc_sha256": dbc, "files": dict(hashes)}
     try:
         body["manifest_sha256"] = digest_of(body)

@@ -42,9 +42,8 @@ _SMALL_ORDER: Final = frozenset(
         "ee" + "ff" * 30 + "7f",
     )
 )
-"""The y coordinates of the points of small order: eight times such a point is the identity. The last two coordinates
-are not reduced. With such a key, a "signature" is valid for any text, so these points are refused as keys (RFC
-8032, section 8.8; the list is libsodium's)."""
+"""The y coordinates of the points of small order, the last two not reduced. For such a key a "signature" of any text is
+valid, so these points are refused as keys (RFC 8032, section 8.8; the list is libsodium's)."""
 _OWNER_ONLY: Final = 0o600
 _ALL_READ: Final = 0o644
 

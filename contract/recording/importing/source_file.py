@@ -52,8 +52,7 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The value in the files that equals 1 in the data set: for example, a force of 40 N may equal a coefficient of 1.
-    A value without a unit is in the unit of the file."""
+    """The value in the files that equals 1 in the data set, such as a force of 40 N; without a unit, in the file's."""
 
     number: float
     unit: str | None

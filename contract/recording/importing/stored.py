@@ -20,8 +20,7 @@ DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF, so this value was never written"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""Values that netCDF stores in place of signed integers that were never written, by size in bytes; single bytes have no
-such value."""
+"""Values of signed integers that were never written, by size in bytes; single bytes have no such value in netCDF."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,8 +133,7 @@ _TABLES: Final = ("None", "__function_workspace__")
 
 
 def stored_arrays(path: Path) -> dict[str, Stored]:
-    """Return all arrays of a file by name; the name includes the groups or structures that contain the array. Raises
-    DatasetError if the file cannot be read."""
+    """Return all arrays by name, with the groups or structures in it. Raises DatasetError for an unreadable file."""
     try:
         with path.open("rb") as file:
             head = file.read(_USER_BLOCK + len(_HDF5))
@@ -186,8 +184,7 @@ def _text(node: Any) -> Any:
 
 
 def _attributes(node: h5py.Dataset) -> dict[str, Any]:
-    """Return the array's attributes. The fill value with which the array was created counts as `_FillValue`, except 0,
-    which means that there is no fill value."""
+    """Return the array's attributes. The fill value that it was created with counts as `_FillValue`, unless it is 0."""
     found: dict[str, Any] = {}
     for name in node.attrs:
         try:
