@@ -110,5 +110,5 @@ class CompiledLibrary(Controller, Protocol):
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
-"""A function that compiles files for the given sizes into a library on this machine, or raises LibraryError. The command
-line passes that of `ecu.in_c` to `export`, which thus checks the C code without depending on a compiler."""
+"""A function that compiles files for the given sizes into a library on this machine, or raises LibraryError. The
+command line passes that of `ecu.in_c` to `export`, which thus checks the C code without depending on a compiler."""

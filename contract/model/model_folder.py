@@ -153,7 +153,7 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write the model directory, replacing a model. Raises StillwakeError if it cannot be written or holds other files."""
+    """Write the model directory, replacing a model. Raises StillwakeError if it is no model or not writable."""
     import safetensors.numpy
 
     check_free(path)

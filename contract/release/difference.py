@@ -90,7 +90,7 @@ def differences(a: Path, b: Path) -> list[Difference]:
     """List all differences between two bundles or images; fields of a manifest have dotted names. The bundles may be
     for the DBCs of other versions. Raises BundleError as `contract.release.bundle.load` does, except for another DBC.
     """
-    rows = []
+    rows: list[Difference] = []
     ours, theirs = _facts(a), _facts(b)
     for name in [*ours, *(name for name in theirs if name not in ours)]:
         rows += _compared(name, ours.get(name), theirs.get(name))

@@ -47,7 +47,7 @@ def test_a_file_is_no_bundle_and_a_zip_of_an_older_version_is_told_from_others(t
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a", b"content")
     assert f"{path}: must be a directory; unpack it: python -m zipfile -e {path} FOLDER" in refused(path)
-    zipfile.main(["-e", str(path), str(tmp_path / "b")])
+    zipfile.main(["-e", str(path), str(tmp_path / "b")])  # type: ignore[attr-defined]  # behind `python -m zipfile`
     assert read_files(tmp_path / "b") == {"a": b"content"}
     (tmp_path / "b.swi").write_bytes(b"SWCTRL01")
     assert refused(tmp_path / "b.swi").endswith("b.swi: must be a directory")
