@@ -1,7 +1,5 @@
 """An episode as netCDF is read by others as it is, and by the import to the bit."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import xarray
@@ -11,7 +9,7 @@ from vtkmodules.vtkIONetCDF import vtkNetCDFCFReader
 
 from contract.errors import DatasetError
 from contract.recording import dataset
-from contract.recording.dataset import Dataset, Episode
+from contract.recording.dataset import Dataset
 from contract.recording.episode import PlantFacts
 from contract.recording.importing.assemble import EpisodeSource, assemble
 from contract.recording.netcdf import write_netcdf
@@ -44,14 +42,10 @@ def test_xarray_reads_series_units_and_sensors(written):
         assert float(found["initial_action"]) == stored.initial_action
 
 
-def imported(path: Path) -> Episode:
-    facts = PlantFacts(control_period=0.2, action_limit=10.0)
-    return assemble([EpisodeSource(path=path, role="train")], TRUCK, facts).episodes[0]
-
-
 def test_the_import_reads_the_same_episode(written):
     stored, path = written
-    found = imported(path)
+    facts = PlantFacts(control_period=0.2, action_limit=10.0)
+    (found,) = assemble([EpisodeSource(path=path, role="train")], TRUCK, facts).episodes
     assert found.initial_action == stored.initial_action
     assert found.series.keys() == stored.series.keys()
     for name, values in stored.series.items():
@@ -81,7 +75,8 @@ def test_packed_variables_of_others_are_read_as_xarray_reads_them(tmp_path):
         "action": {"dtype": "float32"},
     }
     xarray.Dataset(fields).to_netcdf(path, engine="scipy", encoding=packing)
-    found = imported(path)
+    facts = PlantFacts(control_period=0.2, action_limit=10.0)
+    (found,) = assemble([EpisodeSource(path=path, role="train")], TRUCK, facts).episodes
     with xarray.open_dataset(path, engine="scipy") as expected:
         for name in dataset.REQUIRED:
             np.testing.assert_allclose(found.series[name], expected[name], rtol=0, atol=3e-7, err_msg=name)
