@@ -38,8 +38,7 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     sensors_on_base: Annotated[int, within(1, 100, "as many as can be told apart")] = 10
     """Number of sensors on the base, evenly spaced between the two slots."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(self.leading_edge_radius <= 0.5 * self.length, self, "leading_edge_radius", "at most half the length")
 
     @property

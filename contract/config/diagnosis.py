@@ -67,8 +67,7 @@ class DiagnosisConfig(
     xcp: Annotated[bool, ours("a calibration tool works without a change of settings", page=_PAGE)] = True
     """Whether the ECU answers a calibration tool (XCP). If false, the ECU in C contains no code for XCP."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         taken = dict(_messages())
         for name, like in _LIKE.items():
             found = parse_id(getattr(self, name))

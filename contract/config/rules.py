@@ -3,7 +3,7 @@
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
 `Settings` checks the rules of its fields when it is created. A condition on two fields is checked by a call of
-`require` in the class's own `__post_init__`. A number without a unit is a ratio, or a count whose name states what is
+`require` in the class's own `_check_together`. A number without a unit is a ratio, or a count whose name states what is
 counted; no value is converted. A field without its own source has the source of its section.
 """
 
@@ -157,6 +157,10 @@ class Settings:
                 # Outside these bounds, the product of a few settings may overflow or underflow.
                 require(TINY <= abs(value) <= HUGE, self, name, f"0, or from {TINY:g} to {HUGE:g} in size")
             require(rule.admits(value), self, name, rule.wording)
+        self._check_together()
+
+    def _check_together(self) -> None:
+        """Check the conditions on several fields of a subclass."""
 
 
 def require(holds: bool, owner: Settings, name: str, wording: str) -> None:

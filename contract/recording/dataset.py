@@ -312,12 +312,9 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         # which is its main part.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
-    attributes = {}
-    for attribute, meaning in _ATTRIBUTES.items():
-        if attribute in node.attrs:
-            attributes[attribute] = node.attrs[attribute]
-        else:
-            found.append(f"episode {name}: attribute {attribute!r} is missing: {meaning}")
+    attributes = {key: node.attrs[key] for key in _ATTRIBUTES if key in node.attrs}
+    lacking = [(key, meaning) for key, meaning in _ATTRIBUTES.items() if key not in attributes]
+    found += [f"episode {name}: attribute {key!r} is missing: {meaning}" for key, meaning in lacking]
     initial_action, provenance = 0.0, {}
     try:
         initial_action = float(attributes.get("initial_action", 0.0))

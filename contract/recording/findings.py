@@ -169,18 +169,21 @@ def _lengths(dataset: Dataset, config: Config) -> Iterator[Finding]:
     training, tests, kept = _of_role(dataset, "train"), _of_role(dataset, "test"), trainable(dataset, config)
     for line in left_out(dataset, config):
         yield Finding(stops=None if kept else "training", text=line if kept else line.removesuffix("; it is left out"))
-    demands: list[tuple[Sequence[Episode], Need | None, Literal["training", "export"]]] = [
-        (kept, needs.roll_out_need(config), "training"),
+    window, horizon = config.model.window, config.mpc.horizon
+    gate, calibrated = needs.GATE_WINDOWS, needs.LEAST_CALIBRATION
+    rolled = Need(steps=window + horizon, reason=f"a window of {window} and the horizon of {horizon} steps")
+    replayed = Need(steps=window - 1 + gate, reason=f"{gate} windows of {window} for the export's gates")
+    rounded = Need(steps=window - 1 + calibrated, reason=f"{calibrated} windows of {window} to calibrate int8")
+    demands: list[tuple[Sequence[Episode], Need, Literal["training", "export"]]] = [
+        (kept if config.model.is_slimmed else (), rolled, "training"),
         (tests, needs.judging_need(config), "training"),
-        (tests, needs.gate_need(config), "export"),
-        (training, needs.calibration_need(config), "export"),
+        (tests, replayed, "export"),
+        (training, rounded, "export"),
     ]
     for episodes, need, stops in demands:
-        if need is None or not episodes:
-            continue
-        longest = max(episodes, key=len)
-        if len(longest) < need.steps:
-            role = "training" if episodes[0].role == "train" else "test"
+        longest = max(episodes, key=len, default=None)
+        if longest is not None and len(longest) < need.steps:
+            role = "training" if longest.role == "train" else "test"
             text = f"{role} episodes are too short, the longest is {longest.name} with {len(longest)} steps"
             yield Finding(stops=stops, text=f"{text}: {_needed(need)}")
 

@@ -54,26 +54,6 @@ def judging_need(config: Config) -> Need:
     return Need(steps=window + ahead, reason=f"a window of {window} and {ahead} steps ahead")
 
 
-def roll_out_need(config: Config) -> Need | None:
-    """Return the number of steps that a "train" episode needs to distil dynamics and decoder; None if not distilled."""
-    window, horizon = config.model.window, config.mpc.horizon
-    need = Need(steps=window + horizon, reason=f"a window of {window} and the horizon of {horizon} steps")
-    return need if config.model.is_slimmed else None
-
-
-def gate_need(config: Config) -> Need:
-    """Return the number of steps that the first episode with role "test" needs, which the gates replay."""
-    window = config.model.window
-    return Need(steps=window - 1 + GATE_WINDOWS, reason=f"{GATE_WINDOWS} windows of {window} for the export's gates")
-
-
-def calibration_need(config: Config) -> Need:
-    """Return the number of steps that one "train" episode of each kind of forcing needs for calibrating int8."""
-    window = config.model.window
-    reason = f"{LEAST_CALIBRATION} windows of {window} to calibrate int8"
-    return Need(steps=window - 1 + LEAST_CALIBRATION, reason=reason)
-
-
 def window_for_c(steps: float) -> int:
     """Return the number of rows nearest to `steps` that the ECU in C accepts as a window."""
     return max(1, round(steps / WINDOW_STEP)) * WINDOW_STEP
