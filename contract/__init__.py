@@ -1,2 +1,1 @@
-"""Definitions and formats that all packages share: geometry, sensors, units, configuration, data sets, bundles, the
-DBC."""
+"""Definitions and formats that all packages share."""

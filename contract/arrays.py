@@ -1,5 +1,4 @@
-"""Types of the arrays that functions take and return. The docstring of each function gives an array's shape, unit and
-order."""
+"""Types of arrays; the docstring of each function gives an array's shape, unit and order."""
 
 from typing import Any, Final, TypeAlias
 

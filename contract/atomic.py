@@ -29,15 +29,10 @@ def leads_to(path: Path) -> Path:
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Check, before a computation, whether its result can be written to `path`. The check creates and removes a test
-    file.
-
-    The test file is in the folder of the result or, because missing folders are not created, in the nearest existing
-    folder. `folder` states whether the result is a folder; otherwise it is a file. Raises StillwakeError in these
-    cases: `path` is a folder but the result is a file, or the reverse; `path` has no last name, like `..`; this process
-    prints to `path`; the file has a further hard link, which would keep the old content; or nothing can be written
-    there.
-    """
+    """Check, before a computation, whether its result, a file or a folder, can be written to `path`. The check creates
+    and removes a test file in the nearest existing folder. Raises StillwakeError in these cases: `path` is a folder but
+    the result is a file, or the reverse; `path` has no last name, like `..`; this process prints to `path`; the file
+    has a further hard link, which would keep the old content; or nothing can be written there."""
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
     if folder and path.is_file():
@@ -76,19 +71,16 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
     """Yield a temporary path in the same folder as the target. The block writes a file or a directory there, which
     replaces the target if the block succeeds, and is removed otherwise.
 
-    The target is `path`, or the place to which `path` leads if it contains symbolic links; the links remain. The new
-    content gets the mode of the old content. An old directory remains until the new directory has replaced it. With
-    `keep`, the files of a new directory are instead moved into the old directory, whose other files remain.
-
-    Missing parent folders of the target are created, and removed again if the block fails. Raises StillwakeError if the
-    target cannot be written.
+    The target is the place to which `path` leads; links remain. The new content gets the mode of the old content. An
+    old directory remains until the new directory has replaced it. With `keep`, the files of a new directory are instead
+    moved into the old directory, whose other files remain. Missing parent folders are created, and removed again if the
+    block fails. Raises StillwakeError if the target cannot be written.
     """
     place = leads_to(path)
     temporary, aside = _temporary(place, "part"), _temporary(place, "old")
-    made_parent = False
+    missing: list[Path] = []
     try:
         missing = [folder for folder in (place.parent, *place.parent.parents) if not folder.exists()]
-        made_parent = bool(missing)
         place.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         try:
@@ -122,11 +114,10 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
                 # If nothing could be written there is nothing to remove, and the first error must be reported.
                 with suppress(OSError):
                     leftover.unlink()
-        if made_parent:
-            # `rmdir` fails for a folder that is not empty; such a folder remains.
-            with suppress(OSError):
-                for folder in missing:
-                    folder.rmdir()
+        # `rmdir` fails for a folder that is not empty; such a folder remains.
+        with suppress(OSError):
+            for folder in missing:
+                folder.rmdir()
 
 
 def _take_after(new: Path, old: Path) -> None:

@@ -31,10 +31,8 @@ class Seen:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowState:
-    """A flow at the beginning of a control period: its state in one vector, and the action of the jets at that time.
-
-    State and action are made dimensionless with the design speed, not with the present speed.
-    """
+    """A flow at the beginning of a control period: its state in one vector, and the action of the jets at that time,
+    both made dimensionless with the design speed, not with the present speed."""
 
     flat: Array
     action: float = 0.0
@@ -50,29 +48,19 @@ class DifferentiableFlow(Protocol):
             speeds: (n + 1,) speeds as ratios to the design speed, for a run of n periods: the speed at the start, then
                 the speed at each period's sample. Between samples the speed is linear in time.
         """
-        ...
 
     def advance(self, action: float) -> Seen:
         """Advance by a control period, over which the jets move to `action`, and record the period on the tape. Raises
         PlantError if the flow diverged, or the run is too long for the tape's memory."""
-        ...
 
     def back(self, weights: Seen) -> float:
         """Go back by a period, and return the gradient of a scalar with respect to the period's action. `weights` has
-        the scalar's derivatives with respect to the period's sample. Calls go from the last period to the first, each
-        with the derivatives for its own period."""
-        ...
+        the scalar's derivatives with respect to the period's sample. Calls go from the last period to the first."""
 
     def state(self) -> FlowState:
         """Return the present state of the flow, which `begin` accepts."""
-        ...
 
     def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
         """Return the mean base pressure and the mean magnitude of the differences between mirrored sensors, in Cp, of
-        the wake without jets; None if no sensor is on the base. Raises PlantError if the flow diverged.
-
-        Args:
-            state: a developed wake at the design speed.
-            speed: constant speed, in units of the design speed.
-        """
-        ...
+        the wake without jets at a constant speed, in units of the design speed; None if no sensor is on the base.
+        `state` is a developed wake at the design speed. Raises PlantError if the flow diverged."""

@@ -15,8 +15,7 @@ _HEADERS: Final = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_hea
 
 
 class Arrays(dict[str, npt.NDArray[Any]]):
-    """The arrays of a file by name. Each method raises ValueError if the array is not of the kind that the method
-    returns."""
+    """The arrays of a file by name. Each method raises ValueError for an array of another kind than it returns."""
 
     def __missing__(self, name: str) -> npt.NDArray[Any]:
         raise ValueError(f"it lacks {name!r}")

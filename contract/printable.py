@@ -1,5 +1,4 @@
-"""Conversion of a bundle's texts for display. A bundle of unknown origin may have control characters, which disturb a
-terminal."""
+"""Texts of a bundle for display; one of unknown origin may have control characters, which disturb a terminal."""
 
 from typing import Final
 
@@ -19,9 +18,7 @@ def shown(value: object, most: int = MAX_SHOWN) -> str:
     """Format a value for a message: one line of about `most` characters; unprintable characters become escapes."""
     text = str(value)
     cut = text if len(text) <= most else f"{text[:most]}.."
-    return "".join(
-        character if character.isprintable() else character.encode("unicode_escape").decode() for character in cut
-    )
+    return "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in cut)
 
 
 def quoted(value: object, most: int = MAX_SHOWN) -> str:

@@ -13,17 +13,12 @@ from typing import Any
 from contract.atomic import replacing
 
 _version = cache(version)
-"""A cached look-up of a package's version. Without the cache, each call takes milliseconds to parse the package's
-metadata."""
+"""Cached, because each look-up of a package's version parses its metadata, which takes milliseconds."""
 
 
 def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date) -> None:
-    """Write a result as JSON, completely or not at all.
-
-    Args:
-        figures: measured values; their units are documented in the code that reads the file.
-        facts: settings, seeds, versions and hashes of the inputs; this function adds a description of the machine.
-    """
+    """Write measured figures as JSON, completely or not at all, with the facts about their origin: settings, seeds,
+    versions, hashes of the inputs, and a description of the machine, which this function adds."""
     content = {"date": on.isoformat(), "figures": figures, "facts": {**facts, "machine": machine()}}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

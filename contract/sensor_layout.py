@@ -1,8 +1,5 @@
 """The layout of the wall-pressure sensors of a data set or a plant: names, positions, sensors on the base, and mirror
-images.
-
-The truck's 90 sensors are `contract.sensors.TRUCK`. A data set of another body has its own layout.
-"""
+images. The truck's 90 sensors are `contract.sensors.TRUCK`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -95,8 +92,7 @@ class SensorLayout:
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """Return the layout of some columns, in the given order. It has no mirror images, because the columns may lack
-        a sensor's mirror image."""
+        """Return the layout of some columns, in the given order, without mirror images, which may be missing."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],
@@ -137,8 +133,7 @@ def _mirror(positions: Array) -> Index | None:
 
 def _distance(to: Array, start: Array) -> Array:
     """Return the distance from each of n starts to each of n positions, (n, n): the larger of |dx| and |dy|."""
-    distance: Array = np.abs(to[None, :, :] - start[:, None, :]).max(axis=2)
-    return distance
+    return np.asarray(np.abs(to[None, :, :] - start[:, None, :]).max(axis=2))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,8 +1,10 @@
-"""The truck's 90 wall-pressure sensors: order, names, positions and mirror images (paper, figure 1).
+"""The wall-pressure sensors of a body: order, names, positions and mirror images; the truck's 90 (paper, figure 1).
 
-Order: 0-39 upper side front to rear, 40-79 lower side front to rear, 80-89 base from top to bottom.
+Order and names follow one rule for every body: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` ..
+from top to bottom. The truck has 40 sensors on each side and 10 on the base.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -21,26 +23,25 @@ _BASE_Y: Final = (
     -0.040909, -0.122727, -0.204545, -0.286364, -0.368182,
 )  # fmt: skip
 
-NAMES: Final[tuple[str, ...]] = (
-    *(f"upper_{i:02d}" for i in range(PER_SIDE)),
-    *(f"lower_{i:02d}" for i in range(PER_SIDE)),
-    *(f"base_{i}" for i in range(ON_BASE)),
-)
-
 BASE: Final = slice(2 * PER_SIDE, COUNT)
 """Columns of the sensors on the base. The mean base Cp is the mean over these columns."""
 
 
-def positions() -> Array:
-    """Return the sensor coordinates in W, shape (90, 2), on the body's surface."""
-    # The positions are evenly spaced between the rounded edge and the rear, without the end points. They are rounded as
-    # in the paper.
-    side_x = np.round(np.linspace(LEADING_EDGE_RADIUS, LENGTH, PER_SIDE + 2)[1:-1], 6)
-    upper = np.column_stack([side_x, np.full(PER_SIDE, HALF_WIDTH)])
-    lower = upper * (1.0, -1.0)
-    base = np.column_stack([np.full(ON_BASE, LENGTH), _BASE_Y])
-    return np.vstack([upper, lower, base])
+def spaced(length: float, radius: float, per_side: int, base_y: Sequence[float] | Array) -> SensorLayout:
+    """Return the layout of a body with rounded front corners: `per_side` sensors on each side, evenly spaced between
+    the rounded edge and the base, and sensors at `base_y` on the base. All lengths are in W."""
+    # The paper leaves out the end points and rounds the positions, so this function does too.
+    side_x = np.round(np.linspace(radius, length, per_side + 2)[1:-1], 6)
+    upper = np.column_stack([side_x, np.full(per_side, HALF_WIDTH)])
+    base = np.column_stack([np.full(len(base_y), length), base_y])
+    sides = [f"{side}_{i:02d}" for side in ("upper", "lower") for i in range(per_side)]
+    return SensorLayout.of(
+        [*sides, *(f"base_{i}" for i in range(len(base_y)))],
+        np.vstack([upper, upper * (1.0, -1.0), base]),
+        base=range(2 * per_side, 2 * per_side + len(base_y)),
+    )
 
 
-TRUCK: Final = SensorLayout.of(NAMES, positions(), base=range(2 * PER_SIDE, COUNT))
+TRUCK: Final = spaced(LENGTH, LEADING_EDGE_RADIUS, PER_SIDE, _BASE_Y)
 """The truck's layout."""
+NAMES: Final = TRUCK.names

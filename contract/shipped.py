@@ -25,12 +25,11 @@ _DATA: Final = _folder()
 BUNDLE: Final = Path(__file__).resolve().parent / "release" / "shipped"
 """Path of the shipped release."""
 DEVELOPED: Final = _DATA / "developed.npz"
-"""Path of the flow state from which episodes begin: a wake with shedding, without action. `developed` checks that the
-file exists."""
+"""Flow state from which episodes begin: a wake with shedding, without action. `developed` checks that it exists."""
 RECORDING: Final = _DATA / "recording.h5"
-"""Path of the data set on which the shipped bundle was trained. `recording` checks that the file exists."""
+"""Data set on which the shipped bundle was trained. `recording` checks that it exists."""
 MODEL: Final = _DATA / "model"
-"""Path of the model folder from which the shipped bundle was exported. `model` checks that the folder exists."""
+"""Model folder from which the shipped bundle was exported. `model` checks that it exists."""
 
 
 def developed() -> Path:

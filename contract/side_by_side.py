@@ -1,7 +1,5 @@
-"""Parallel work in processes of this machine, or on dask workers, which may run on other machines and may die.
-
-No process and no temporary file remains, even if the work fails or is stopped.
-"""
+"""Parallel work in processes of this machine, or on dask workers, which may run on other machines and may die. No
+process and no temporary file remains, even if the work fails or is stopped."""
 
 import logging
 import multiprocessing
@@ -22,20 +20,15 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""Signals that a terminal or a service manager sends to every process of a command. Child processes ignore these
-signals, so that only the parent reacts."""
+"""Signals that a terminal sends to every process of a command; only the parent reacts to them."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 
 
 @contextmanager
 def process_pool(workers: int, initializer: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of new processes. After an error or a stop signal the processes are killed, even during their work.
-
-    Args:
-        workers: number of processes.
-        initializer: function that each process calls before its work.
-    """
+    """Open a pool of new processes, each of which calls `initializer` before its work. After an error or a stop signal
+    the processes are killed, even during their work."""
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory(prefix="stillwake-", ignore_cleanup_errors=True) as scratch:
         pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(scratch, initializer))
@@ -75,9 +68,8 @@ def spread(
         slots: returns the number of slots, which is the number of jobs that the workers run at the same time, from the
             argument of `looked`.
 
-    Raises:
-        StillwakeError: the scheduler cannot be reached or has no worker, workers died too often during one job, or the
-            job raised a StillwakeError.
+    Raises StillwakeError if the scheduler cannot be reached or has no worker, workers died too often during one job, or
+    the job raised a StillwakeError.
     """
     if not jobs:
         return

@@ -1,9 +1,11 @@
-"""Typed values from TOML and JSON trees, converted by msgspec. Errors state the place, the value and the allowed
-values."""
+"""A reader of users' TOML files, and typed values from TOML and JSON trees, converted by msgspec. Errors are one line,
+with the place, the value and the allowed values."""
 
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from importlib.resources.abc import Traversable
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
@@ -15,6 +17,8 @@ T = TypeVar("T")
 
 LONGEST_SHOWN: Final = 60
 """Largest number of characters of a value that an error shows."""
+LARGEST_FILE: Final = 2**20
+"""Largest size of a file, in bytes; a file with all settings has three thousand bytes."""
 
 _KINDS: Final = {
     "int": "a whole number",
@@ -27,6 +31,22 @@ _KINDS: Final = {
 }
 _EXPECTED: Final = re.compile(r"Expected `([a-z |]+)`( of length \d+)?")
 _STEP: Final = re.compile(r"\.(\w+)|\[(\d+)\]")
+
+
+def read_toml(source: Traversable, what: str) -> dict[str, Any]:
+    """Return the tree of a file. Raises ConfigError, whose message begins with `what`, the kind of the file."""
+    try:
+        with source.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise ConfigError(f"{what} {source}: larger than {LARGEST_FILE} bytes")
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except OSError as error:
+        raise ConfigError(f"{what} {source}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{what} {source}: is not UTF-8 text") from error
+    except (ValueError, RecursionError) as error:  # tomllib's errors, or that of a NUL in the path
+        raise ConfigError(f"{what} {source}: {error}") from error
 
 
 def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:
@@ -77,8 +97,7 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
 
 
 def _set_in_order(value: object) -> None:
-    """Put all fields into `vars` in declaration order, because msgspec only sets the fields that the tree has, in the
-    tree's order."""
+    """Put all fields into `vars` in declaration order; msgspec sets only the tree's fields, in its order."""
     if isinstance(value, list | tuple):
         for item in value:
             _set_in_order(item)
@@ -91,8 +110,7 @@ def _set_in_order(value: object) -> None:
 
 
 def _part_of(hint: Any) -> Any:
-    """Return the dataclass in a field's type, which may also be the type of a list's items or an optional type; None if
-    there is no dataclass."""
+    """Return the dataclass in a field's type, also of a list's items or of an optional value; None for none."""
     if get_origin(hint) is Mapping:
         return None  # its keys are names of the user's
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)

@@ -38,7 +38,7 @@ from contract.controller.estimator import Hypotheses, pairs
 from contract.controller.interface import ControllerError
 from contract.release.checks import Bundle
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
-from contract.runtime.onnx_estimator import OnnxEstimator
+from contract.runtime.onnx_session import OnnxEstimator
 
 SCORE_PERIODS: Final = 32
 """Number of periods over which the squares of averaged residuals are averaged: a shedding cycle. During a part of a

@@ -4,6 +4,7 @@ Written by itself, with SciPy's integrator, so that nothing of the package makes
 """
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -25,6 +26,11 @@ FREQUENCY = 0.15
 
 def series(steps: int, seed: int, *, forced: bool = True) -> dict[str, Array]:
     """t, action, Cd, Cl (n,), and Cp (n, 7); the action ramps from one command to the next over a period."""
+    return {name: values.copy() for name, values in _series(steps, seed, forced).items()}
+
+
+@cache
+def _series(steps: int, seed: int, forced: bool) -> dict[str, Array]:
     generator = np.random.default_rng(seed)
     t = PERIOD * np.arange(steps)
     phase = 2 * np.pi * np.cumsum(FREQUENCY * (1 + 0.4 * np.sin(t / 7.0 + generator.uniform(0, 6)))) * PERIOD

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contract.config.body import BodyConfig
-from contract.config.body_sensors import layout_of
+from contract.config.body import BodyConfig, layout_of
 from contract.config.loading import load_config
 from contract.recording.dataset import UNITS, Dataset, Episode, read, write
 from wake.truck.truck_wake import TruckWake

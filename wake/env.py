@@ -9,8 +9,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from contract.config.body import TRUCK_BODY, BodyConfig
-from contract.config.body_sensors import layout_of
+from contract.config.body import TRUCK_BODY, BodyConfig, layout_of
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError, PlantError
 from contract.ledger import LEDGER_FIELDS

@@ -51,7 +51,7 @@ def distributions(figures: Mapping[str, Any]) -> Figure:
     base, probe, along = figure.subplots(1, 3)
     _histogram(base, figures["base_Cp"], "base $C_p$, mean over 10 sensors")
     _histogram(probe, figures["Uy"], r"$U_y / U_\infty$ at the probe (10, 0)")
-    x = sensors.positions()[: sensors.PER_SIDE, 0]
+    x = sensors.TRUCK.positions[: sensors.PER_SIDE, 0]
     for (case, colour), one in zip(_CASES, figures["mean"], strict=True):
         values, n = np.array(one["Cp"]), sensors.PER_SIDE
         # Over a long time the mean flow would be symmetric, so the upper and the lower side are averaged here.

@@ -1,10 +1,14 @@
-"""Settings of the body's shape and of its sensors, for the project's own solver."""
+"""Settings of the body's shape and of its sensors, for the project's own solver; the sensors' layout."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final
 
+import numpy as np
+
+from contract import sensors
 from contract.config.rules import WIDTHS, Rule, Settings, paper, require, within
-from contract.geometry import HALF_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
+from contract.sensor_layout import SensorLayout
 
 _LENGTH: Final = Rule(
     wording="in 0.5..15: a shorter body is too short for the grid between nose and base, a longer body leaves too "
@@ -34,8 +38,7 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     sensors_on_base: Annotated[int, within(1, 100, "as many as can be told apart")] = 10
     """Number of sensors on the base, evenly spaced between the two slots."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(self.leading_edge_radius <= 0.5 * self.length, self, "leading_edge_radius", "at most half the length")
 
     @property
@@ -43,10 +46,19 @@ class BodyConfig(Settings, source=paper("section 2.1")):
         """Position at which the transverse velocity is probed. Its distance from the base equals the distance of the
         truck's probe, at (10, 0), from the truck's base."""
         # Rounding makes the truck's value exactly 10.
-        return round(self.length + _PROBE_DISTANCE, 9), 0.0
+        return round(self.length + 2.353, 9), 0.0
 
-
-_PROBE_DISTANCE: Final = 2.353
 
 TRUCK_BODY: Final = BodyConfig()
 """The truck with its 90 sensors."""
+
+
+def layout_of(body: BodyConfig) -> SensorLayout:
+    """Return the sensors' names and their positions on the body's surface, in W: the paper's for the truck, equally
+    spaced for other bodies."""
+    if body == TRUCK_BODY:
+        return sensors.TRUCK
+    between_slots = np.linspace(1.0, -1.0, body.sensors_on_base + 2)[1:-1] * (HALF_WIDTH - JET_WIDTH)
+    # The two halves are made exact mirror images before they are rounded; + 0.0 turns -0.0 into 0.0.
+    base_y = np.round(0.5 * (between_slots - between_slots[::-1]), 6) + 0.0
+    return sensors.spaced(body.length, body.leading_edge_radius, body.sensors_per_side, base_y)

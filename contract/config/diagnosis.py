@@ -1,5 +1,4 @@
-"""Settings of the CAN identifiers for diagnosis and calibration. No control message may have one of these
-identifiers."""
+"""Settings of the CAN identifiers for diagnosis and calibration, which no control message may have."""
 
 import re
 from collections.abc import Mapping
@@ -31,11 +30,8 @@ class CanId(NamedTuple):
 
 
 def parse_id(value: int | str) -> CanId | None:
-    """Parse the identifier in a setting: up to three hex digits for 11 bits, eight for 29 bits. Return None if the text
-    is no identifier.
-
-    An int has no leading zeros: it is read as three hex digits if three suffice, otherwise as eight.
-    """
+    """Parse the identifier in a setting: up to three hex digits for 11 bits, eight for 29 bits. An int is read as three
+    hex digits if three suffice, otherwise as eight. Return None if the text is no identifier."""
     if isinstance(value, int):
         value = f"0x{value:03X}" if value < 1 << 4 * _SHORT else f"0x{value:08X}"
     found = _TEXT.fullmatch(value)
@@ -71,8 +67,7 @@ class DiagnosisConfig(
     xcp: Annotated[bool, ours("a calibration tool works without a change of settings", page=_PAGE)] = True
     """Whether the ECU answers a calibration tool (XCP). If false, the ECU in C contains no code for XCP."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         taken = dict(_messages())
         for name, like in _LIKE.items():
             found = parse_id(getattr(self, name))
@@ -129,8 +124,7 @@ _LIKE: Final = {
     "xcp_command_id": "xcp_command_id",
     "xcp_response_id": "xcp_command_id",
 }
-"""Map from each setting to the setting whose identifier must have the same length: 11 bits for both, or 29 bits for
-both."""
+"""For each setting, the setting whose identifier must have the same length, 11 or 29 bits."""
 
 
 @cache

@@ -147,8 +147,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     seed: Annotated[NonNegative[int], ours("an arbitrary number; the paper gives none")] = 0
     """Random seed of initial weights, batches, draws and noise."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(self.segment <= self.batch_size, self, "segment", "at most batch_size")
 
 
@@ -215,8 +214,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0
     """Largest ratio of a training speed to the design speed. Speeds vary randomly from `slowest` to `fastest`."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(self.batch <= self.streams, self, "batch", "at most streams")
         require(self.shortest > self.memory, self, "shortest", "more than refine.memory")
         require(self.longest >= self.shortest, self, "longest", "at least shortest")

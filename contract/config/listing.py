@@ -43,13 +43,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A section of settings.
-
-    Attributes:
-        name: dotted name of the section, as in the header of a TOML file.
-        meaning: one paragraph on what the section is for.
-        settings: settings of this section, without those of its subsections.
-    """
+    """A section with its dotted name, its meaning in one paragraph, and its settings without those of subsections."""
 
     name: str
     meaning: str
@@ -62,19 +56,12 @@ def sections(config: Config) -> tuple[Section, ...]:
 
 
 def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
-    """Write the listed settings as a TOML file that `contract.config.loading.load` reads back unchanged.
-
-    TOML cannot express "none": a setting that is None is left out and gets the paper's value when the file is read.
-
-    Args:
-        listed: sections; each may have only some of its settings.
-        base: name of the settings that the file modifies, "paper" or "release"; None leaves out the line that states
-            the name.
-    """
+    """Write the listed settings as a TOML file that `contract.config.loading.load` reads back unchanged. `base` is the
+    name of the settings that the file modifies, "paper" or "release"; None leaves out the line that states it. TOML
+    cannot express "none": a setting that is None is left out and gets the paper's value when the file is read."""
     parts = [] if base is None else [f"base = {_toml(base)}\n"]
     for section in listed:
-        held = [one for one in section.settings if one.value is not None]
-        if held:
+        if held := [one for one in section.settings if one.value is not None]:
             lines = (f"{one.name.rpartition('.')[2]} = {_toml(one.value)}\n" for one in held)
             parts.append(f"[{section.name}]\n{''.join(lines)}")
     return "\n".join(parts)

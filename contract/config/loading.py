@@ -1,5 +1,4 @@
-"""Functions that read the settings from TOML files and `key.path=value` overrides. The error for a wrong name suggests
-similar names."""
+"""Functions that read the settings from TOML files and `key.path=value` overrides."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,8 +12,7 @@ from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.printable import quoted
-from contract.toml_file import read_toml
-from contract.typed import LONGEST_SHOWN, typed
+from contract.typed import LONGEST_SHOWN, read_toml, typed
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
@@ -32,8 +30,7 @@ def check_names(tree: Mapping[str, Any], above: str = "") -> None:
             raise ConfigError(f"{name} is a value, not a section: it has no {', '.join(map(repr, value))}")
 
 
-def takes_text(name: str) -> bool:
-    """Return whether the setting with this dotted name is a text; False if no setting has this name."""
+def _takes_text(name: str) -> bool:
     hint = _hints().get(name)
     words = get_args(hint)
     return hint is str or str in words or (get_origin(hint) is Literal and all(isinstance(one, str) for one in words))
@@ -78,12 +75,7 @@ RETIRED: Final = {"refine.iterations": False}
 
 @dataclass(frozen=True, kw_only=True)
 class Loaded:
-    """Loaded settings, and the names of the settings that the user gave.
-
-    Attributes:
-        in_file: dotted names of the settings in the TOML file.
-        in_overrides: dotted names of the settings in the overrides.
-    """
+    """Loaded settings, and the dotted names of those that the TOML file and the overrides gave."""
 
     config: Config
     in_file: frozenset[str] = frozenset()
@@ -91,7 +83,7 @@ class Loaded:
 
     @property
     def given(self) -> frozenset[str]:
-        """Dotted names of all settings that the user gave, such as "mpc.weights.lift"."""
+        """Names of all settings that the user gave, such as "mpc.weights.lift"."""
         return self.in_file | self.in_overrides
 
 
@@ -117,20 +109,19 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
         raise ConfigError(f"configuration {path}: {BASE_KEY} = {_short(chosen)}: must be {PAPER!r} or {_RELEASE!r}")
     if chosen == PAPER:
         tree = {}
-    changes: dict[str, Any] = {}
     _check(asked, f"configuration {path}")
+    changes: dict[str, Any] = {}
     for text in overrides:
         change = _parsed_override(text)
         _check(change, f"override {_short(text)}")
         _merge(changes, change)
-    for change in (asked, changes):
-        _merge(tree, change)
+    _merge(tree, asked)
+    _merge(tree, changes)
     return Loaded(config=from_tree(tree), in_file=frozenset(_leaves(asked)), in_overrides=frozenset(_leaves(changes)))
 
 
 def training(*, quick: bool = False) -> Config:
-    """Return the settings for training a model. The release's settings are modified by the settings of a model without
-    a prior and, for a quick training, also by those of `quick.toml`."""
+    """Return the release's settings with those for training a model without a prior, and of a quick training."""
     tree = _packaged(_RELEASE)
     for name in ("trained", "quick") if quick else ("trained",):
         _merge(tree, _packaged(name))
@@ -186,7 +177,7 @@ def _parsed_override(text: str) -> dict[str, Any]:
 
 def _parsed_value(name: str, value: str, text: str) -> object:
     # If the value of a text setting is not a TOML string, it is used literally, for example `bus.channel=/dev/ttyUSB0`.
-    as_text = takes_text(name)
+    as_text = _takes_text(name)
     if not value.isprintable():
         raise ConfigError(f"override {_short(text)}: holds a character that cannot be printed")
     try:
@@ -203,8 +194,7 @@ def _short(value: object) -> str:
 
 
 def _merge(tree: dict[str, Any], change: Mapping[str, Any]) -> None:
-    """Copy the values of `change` into the tree, section by section. All names in both mappings must exist in
-    `Config`."""
+    """Copy the values of `change` into the tree, section by section."""
     for key, value in change.items():
         if isinstance(value, Mapping):
             _merge(tree.setdefault(key, {}), value)

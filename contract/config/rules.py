@@ -3,7 +3,7 @@
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
 `Settings` checks the rules of its fields when it is created. A condition on two fields is checked by a call of
-`require` in the class's own `__post_init__`. A number without a unit is a ratio, or a count whose name states what is
+`require` in the class's own `_check_together`. A number without a unit is a ratio, or a count whose name states what is
 counted; no value is converted. A field without its own source has the source of its section.
 """
 
@@ -38,9 +38,8 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the paper's number at the given place, e.g. "section 2.1". If the paper does not state the
-    number, the note says how the number follows. Equations have the manuscript's numbers, which do not restart with
-    each section."""
+    """Mark a default as the paper's number at a place, e.g. "section 2.1", or as one that follows as the note says.
+    Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
 
@@ -113,14 +112,13 @@ class Rule:
 
 
 def at_least(least: int, reason: str = "", *, or_none: bool = False) -> Rule:
-    """Return the rule that a value is at least `least`. The rule's wording contains the reason, if one is given."""
+    """Return the rule that a value is at least `least`, for the given reason."""
     wording = f"at least {least}{f', {reason}' if reason else ''}"
     return Rule(wording=wording, holds=lambda value: value >= least, or_none=or_none)
 
 
 def within(least: float, most: float, reason: str) -> Rule:
-    """Return the rule that a value is from `least` to `most`. The rule's wording contains the reason for these
-    bounds."""
+    """Return the rule that a value is from `least` to `most`, for the given reason."""
     return Rule(wording=f"in {least}..{most}: {reason}", holds=lambda value: least <= value <= most)
 
 
@@ -159,6 +157,10 @@ class Settings:
                 # Outside these bounds, the product of a few settings may overflow or underflow.
                 require(TINY <= abs(value) <= HUGE, self, name, f"0, or from {TINY:g} to {HUGE:g} in size")
             require(rule.admits(value), self, name, rule.wording)
+        self._check_together()
+
+    def _check_together(self) -> None:
+        """Check the conditions on several fields of a subclass."""
 
 
 def require(holds: bool, owner: Settings, name: str, wording: str) -> None:

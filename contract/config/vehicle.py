@@ -56,8 +56,7 @@ class E2eConfig(
     max_errors: Annotated[int, FRAMES] = 2
     """Largest number of CRC errors in the window with which a stream is valid."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(1 <= self.min_ok <= self.window, self, "min_ok", "in 1..window")
         require(0 <= self.max_errors < self.window, self, "max_errors", "in 0..window-1")
 
@@ -76,8 +75,7 @@ class BackgroundConfig(
     seed: Annotated[NonNegative[int], ours("an arbitrary number")] = 0
     """Random seed of the background messages' identifiers, phases and contents."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(not (self.dbc and self.load), self, "load", "0 if bus.background.dbc is given")
 
 
@@ -110,8 +108,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     e2e: E2eConfig = field(default_factory=E2eConfig)
     diagnosis: DiagnosisConfig = field(default_factory=DiagnosisConfig)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         for name, article in (("interface", "an"), ("channel", "a")):
             value = getattr(self, name)
             require(value.isprintable() and bool(value.strip()), self, name, f"the name of {article} {name}")
@@ -182,8 +179,7 @@ class BenefitCheckConfig(
     """Count of periods in which control did not help, at which the jets are shut for a test. A period in which control
     helped subtracts 1 from the count. The fault latches if the test fails."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(self.least_gain < 1.0, self, "least_gain", "below 1")
 
 
@@ -250,8 +246,7 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Largest change of the jet command per period, in U_inf W, that the ECU's command gate permits. The default is
     three times the largest change of the training waveform at full amplitude."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")
 
     @property
@@ -278,6 +273,5 @@ class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
     requesting control once. This limit is the counterpart of `ecu.loss_limit`: jets that follow at most every second
     command are not under control."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check_together(self) -> None:
         require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")

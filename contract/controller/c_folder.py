@@ -24,27 +24,25 @@ from contract.errors import LibraryError
 from contract.printable import quoted, shown
 
 PROGRAM_SETTINGS: Final = "sw_settings.h"
-"""Name of the header with sizes and settings of one program, and the hashes of that program and of the DBC."""
+"""Header with sizes and settings of one program, and the hashes of that program and of the DBC."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
-"""Name of the header with DBC messages, release figures and vehicle settings, which only folders with the ECU have."""
+"""Header with DBC messages, release figures and vehicle settings, which only folders with the ECU have."""
 PROGRAM_WEIGHTS: Final = "sw_weights.c"
-"""Name of the source file with the arrays that `sw_weights.h` declares."""
+"""Source file with the arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
-"""Name of the example program, which runs control steps from recorded rows on a host and is not part of the library."""
+"""Example program, which runs control steps from recorded rows on a host and is not part of the library."""
 RECORDED: Final = "recorded.txt"
-"""Name of the file with the example program's input rows: pressures, then the action commanded one step before."""
+"""Input rows of the example program: pressures, then the action commanded one step before."""
 NO_LIBRARY: Final = "this is not a folder written by `stillwake export --c`"
-"""Reason in an error message about a folder that is no C library."""
 EXPECTED: Final = "expected.txt"
-"""Name of the file with the example program's expected answers to the recorded rows."""
+"""Expected answers of the example program to the recorded rows."""
 DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE", "zephyr/module.yml", "zephyr/CMakeLists.txt")
 """Files of the folder that are not compiled and, except for sizes in the text, are equal for all libraries: the readme,
 the rules for CMake and Zephyr, and the licence."""
 BILL: Final = "sbom.cdx.json"
 """Name of the folder's bill of materials, in CycloneDX."""
 BOARD: Final = ("board", "loader")
-"""Folders with the firmware around the ECU. `board` has a board's drivers, start-up code and main loop; `loader` has
-flashing and diagnosis."""
+"""Folders with a board's drivers, start-up code and main loop, and with flashing and diagnosis."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Name of the file with compiler flags for editors (clangd), one flag per line; only in sample folders."""
 
@@ -59,11 +57,11 @@ _DEFINITION: Final = re.compile(r"^#define (SW_\w+) (\S.*)$", re.MULTILINE)
 
 
 class ProgramSettings:
-    """The definitions of a generated header. Raises LibraryError for a definition that is missing or invalid."""
+    """The definitions of a generated header. Raises LibraryError if one that is asked for is missing or invalid."""
 
     def __init__(self, header: bytes) -> None:
         try:
-            self._found: dict[str, str] = dict(_DEFINITION.findall(header.decode("utf-8")))
+            self.definitions: dict[str, str] = dict(_DEFINITION.findall(header.decode("utf-8")))
         except UnicodeDecodeError as error:
             raise LibraryError(f"{PROGRAM_SETTINGS}: is not text ({error})") from error
 
@@ -74,36 +72,26 @@ class ProgramSettings:
             raise LibraryError(f"{PROGRAM_SETTINGS} is missing: {NO_LIBRARY}")
         return cls(contents[PROGRAM_SETTINGS])
 
-    @property
-    def definitions(self) -> dict[str, str]:
-        """All definitions, as the header states them."""
-        return self._found
-
     def text(self, name: str) -> str:
-        if name not in self._found:
+        if name not in self.definitions:
             raise LibraryError(f"{PROGRAM_SETTINGS}: {name} is missing")
-        value = self._found[name]
+        value = self.definitions[name]
         return _ESCAPED.sub(r"\1", value[1:-1]) if len(value) > 1 and value[0] == value[-1] == '"' else value
 
     def number(self, name: str) -> int:
         value = self.text(name)
         if not _NUMBER.fullmatch(value):
-            raise LibraryError(
-                f"{PROGRAM_SETTINGS}: {name} is {quoted(value)}: must be a whole number of at most nine digits"
-            )
+            wanted = "must be a whole number of at most nine digits"
+            raise LibraryError(f"{PROGRAM_SETTINGS}: {name} is {quoted(value)}: {wanted}")
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the number of multiplications by weights in a control step. A step has one more forward pass than
-        adjoint passes."""
-        sizes = {
-            name: self.number(f"SW_{name}")
-            for name in ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
-        }
-        latent, lstm, decoder = sizes["LATENT"], sizes["LSTM"], sizes["DECODER"]
-        encoder = sizes["WINDOW"] * 4 * lstm * (sizes["SENSORS"] + 1 + lstm) + sizes["HEAD"] * (lstm + latent)
-        dynamics = sizes["DYN1"] * (latent + 1) + sizes["DYN2"] * (sizes["DYN1"] + latent)
-        outputs = decoder * (latent + sizes["BLOCKS"] * decoder + 2)
+        """Return the number of multiplications by weights in a control step; one forward pass has no adjoint pass."""
+        names = ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
+        window, sensors, lstm, head, latent, dyn1, dyn2, decoder, blocks = (self.number(f"SW_{one}") for one in names)
+        encoder = window * 4 * lstm * (sensors + 1 + lstm) + head * (lstm + latent)
+        dynamics = dyn1 * (latent + 1) + dyn2 * (dyn1 + latent)
+        outputs = decoder * (latent + blocks * decoder + 2)
         passes = 2 * self.number("SW_ITERATIONS") + 1
         return encoder + passes * self.number("SW_HORIZON") * (dynamics + outputs)
 
@@ -136,11 +124,8 @@ def c_files(folder: Traversable) -> dict[str, bytes]:
 
 def library_sources(contents: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the files that are compiled into the library: sources and headers without the example programs."""
-    return {
-        name: content
-        for name, content in contents.items()
-        if name.endswith((".c", ".h")) and name != REPLAY and "/" not in name
-    }
+    compiled = {name for name in contents if name.endswith((".c", ".h")) and name != REPLAY and "/" not in name}
+    return {name: content for name, content in contents.items() if name in compiled}
 
 
 def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:

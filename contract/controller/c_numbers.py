@@ -1,9 +1,6 @@
 """The parameters of a release as a C struct: a constant for the compiler, and the bytes to which the compiler converts
-it.
-
-Both are built from one description, which is the arrays in the order of the struct's members. So compiled-in parameters
-and the parameters of an image (`contract.controller.image_payload`) are equal.
-"""
+it. Both are built from one description, so compiled-in parameters and those of an image
+(`contract.controller.image_payload`) are equal."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

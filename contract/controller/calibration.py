@@ -27,8 +27,7 @@ _MOST_STEPS: Final = 2**32 - 1
 
 
 def as_float32(value: float) -> float:
-    """Return the nearest float32, as the double with the fewest decimal digits that rounds to this float32: 0.1 stays
-    0.1."""
+    """Return the nearest float32, as the double with the fewest decimal digits that rounds to it: 0.1 stays 0.1."""
     with np.errstate(over="ignore"):
         return float(str(np.float32(value)))
 
@@ -41,10 +40,8 @@ def _kept(name: str, value: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """A set of calibration values. Each is rounded to float32, its type on the bus, in C and in the controller's input.
-
-    Only this class rounds the values (`as_float32`). So a value read back equals the value written, and two sets with
-    equal values are equal. Raises ConfigError if a value does not fit into its 4 bytes.
+    """A set of calibration values. Each is rounded to float32, its type on the bus, in C and in the controller's input,
+    so that a value read back equals the value written. Raises ConfigError if a value does not fit into its 4 bytes.
 
     Attributes:
         action_limit: largest |a| that the ECU's command gate permits, in U_inf W.
@@ -102,9 +99,8 @@ class CalibrationLimits:
     greatest: Calibration
 
     def changed(self, now: Calibration, values: Mapping[str, object]) -> Calibration:
-        """Return the calibration `now` with some values replaced, by name. Every change of a weight on an ECU uses this
-        function. Raises ConfigError for an unknown name, a value that is not a number, or a value outside the limits.
-        """
+        """Return the calibration `now` with some values replaced, by name. Raises ConfigError for an unknown name, a
+        value that is not a number, or a value outside the limits."""
         wanted = dict(zip(CALIBRATION_NAMES, now.values, strict=True))
         for name, value in values.items():
             if name not in CALIBRATION_NAMES:
@@ -114,15 +110,14 @@ class CalibrationLimits:
             if name == "delay_steps" and value != value // 1:
                 raise ConfigError(f"calibration: delay_steps = {value:g}: must be a whole number of control periods")
             wanted[name] = value
-        self.check_values(tuple(wanted.values()))
+        self._check_values(tuple(wanted.values()))
         return Calibration.of(tuple(wanted.values()))
 
     def check(self, calibration: Calibration) -> None:
         """Raise ConfigError if a value is out of range; the message states the name of the value and the range."""
-        self.check_values(calibration.values)
+        self._check_values(calibration.values)
 
-    def check_values(self, values: Sequence[float]) -> None:
-        """Check values in the order of `CALIBRATION_NAMES`. Raises ConfigError as `check` does."""
+    def _check_values(self, values: Sequence[float]) -> None:
         rows = zip(CALIBRATION_NAMES, values, self.least.values, self.greatest.values, strict=True)
         for name, value, least, greatest in rows:
             if not least <= value <= greatest:

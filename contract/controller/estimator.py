@@ -1,8 +1,8 @@
 """The interface of a bundle's `sensors.onnx`, which estimates each pressure from the others, and the network's weights.
 
-The sensor check of the ECU asks two questions about the readings. Does each reading agree with the others? If not,
-which sensor must be left out, or which two exchanged, so that the rest agree? So one call estimates every pressure from
-several views of the same window. With S sensors there are
+The sensor check of the ECU asks whether each reading agrees with the others and, if not, which sensor must be left out,
+or which two exchanged, so that the rest agree. So one call estimates every pressure from several views of the same
+window. With S sensors there are
 
 * S views with one sensor left out,
 * S (S - 1) / 2 views with two left out: they estimate a sensor when another sensor is suspected too,
@@ -39,8 +39,7 @@ class WindowView(NamedTuple):
 
     Attributes:
         left_out: sensors whose columns are not used.
-        exchanged: pair of sensors whose readings are exchanged before columns are left out; empty if none are
-            exchanged.
+        exchanged: pair of sensors whose readings are exchanged before columns are left out; empty for none.
     """
 
     left_out: tuple[int, ...]
@@ -64,8 +63,7 @@ def views(sensors: int) -> list[WindowView]:
     """Return all V views, in the order of the rows of `estimates`."""
     single = [WindowView((j,)) for j in range(sensors)]
     double = [WindowView(pair) for pair in pairs(sensors)]
-    exchanged = [WindowView((j,), pair) for pair in pairs(sensors) for j in range(sensors)]
-    return single + double + exchanged
+    return single + double + [WindowView((j,), pair) for pair in pairs(sensors) for j in range(sensors)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,20 +83,17 @@ class Hypotheses:
     def of(cls, sensors: int) -> "Hypotheses":
         """Build the hypotheses for a number of sensors."""
         place = {item: row for row, item in enumerate(views(sensors))}
-        liars = [
-            [place[WindowView((i,) if i == j else (min(i, j), max(i, j)))] for i in range(sensors)]
-            for j in range(sensors)
-        ]
-        swaps = [[place[WindowView((i,), pair)] for i in range(sensors)] for pair in pairs(sensors)]
-        own = [list(range(sensors))] * sensors
+        every = range(sensors)
+        liars = [[place[WindowView(tuple(sorted({i, j})))] for i in every] for j in every]
+        swaps = [[place[WindowView((i,), pair)] for i in every] for pair in pairs(sensors)]
+        own = [list(every)] * sensors
         crossed = [WindowView((), pair).order(sensors)[:-1] for pair in pairs(sensors)]
         return cls(view=np.array(liars + swaps), reading=np.array(own + crossed))
 
     def residuals(self, readings: Array, estimates: Array) -> Array:
         """Return the residuals (S + P, S), reading minus estimate, in Cp. Row j < S has the residuals of all sensors,
         estimated without sensor j; its entry j is the residual of sensor j, estimated from all others."""
-        found: Array = readings[self.reading] - estimates[self.view, np.arange(len(readings))]
-        return found
+        return np.asarray(readings[self.reading] - estimates[self.view, np.arange(len(readings))])
 
 
 def estimator_shapes(window: int, sensors: int) -> Mapping[str, tuple[int, ...]]:
@@ -142,5 +137,4 @@ class EstimatorNetwork:
         values = np.stack(rows, axis=-2)
         for number, (weight, bias) in enumerate(self.layers):
             values = (np.maximum(values, 0.0) if number else values) @ weight.T + bias
-        estimates: Array = values * self.std[:-1] + self.mean[:-1]
-        return estimates
+        return np.asarray(values * self.std[:-1] + self.mean[:-1])

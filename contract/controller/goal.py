@@ -47,8 +47,7 @@ class Goal(NamedTuple):
 
     @classmethod
     def of(cls, weights: CostWeights, share_of_limit: float = 1.0) -> "Goal":
-        """Compute the position of weights and a jet limit in the range of goals; the limit is a share of the release's
-        limit."""
+        """Compute the position of weights, and of a jet limit as a share of the release's limit."""
         return cls(
             effort=_root(weights.effort, weights.drag_mean * DEAREST_EFFORT),
             lift=_root(weights.lift, weights.drag_mean * DEAREST_LIFT),
@@ -75,9 +74,8 @@ def schedule(speed: float, goal: Goal) -> tuple[float, ...]:
 
 
 def of_two_speeds(parts: Array) -> Array:
-    """Return a prior's scheduled weights with two variables for the speed; the first axis has the variables of
-    `SCHEDULED`. If the prior has one variable for the speed, as in `truck-wake-13`, the weights of this variable are
-    used for both. Otherwise the weights are unchanged."""
+    """Return a prior's scheduled weights with the variables of `SCHEDULED` along the first axis. If the prior has one
+    variable for the speed, as in `truck-wake-13`, its weights are used for both variables of the speed."""
     below, above = SPEED_PLACES
     return np.insert(parts, above, parts[below], axis=0) if len(parts) == len(SCHEDULED) - 1 else parts
 
@@ -86,13 +84,11 @@ def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWe
     """Return the weights for MPC iterations that start from a prior's plan. Terms that the prior takes into account get
     weight zero.
 
-    The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range: the
-    expected gradient of a goal's cost with respect to the plan is zero. A gradient that the model computes for such a
-    goal is therefore noise and model error, so these terms get no weight. A goal outside the range gets no iterations
-    either: with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in three pairs
-    of runs); with four times the largest weight of effort, iterations did not lower the cost.
-
-    A prior trained for drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
+    The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range, so a
+    gradient that the model computes for such a goal is noise and model error. A goal outside the range gets no
+    iterations either: with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in
+    three pairs of runs); with four times the largest weight of effort, they did not lower it. A prior trained for drag
+    alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """
     known = replace(weights, drag_mean=0.0)
     return replace(known, effort=0.0, lift=0.0) if knows_goal else known

@@ -91,23 +91,21 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
             yield Limits(name, dtype, place + number * run * size, run, groups, stride, *limits)
 
 
-def wrong_in(
-    payload: bytes, members: Mapping[str, Member], arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]
-) -> str | None:
+def wrong_in(payload: bytes, layout: Mapping[str, str]) -> str | None:
     """Describe the first number that is outside its limits; return None if all numbers are inside."""
-    for one in limits_in(members, layout):
+    for one in limits_in(members_in(layout), layout):
         dtype = np.dtype(one.dtype).newbyteorder("<")
         for group in range(one.groups):
             values = np.frombuffer(payload, dtype, one.run, one.place + group * one.stride)
             wrong = values[~((values >= one.least) & (values <= one.most))]
             if wrong.size:
                 return f"{one.name} holds {wrong[0]:g}: must be in {one.least:g}..{one.most:g}"
-    return next(_together(arrays, layout), None)
+    return next(_together(arrays_in(payload, layout), layout), None)
 
 
 def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
-    """Return the allowed ranges of an array's numbers: one range for all numbers, or one range for each constant if the
-    array interleaves several constants. The tuple is empty if any number is allowed."""
+    """Return the allowed ranges of an array's numbers, one for each of the constants that the array interleaves; empty
+    if any number is allowed."""
     if dtype.startswith("float"):
         info: Any = np.finfo(dtype)
         return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
@@ -149,8 +147,7 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number. If the definition is missing, the image belongs to no ECU; the function then
-    returns `otherwise`, which disables the check."""
+    """Return a definition as a number; of an image of no ECU, which lacks it, `otherwise`, which disables a check."""
     return int(layout.get(name, otherwise))
 
 
@@ -236,23 +233,20 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
 
 
 def check_numbers(payload: bytes, sha256: bytes) -> None:
-    """Raise BundleContainerError if the payload is too short or has a number outside its limits, because no ECU with
-    this layout accepts such a payload."""
+    """Raise BundleContainerError for a payload that no ECU accepts: too short, or with a number outside its limits."""
     layout = layout_in(payload, sha256)
     if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
         raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")
-    wrong = wrong_in(payload, members_in(layout), arrays_in(payload, layout), layout)
-    if wrong is not None:
+    if wrong := wrong_in(payload, layout):
         raise BundleContainerError(f"image: {wrong}")
 
 
 def arrays_in(payload: bytes, layout: Mapping[str, str]) -> dict[str, npt.NDArray[Any]]:
     """Return every array of a payload by the names of struct and array, such as "weights.window_mean"."""
-    found = {}
-    for name, (kind, sides, place) in members_in(layout).items():
-        values = np.frombuffer(payload, np.dtype(kind).newbyteorder("<"), prod(sides), place)
-        found[name] = values.reshape(sides)
-    return found
+    return {
+        name: np.frombuffer(payload, np.dtype(kind).newbyteorder("<"), prod(sides), place).reshape(sides)
+        for name, (kind, sides, place) in members_in(layout).items()
+    }
 
 
 def _definitions(layout: str) -> dict[str, str]:
@@ -260,8 +254,7 @@ def _definitions(layout: str) -> dict[str, str]:
 
 
 def _starts(layout: Mapping[str, str]) -> dict[str, int]:
-    """Return the offset of each struct of a payload by the struct's name; the name "" has the offset of the payload's
-    end."""
+    """Return the offset of each struct of a payload by the struct's name, and of the payload's end by the name ""."""
     found, start = {}, 0
     for struct in (*_STRUCTS, ""):
         found[struct] = start

@@ -65,14 +65,7 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """Result of a control step.
-
-    Attributes:
-        plan: (H,) actions a_t .. a_{t+H-1} in U_inf W; the first action is commanded.
-        forces: (H, 2) predicted (Cd, Cl) at t+1 .. t+H under the plan.
-        terms: (8,) unweighted cost terms of the plan.
-        cost: cost J of the plan.
-    """
+    """Result of a control step: the outputs in the table above. The first action of the plan is commanded."""
 
     plan: Array
     forces: Array
@@ -81,8 +74,7 @@ class ControlStep:
 
 
 class Controller(Protocol):
-    """An object that computes control steps. The ECU and the gates of the export use controllers only through this
-    interface."""
+    """An object that computes control steps, as the ECU and the gates of the export use it."""
 
     def control_step(
         self,
@@ -93,13 +85,11 @@ class Controller(Protocol):
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """Compute a control step. By default, weights and limit are the controller's own. Raises ControllerError on
-        failure."""
+        """Compute a step, by default with the controller's own weights and limit. Raises ControllerError."""
 
 
 class RunnableController(Controller, Protocol):
-    """A controller that runs on this machine and can be warmed up. `description` states which program computes the
-    step."""
+    """A controller that runs on this machine; `description` states which program computes the step."""
 
     description: str
 
@@ -115,12 +105,10 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the expected action and cost of the control step that a build runs as its self-test at start. Both
-        equal, bit for bit, the results of a build without fused multiply-add. Raises ControllerError if the library
-        contains no expected results."""
+        """Return the expected action and cost of the step that a build runs as its self-test at start, bit for bit
+        those of a build without fused multiply-add. Raises ControllerError if the library has no expected results."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
-"""A function that compiles the given files, for the given sizes, into a library on this machine, or raises
-LibraryError. `ecu.in_c` has such a function. The command line passes it to `export`, which can thus check the C code
-although it does not depend on a compiler."""
+"""A function that compiles files for the given sizes into a library on this machine, or raises LibraryError. The
+command line passes that of `ecu.in_c` to `export`, which thus checks the C code without depending on a compiler."""

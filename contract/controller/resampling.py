@@ -41,23 +41,15 @@ T = TypeVar("T", Array, float)
 
 
 def followed(before: T, new: T, share: float) -> T:
-    """Return the value at the given share of the way from `before` to `new`, for the stored pressures or for the
-    command.
-
-    The result is `new` if the share is 1 or more, that is, at the design speed and above.
-    """
+    """Return the value at the given share of the way from `before` to `new`, for the stored pressures or the command;
+    `new` if the share is 1 or more, that is, at the design speed and above."""
     return new if share >= 1.0 else before + share * (new - before)
 
 
 def places(speeds: Sequence[float], length: int) -> Places:
     """Compute the interpolation positions of `length` rows, of which the last is at the newest period. If the past is
-    too short, there are fewer positions.
-
-    Args:
-        speeds: (n,) speed at each of n periods' samples, oldest first, as a ratio to the design speed, above 0. The
-            speed at a sample is used for the whole period that ends with this sample.
-        length: number of rows, the window L of the controller.
-    """
+    too short, there are fewer positions. `speeds` has the speed at each of n periods' samples, oldest first, as a ratio
+    to the design speed, above 0; it is used for the whole period that ends with the sample."""
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)
     at, age = len(speeds) - 1, 0.0
     for steps in range(length):

@@ -60,8 +60,7 @@ class Description:
     """Description of a model: the assumptions and the origin of the weights.
 
     Attributes:
-        layout: layout of all sensors, in the order of the scaling.
-        scaling: scaling of all pressures, the action and the forces.
+        layout, scaling: of all sensors, in the same order.
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         metrics: errors under the names "teacher", "slim" and, with narrower networks, "deployed"
@@ -83,19 +82,13 @@ class Description:
 
     def __post_init__(self) -> None:
         self.layout.indices(self.sensors)
-        sensors = len(self.layout)
-        for name, count in {"pressure_mean": sensors, "pressure_std": sensors, "force_mean": 2, "force_std": 2}.items():
-            if len(getattr(self.scaling, name)) != count:
-                raise ModelError(f"scaling.{name} has {len(getattr(self.scaling, name))} values, must have {count}")
+        for wrong, found, count in self.scaling.misfits(len(self.layout)):
+            raise ModelError(f"scaling.{wrong} has {found} values, must have {count}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Origin of a trained model, as stated by the releases that are exported from the model.
-
-    Attributes:
-        metrics, versions, config: values as in the model's description.
-    """
+    """Origin of a trained model, as stated by the releases that are exported from the model."""
 
     dataset_sha256: str
     weights_sha256: str
@@ -104,8 +97,7 @@ class Provenance:
     config: Mapping[str, Any]
 
     def training(self) -> dict[str, Any]:
-        """Return the `provenance` of a bundle's manifest without the hashes, which the manifest states in other
-        fields."""
+        """Return the `provenance` of a bundle's manifest, whose hashes are in other fields."""
         return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
 
 
@@ -138,8 +130,7 @@ class ModelFolder:
 
     @property
     def resting(self) -> RestingWake | None:
-        """The wake without jets by speed; None for a model of one speed. Raises ModelError if the tensor has a wrong
-        shape."""
+        """The wake without jets by speed; None for a model of one speed. Raises ModelError for a wrong shape."""
         table = self.tensors.get(f"{PRIOR}.{RESTING}")
         if table is None:
             return None
@@ -151,13 +142,8 @@ class ModelFolder:
     @property
     def provenance(self) -> Provenance:
         """Origin of the model, as stated by its releases."""
-        return Provenance(
-            dataset_sha256=self.description.dataset_sha256,
-            weights_sha256=self.weights_sha256,
-            metrics=self.description.metrics,
-            versions=self.description.versions,
-            config=self.config_tree,
-        )
+        stated = {name: getattr(self.description, name) for name in ("dataset_sha256", "metrics", "versions")}
+        return Provenance(**stated, weights_sha256=self.weights_sha256, config=self.config_tree)
 
 
 def check_free(path: Path) -> None:
@@ -167,8 +153,7 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write the model directory, replacing an existing model. Raises StillwakeError if the directory cannot be written
-    or contains anything other than a model."""
+    """Write the model directory, replacing a model. Raises StillwakeError if it is no model or not writable."""
     import safetensors.numpy
 
     check_free(path)

@@ -6,7 +6,8 @@ quantum is a power of two, so that reading is exact, and writing unchanged data 
 
 import io
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,15 +33,9 @@ LARGEST_INTEGER: Final = 32767
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
-    """Convert values to integers and their quantum: the smallest power of two, at least `finest`, with which every
-    value fits into 16 bits. Raises ValueError if a value lies outside +-32767 * coarsest; no value is clipped or wraps
-    around.
-
-    Args:
-        values: finite values, any shape.
-        finest: smallest quantum, used for a series within +-32767 times this quantum.
-        coarsest: largest quantum; it is `finest` times a power of two.
-    """
+    """Convert finite values of any shape to integers and their quantum: the smallest `finest` times a power of two with
+    which every value fits into 16 bits. Raises ValueError if a value lies outside +-32767 * coarsest; no value is
+    clipped or wraps around."""
     quantum, peak = finest, float(np.abs(values).max(initial=0.0))
     while np.rint(peak / quantum) > LARGEST_INTEGER:
         quantum *= 2.0
@@ -50,17 +45,15 @@ def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.
 
 
 def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
-    """Convert integers back to values. Each value differs by at most half a quantum from the value before packing."""
+    """Convert integers back to values, each within half a quantum of the value before packing."""
     return integers.astype(np.float64) * quantum
 
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema, which can still be read: it has the truck's sensors by name, all ten series, and the plant's facts in
-the provenance."""
+"""Older schema, which can still be read: the truck's sensors by name, ten series, the facts in the provenance."""
 DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which can still be read: its series are float32, and one `Cd_slot` is the sum of pressure and viscous
-force."""
+"""First schema, which can still be read: float32 series, and one `Cd_slot`, the sum of pressure and viscous force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
@@ -97,7 +90,7 @@ class Dataset:
         for episode in self.episodes:
             if names.count(episode.name) > 1:
                 raise DatasetError(f"episode {episode.name}: named twice")
-            for problem in _column_problems(episode, self.layout):
+            if problem := _column_problem(episode, self.layout):
                 raise DatasetError(problem)
 
     def with_role(self, role: Role) -> tuple[Episode, ...]:
@@ -126,8 +119,7 @@ def read(path: Path) -> Dataset:
 
 
 def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
-    """Read the valid episodes, and list every problem of the file, one line each. The data set is None if no episode
-    can be read."""
+    """Read the valid episodes, None if there are none, and list every problem of the file, one line each."""
     problems: list[str] = []
     dataset = None
     try:
@@ -156,15 +148,61 @@ def write(path: Path, dataset: Dataset) -> None:
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema"] = DATASET_SCHEMA
-        for name, value in dataset.plant.as_dict().items():
-            if value is not None:
-                file.attrs[name] = value
+        file.attrs.update({name: value for name, value in dataset.plant.as_dict().items() if value is not None})
         _write_layout(file.create_group("layout", track_order=True), dataset.layout)
         group = file.create_group("episodes", track_order=True)
         for episode in dataset.episodes:
             _write_episode(group.create_group(episode.name), episode)
     with replacing(path) as temporary:
         temporary.write_bytes(image.getbuffer())
+
+
+def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
+    """Return the episodes of an existing data set; empty if there is no file. Raises DatasetError if the file is no
+    data set, has the first schema or other sensors than those of the new episodes, or has an episode with other facts;
+    the message states the first difference. `facts` is the provenance that the existing episodes must share with the
+    new episodes, such as the flow's settings."""
+    return _to_append(path, facts, layout).episodes
+
+
+def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Dataset:
+    if not path.exists():
+        return Dataset(episodes=(), layout=layout)
+    there = read(path)
+    schema = schema_of(path)
+    if schema == DATASET_SCHEMA_1:
+        raise DatasetError(
+            f"{path}: schema {schema!r}, episodes can be added only to {DATASET_SCHEMA!r} and the schema before"
+        )
+    difference = there.layout.difference(layout)
+    if difference is not None:
+        raise DatasetError(f"{path}: its sensors differ from those of the new episodes, in {difference}")
+    for episode in there.episodes:
+        found = {name: episode.provenance[name] for name in facts if name in episode.provenance}
+        for name, there, here in _differences(found, facts):
+            raise DatasetError(
+                f"{path}: episode {episode.name} was recorded with {name} = {there}, the new episodes have {here}: "
+                f"name another file"
+            )
+    return there
+
+
+def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> None:
+    """Add episodes at the end of a data set, or create it if there is no file. The old file remains until the new file
+    is complete, and the old episodes keep their values bit for bit. Raises as `read_to_append` and `write` do, or
+    DatasetError if a name is already used."""
+    there = _to_append(path, facts, layout)
+    write(path, replace(there, episodes=(*there.episodes, *episodes)))
+
+
+def _differences(there: Mapping[str, Any], here: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """List the differences between two mappings as (dotted name, value in `there`, value in `here`)."""
+    for key in sorted(there.keys() | here.keys()):
+        a, b = there.get(key), here.get(key)
+        if isinstance(a, Mapping) and isinstance(b, Mapping):
+            yield from _differences(a, b, f"{above}{key}.")
+        elif a != b:
+            yield f"{above}{key}", a, b
 
 
 def _schema(path: Path, file: h5py.File) -> str:
@@ -185,20 +223,15 @@ def _surveyed(path: Path, problems: list[str]) -> Dataset | None:
         found = [_read_episode(name, file["episodes"][name], schema, problems) for name in file["episodes"]]
     if not found:
         raise DatasetError(f"{path}: holds no episode")
-    sound: list[Episode] = []
-    for episode in found:
-        if episode is not None:
-            unfit = _column_problems(episode, layout)
-            problems.extend(unfit)
-            sound += [] if unfit else [episode]
+    unfit = {episode: _column_problem(episode, layout) for episode in found if episode is not None}
+    problems += filter(None, unfit.values())
+    sound = [episode for episode, problem in unfit.items() if problem is None]
     return Dataset(episodes=tuple(sound), layout=layout, facts=facts) if sound else None
 
 
-def _column_problems(episode: Episode, layout: SensorLayout) -> list[str]:
+def _column_problem(episode: Episode, layout: SensorLayout) -> str | None:
     shape, expected = episode.series["Cp"].shape, (len(episode), len(layout))
-    if shape == expected:
-        return []
-    return [f"episode {episode.name}: field 'Cp' has shape {shape}, must be {expected}"]
+    return None if shape == expected else f"episode {episode.name}: field 'Cp' has shape {shape}, must be {expected}"
 
 
 def _clock(episodes: tuple[Episode, ...]) -> PlantFacts:
@@ -213,8 +246,7 @@ def _clock(episodes: tuple[Episode, ...]) -> PlantFacts:
 
 def _write_layout(node: h5py.Group, layout: SensorLayout) -> None:
     node.create_dataset("names", data=list(layout.names), dtype=h5py.string_dtype())
-    positions = node.create_dataset("positions", data=layout.positions)
-    positions.attrs["units"] = "W"
+    node.create_dataset("positions", data=layout.positions).attrs["units"] = "W"
     node.create_dataset("base", data=layout.base.astype(np.int64))
     if layout.mirror is not None:
         node.create_dataset("mirror", data=layout.mirror.astype(np.int64))
@@ -259,14 +291,12 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
             except ValueError as error:
                 raise DatasetError(f"episode {episode.name}: field {name!r} {error}") from error
         chunk = (min(_CHUNK, len(values)), *values.shape[1:])
-        array = node.create_dataset(
-            name, data=values, chunks=chunk, compression="gzip", compression_opts=9, shuffle=True
-        )
-        array.attrs.update(attributes)
+        packed = {"chunks": chunk, "compression": "gzip", "compression_opts": 9, "shuffle": True}
+        node.create_dataset(name, data=values, **packed).attrs.update(attributes)
 
 
 def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, problems: list[str]) -> Episode | None:
-    """Read an episode. Return None if it has a problem; the problems are appended to the list."""
+    """Read an episode. If it has problems, append them to the list and return None."""
     found: list[str] = []
     fields = node if isinstance(node, h5py.Group) else {}
     series: dict[str, Array] = {}
@@ -282,12 +312,9 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         # which is its main part.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
-    attributes = {}
-    for attribute, meaning in _ATTRIBUTES.items():
-        if attribute in node.attrs:
-            attributes[attribute] = node.attrs[attribute]
-        else:
-            found.append(f"episode {name}: attribute {attribute!r} is missing: {meaning}")
+    attributes = {key: node.attrs[key] for key in _ATTRIBUTES if key in node.attrs}
+    lacking = [(key, meaning) for key, meaning in _ATTRIBUTES.items() if key not in attributes]
+    found += [f"episode {name}: attribute {key!r} is missing: {meaning}" for key, meaning in lacking]
     initial_action, provenance = 0.0, {}
     try:
         initial_action = float(attributes.get("initial_action", 0.0))
@@ -305,12 +332,11 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         for line in problems_of(name, attributes.get("role", "train"), series, initial_action)
         if not line.endswith(" is missing")
     ]
-    problems.extend(found)
+    problems += found
     if found:
         return None
-    return Episode(
-        name=name, role=attributes["role"], series=series, initial_action=initial_action, provenance=provenance
-    )
+    facts: dict[str, Any] = {"initial_action": initial_action, "provenance": provenance}
+    return Episode(name=name, role=attributes["role"], series=series, **facts)
 
 
 _ATTRIBUTES: Final = {
@@ -327,8 +353,7 @@ def _fields_of(schema: str) -> tuple[str, ...]:
 
 
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
-    """Read floating-point numbers unchanged, and integers times their quantum. If the series is invalid, append a
-    problem and return None."""
+    """Read floats unchanged, integers times their quantum. For an invalid series, append a problem; return None."""
     unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"

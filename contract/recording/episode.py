@@ -2,10 +2,9 @@
 
 Sample k holds Cp and the forces at t_k, and the action a_k commanded at t_k. The action of the jets changes linearly
 from a_{k-1} to a_k over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.
-
-The facts about the plant are control period, limit of the jets and Reynolds number.
 """
 
+from collections import ChainMap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from math import isfinite
@@ -53,7 +52,7 @@ FACTS: Final = tuple(item.name for item in fields(PlantFacts))
 
 
 def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
-    """Return the facts that an episode's provenance states under "flow"; facts that are not stated are None."""
+    """Return the facts that an episode's provenance states under "flow"."""
     flow = provenance.get("flow")
     found = flow if isinstance(flow, Mapping) else {}
     return PlantFacts(**{name: _number(found.get(name)) for name in FACTS})
@@ -61,10 +60,8 @@ def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
 
 def first_known(facts: Iterable[PlantFacts]) -> PlantFacts:
     """Combine facts: each fact has its value from the first item in which the value is known."""
-    known: dict[str, float | None] = dict.fromkeys(FACTS)
-    for one in facts:
-        known = {name: value if known[name] is None else known[name] for name, value in one.as_dict().items()}
-    return PlantFacts(**known)
+    known = [{name: value for name, value in one.as_dict().items() if value is not None} for one in facts]
+    return PlantFacts(**ChainMap(*known))
 
 
 def _number(value: object) -> float | None:

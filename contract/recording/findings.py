@@ -1,5 +1,4 @@
-"""The check of a data set before training or export. It finds every property of the data set with which training or
-export would fail."""
+"""The check of a data set: every property with which training or export would fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,11 +27,9 @@ LIMIT_TOLERANCE: Final = 1e-6
 QUIET: Final = 0.05
 """Share of the action limit below which an action counts as zero or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Smallest and largest plausible extent of the sensors' positions, in W. If the positions are in mm or m, the extent is
-mostly outside this range."""
+"""Plausible extents of the sensors' positions, in W; positions in mm or m are mostly outside this range."""
 _USED: Final = 0.25
-"""Smallest plausible ratio of the largest training action to the limit. If the action or the limit has a wrong unit,
-the ratio is far smaller."""
+"""Smallest plausible ratio of the largest training action to the limit; with a wrong unit it is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
 """Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
 in seconds, the peak is mostly outside this range."""
@@ -50,12 +47,8 @@ _SAME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A problem or a warning about a data set.
-
-    Attributes:
-        stops: the work that the problem prevents, training or export; None for a warning.
-        text: one line, which states the place and what would be right.
-    """
+    """A problem or a warning about a data set, in one line with the place and what would be right. `stops` is the work
+    that the problem prevents; None for a warning."""
 
     stops: Literal["training", "export"] | None
     text: str
@@ -64,18 +57,25 @@ class Finding:
 def findings(dataset: Dataset, config: Config, *, choosing: bool = True) -> tuple[Finding, ...]:
     """List all findings under the given settings; findings that prevent training come first. `choosing` states whether
     training chooses the sensors according to `config.train`; it is False if the caller names the sensors."""
-    found = [
+    stopping = [
         *_disagreements(dataset, config),
         *_missing_roles(dataset),
-        *(item for episode in dataset.episodes for item in _of_episode(episode, dataset, config)),
+        *(text for episode in dataset.episodes for text in _of_episode(episode, dataset, config)),
+    ]
+    later = [*_constants(dataset, config), *(_selection(dataset, config) if choosing else ())]
+    found = [
+        *(Finding(stops="training", text=text) for text in stopping),
         *_lengths(dataset, config),
-        *_compute_time(config),
-        *_constants(dataset, config),
-        *(_selection(dataset, config) if choosing else ()),
-        *_hints(dataset, config),
+        *(Finding(stops="export", text=text) for text in _compute_time(config)),
+        *(Finding(stops="training", text=text) for text in later),
+        *(Finding(stops=None, text=text) for text in _hints(dataset, config)),
     ]
     order = ("training", "export", None)
     return tuple(sorted(found, key=lambda item: order.index(item.stops)))
+
+
+def _of_role(dataset: Dataset, role: str) -> list[Episode]:
+    return [item for item in dataset.episodes if item.role == role]
 
 
 def agreeing(dataset: Dataset, config: Config) -> Config:
@@ -85,19 +85,17 @@ def agreeing(dataset: Dataset, config: Config) -> Config:
 
 
 def refuse_unfit(found: Sequence[Finding], name: str) -> None:
-    """Raise DatasetError if a finding prevents training; the message has the first such finding and the number of the
-    others."""
+    """Raise DatasetError if a finding prevents training; the message has the first such finding."""
     stopping = [item.text for item in found if item.stops == "training"]
     if stopping:
         others = f" (and {len(stopping) - 1} more: see `stillwake dataset inspect {name}` with the same settings)"
-        more = others if len(stopping) > 1 else ""
-        raise DatasetError(f"{name}: {stopping[0]}{more}")
+        raise DatasetError(f"{name}: {stopping[0]}{others if len(stopping) > 1 else ''}")
 
 
 def trainable(dataset: Dataset, config: Config) -> tuple[Episode, ...]:
     """Return the training episodes that are long enough for training."""
     steps = needs.fitting_need(config).steps
-    return tuple(item for item in dataset.episodes if item.role == "train" and len(item) >= steps)
+    return tuple(item for item in _of_role(dataset, "train") if len(item) >= steps)
 
 
 def left_out(dataset: Dataset, config: Config) -> tuple[str, ...]:
@@ -105,55 +103,48 @@ def left_out(dataset: Dataset, config: Config) -> tuple[str, ...]:
     need = needs.fitting_need(config)
     return tuple(
         f"episode {item.name} has {len(item)} steps, too short for training: {_needed(need)}; it is left out"
-        for item in dataset.episodes
-        if item.role == "train" and len(item) < need.steps
+        for item in _of_role(dataset, "train")
+        if len(item) < need.steps
     )
 
 
-def _disagreements(dataset: Dataset, config: Config) -> Iterator[Finding]:
+def _disagreements(dataset: Dataset, config: Config) -> Iterator[str]:
     for name, value in dataset.plant.as_dict().items():
         setting = getattr(config.flow, name)
         if value is not None and abs(value - setting) > _SAME * abs(value):
-            yield Finding(
-                stops="training",
-                text=f"{name.replace('_', ' ')} is {value:g} in the data set, flow.{name} = {setting:g} in the "
-                f"settings: use --set flow.{name}={value!r}, or --set with what `stillwake dataset inspect "
-                f"FILE --settings` prints",
+            yield (
+                f"{name.replace('_', ' ')} is {value:g} in the data set, flow.{name} = {setting:g} in the settings: "
+                f"use --set flow.{name}={value!r}, or --set with what `stillwake dataset inspect FILE --settings` "
+                f"prints"
             )
 
 
-def _missing_roles(dataset: Dataset) -> Iterator[Finding]:
+def _missing_roles(dataset: Dataset) -> Iterator[str]:
     for role, use in (("train", "to fit the model to"), ("test", "to judge the model on")):
-        if not any(item.role == role for item in dataset.episodes):
+        if not _of_role(dataset, role):
             remedy = f"import an episode with --{role} FILE; a long file can be cut in two"
-            yield Finding(stops="training", text=f"dataset has no episode with role {role!r}, {use}: {remedy}")
+            yield f"dataset has no episode with role {role!r}, {use}: {remedy}"
 
 
-def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[Finding]:
+def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[str]:
     plant, name = dataset.plant, episode.name
     own = facts_in(episode.provenance).as_dict()
     for fact in FACTS:
         here, there = own[fact], getattr(plant, fact)
         if here is not None and there is not None and abs(here - there) > _SAME * abs(there):
-            yield Finding(
-                stops="training",
-                text=f"episode {name}: its provenance has flow.{fact} = {here:g}, the data set has {there:g}",
-            )
+            yield f"episode {name}: its provenance has flow.{fact} = {here:g}, the data set has {there:g}"
     period = plant.control_period or config.flow.control_period
     problem = clock_problem(episode.series["t"], period)
     if problem is not None:
-        yield Finding(stops="training", text=f"episode {name}: {problem}")
+        yield f"episode {name}: {problem}"
     limit = plant.action_limit or config.flow.action_limit
     actions = np.append(episode.initial_action, episode.series["action"])
     beyond = np.abs(actions) > limit * (1.0 + LIMIT_TOLERANCE)
     if beyond.any():
         largest = int(np.abs(actions).argmax())
         where = "before the first sample" if largest == 0 else f"at step {largest - 1}"
-        yield Finding(
-            stops="training",
-            text=f"episode {name}: action is {actions[largest]:g} {where}, beyond the limit of {limit:g} "
-            f"({int(beyond.sum())} of {len(actions)} are)",
-        )
+        many = f"({int(beyond.sum())} of {len(actions)} are)"
+        yield f"episode {name}: action is {actions[largest]:g} {where}, beyond the limit of {limit:g} {many}"
 
 
 def clock_problem(t: Array, period: float) -> str | None:
@@ -175,37 +166,34 @@ def clock_problem(t: Array, period: float) -> str | None:
 
 
 def _lengths(dataset: Dataset, config: Config) -> Iterator[Finding]:
-    training = [item for item in dataset.episodes if item.role == "train"]
-    tests = [item for item in dataset.episodes if item.role == "test"]
-    kept = trainable(dataset, config)
+    training, tests, kept = _of_role(dataset, "train"), _of_role(dataset, "test"), trainable(dataset, config)
     for line in left_out(dataset, config):
         yield Finding(stops=None if kept else "training", text=line if kept else line.removesuffix("; it is left out"))
-    demands: list[tuple[Sequence[Episode], Need | None, Literal["training", "export"]]] = [
-        (kept, needs.roll_out_need(config), "training"),
+    window, horizon = config.model.window, config.mpc.horizon
+    gate, calibrated = needs.GATE_WINDOWS, needs.LEAST_CALIBRATION
+    rolled = Need(steps=window + horizon, reason=f"a window of {window} and the horizon of {horizon} steps")
+    replayed = Need(steps=window - 1 + gate, reason=f"{gate} windows of {window} for the export's gates")
+    rounded = Need(steps=window - 1 + calibrated, reason=f"{calibrated} windows of {window} to calibrate int8")
+    demands: list[tuple[Sequence[Episode], Need, Literal["training", "export"]]] = [
+        (kept if config.model.is_slimmed else (), rolled, "training"),
         (tests, needs.judging_need(config), "training"),
-        (tests, needs.gate_need(config), "export"),
-        (training, needs.calibration_need(config), "export"),
+        (tests, replayed, "export"),
+        (training, rounded, "export"),
     ]
     for episodes, need, stops in demands:
-        if need is None or not episodes:
-            continue
-        longest = max(episodes, key=len)
-        if len(longest) < need.steps:
-            role = "training" if episodes[0].role == "train" else "test"
-            yield Finding(
-                stops=stops,
-                text=f"{role} episodes are too short, the longest is {longest.name} with {len(longest)} steps: "
-                f"{_needed(need)}",
-            )
+        longest = max(episodes, key=len, default=None)
+        if longest is not None and len(longest) < need.steps:
+            role = "training" if longest.role == "train" else "test"
+            text = f"{role} episodes are too short, the longest is {longest.name} with {len(longest)} steps"
+            yield Finding(stops=stops, text=f"{text}: {_needed(need)}")
 
 
-def _compute_time(config: Config) -> Iterator[Finding]:
+def _compute_time(config: Config) -> Iterator[str]:
     period_ms = config.period_ns / 1e6
     if config.ecu.compute_time_ms > period_ms:
-        yield Finding(
-            stops="export",
-            text=f"ecu.compute_time_ms = {config.ecu.compute_time_ms:g}: must be within the control period, which is "
-            f"{period_ms:g} ms at this operating_point",
+        yield (
+            f"ecu.compute_time_ms = {config.ecu.compute_time_ms:g}: must be within the control period, which is "
+            f"{period_ms:g} ms at this operating_point"
         )
 
 
@@ -213,79 +201,67 @@ def _needed(need: Need) -> str:
     return f"{need.reason} need {need.steps}"
 
 
-def _constants(dataset: Dataset, config: Config) -> Iterator[Finding]:
-    kept = trainable(dataset, config)
+def _constants(dataset: Dataset, config: Config) -> Iterator[str]:
+    kept, tests = trainable(dataset, config), _of_role(dataset, "test")
     if kept:
         pressure = np.concatenate([item.series["Cp"] for item in kept])
         for name, values in zip(dataset.layout.names, pressure.T, strict=True):
             yield from _constant(f"sensor {name}", values, "training", "it has no information; leave it out")
-        for name in ("action", "Cd", "Cl"):
-            values = np.concatenate([item.series[name] for item in kept])
-            yield from _constant(name, values, "training", "nothing to learn from")
-    tests = [item for item in dataset.episodes if item.role == "test"]
-    for name in ("Cd", "Cl") if tests else ():
-        yield from _constant(
-            name, np.concatenate([item.series[name] for item in tests]), "test", "errors cannot be normalised"
-        )
+    for episodes, names, role, why in (
+        (kept, ("action", "Cd", "Cl"), "training", "nothing to learn from"),
+        (tests, ("Cd", "Cl"), "test", "errors cannot be normalised"),
+    ):
+        for name in names if episodes else ():
+            yield from _constant(name, np.concatenate([item.series[name] for item in episodes]), role, why)
 
 
-def _constant(name: str, values: Array, role: str, why: str) -> Iterator[Finding]:
+def _constant(name: str, values: Array, role: str, why: str) -> Iterator[str]:
     if np.ptp(values) == 0.0:
-        yield Finding(stops="training", text=f"{name} is constant at {values[0]:g} in all {role} episodes: {why}")
+        yield f"{name} is constant at {values[0]:g} in all {role} episodes: {why}"
 
 
-def _selection(dataset: Dataset, config: Config) -> Iterator[Finding]:
+def _selection(dataset: Dataset, config: Config) -> Iterator[str]:
     train, layout = config.train, dataset.layout
     if train.sensors > len(layout):
-        yield Finding(
-            stops="training",
-            text=f"train.sensors = {train.sensors}: must be from 1 to {len(layout)}, the number of sensors",
-        )
+        yield f"train.sensors = {train.sensors}: must be from 1 to {len(layout)}, the number of sensors"
     if train.selection == "shap":
         images = 1 if layout.mirror is None else 2
         windows = images * sum(needs.windows_in(len(item), config.model.window) for item in trainable(dataset, config))
         wanted = max(train.shap_background, train.shap_explained)
         if windows < wanted:
-            yield Finding(
-                stops="training",
-                text=f"training episodes hold {windows} windows, too few for {wanted} samples of the ranking: "
-                f"lower train.shap_background and train.shap_explained, or use train.selection=greedy",
+            yield (
+                f"training episodes hold {windows} windows, too few for {wanted} samples of the ranking: lower "
+                f"train.shap_background and train.shap_explained, or use train.selection=greedy"
             )
 
 
-def _hints(dataset: Dataset, config: Config) -> Iterator[Finding]:
+def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
     if dataset.layout.mirror is None:
         alone = dataset.layout.without_partner()
-        why = (
-            f"the sensors have no mirror images, {alone[0]} for example: no sensor is at (x, -y)"
-            if alone
-            else ("the sensors have no mirror images, because body or jets are not symmetric")
-        )
-        yield Finding(stops=None, text=f"{why}; training has only the recording, half of the data")
-    yield from (Finding(stops=None, text=text) for text in implausible(dataset))
-    yield from asymmetry(dataset)
+        why = f"{alone[0]} for example: no sensor is at (x, -y)" if alone else "because body or jets are not symmetric"
+        yield f"the sensors have no mirror images, {why}; training has only the recording, half of the data"
+    yield from implausible(dataset)
+    yield from (item.text for item in asymmetry(dataset))
     yield from _units(dataset)
     yield from _forcing(dataset)
-    training = [item for item in dataset.episodes if item.role == "train"]
+    training = _of_role(dataset, "train")
     limit = dataset.plant.action_limit or config.flow.action_limit
     window = config.model.window
     if window % needs.WINDOW_STEP:
-        yield Finding(
-            stops=None,
-            text=f"model.window = {window}: with a sensor check, the ECU in C takes multiples of {needs.WINDOW_STEP}; "
-            f"the nearest is {needs.window_for_c(window)}",
+        yield (
+            f"model.window = {window}: with a sensor check, the ECU in C takes multiples of {needs.WINDOW_STEP}; "
+            f"the nearest is {needs.window_for_c(window)}"
         )
     if training and max(longest_run(np.abs(item.series["action"]) <= QUIET * limit)[1] for item in training) < window:
-        yield Finding(
-            stops=None,
-            text=f"no training episode has {window} steps in a row with jets off or below {QUIET:.0%} of the limit: "
-            f"the model does not see the uncontrolled wake",
+        yield (
+            f"no training episode has {window} steps in a row with jets off or below {QUIET:.0%} of the limit: "
+            f"the model does not see the uncontrolled wake"
         )
 
 
 def asymmetry(dataset: Dataset) -> Iterator[Finding]:
     """Report mirrored sensors whose mean pressures differ. The mirror image of such a recording is no possible flow."""
-    mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in dataset.episodes if item.role == "train"]
+    mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in _of_role(dataset, "train")]
     if mirror is None or not training:
         return
     pressure = np.concatenate(training)
@@ -302,15 +278,15 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
         )
 
 
-def _forcing(dataset: Dataset) -> Iterator[Finding]:
+def _forcing(dataset: Dataset) -> Iterator[str]:
     """Report a forcing of the jets that has a single frequency, equal in all training episodes."""
     period = dataset.plant.control_period
     if period is None:
         return
     peaks: list[float] = []
-    for episode in dataset.episodes:
+    for episode in _of_role(dataset, "train"):
         action = episode.series["action"]
-        peak = dominant_frequency(action, period) if episode.role == "train" else None
+        peak = dominant_frequency(action, period)
         if peak is None:
             continue
         if len(action) * period * peak < 2.0 / _NARROW:
@@ -319,38 +295,32 @@ def _forcing(dataset: Dataset) -> Iterator[Finding]:
             return
         peaks.append(peak)
     if peaks:
-        yield Finding(
-            stops=None,
-            text=f"the actions of all training episodes are of one frequency, {peaks[0]:.3g} U_inf / W: a model of it "
-            f"cannot learn other responses; sweep the frequencies that a controller may use",
+        yield (
+            f"the actions of all training episodes are of one frequency, {peaks[0]:.3g} U_inf / W: a model of it "
+            f"cannot learn other responses; sweep the frequencies that a controller may use"
         )
 
 
-def _units(dataset: Dataset) -> Iterator[Finding]:
+def _units(dataset: Dataset) -> Iterator[str]:
     """Report numbers that suggest a wrong unit: millimetres, seconds, or different units of limit and actions."""
     positions = dataset.layout.positions
     span = float(np.ptp(positions, axis=0).max())
     if len(positions) > 1 and not _SPAN[0] <= span <= _SPAN[1]:
-        yield Finding(
-            stops=None,
-            text=f"the sensors span {span:.3g} W: positions are in W, so divide lengths by the width of the body",
-        )
-    training = [item for item in dataset.episodes if item.role == "train"]
+        yield f"the sensors span {span:.3g} W: positions are in W, so divide lengths by the width of the body"
+    training = _of_role(dataset, "train")
     limit, period = dataset.plant.action_limit, dataset.plant.control_period
     largest = max((float(np.abs(item.series["action"]).max()) for item in training), default=0.0)
     if limit is not None and 0.0 < largest < _USED * limit:
-        yield Finding(
-            stops=None,
-            text=f"no action of the training episodes is above {largest:.3g}, the limit is {limit:g}: the model does "
-            f"not learn larger actions; flow.action_limit should be about the largest action that was recorded",
+        yield (
+            f"no action of the training episodes is above {largest:.3g}, the limit is {limit:g}: the model does "
+            f"not learn larger actions; flow.action_limit should be about the largest action that was recorded"
         )
     if not training or period is None:
         return
     longest = max(training, key=len)
     frequency = dominant_frequency(longest.series["Cl"], period)
     if frequency is not None and not _FREQUENCY[0] <= frequency <= _FREQUENCY[1]:
-        yield Finding(
-            stops=None,
-            text=f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, most wakes have it at 0.1 to 0.4: "
-            f"t and flow.control_period are in W / U_inf, so divide seconds by that (--reference t=NUMBER)",
+        yield (
+            f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, most wakes have it at 0.1 to 0.4: "
+            f"t and flow.control_period are in W / U_inf, so divide seconds by that (--reference t=NUMBER)"
         )

@@ -6,7 +6,6 @@ Windows do not cross an episode's boundary, so each episode must contain all ste
 from dataclasses import dataclass
 from typing import Final
 
-from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 
 HORIZONS: Final = (5, 10, 25)
@@ -32,8 +31,7 @@ WINDOW_STEP: Final = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """The smallest number of control steps for a purpose, and an explanation of the parts that add up to this
-    number."""
+    """The smallest number of control steps for a purpose, and the parts that add up to this number."""
 
     steps: int
     reason: str
@@ -42,43 +40,18 @@ class Need:
 def fitting_need(config: Config) -> Need:
     """Return the number of steps that an episode with role "train" needs."""
     window, train = config.model.window, config.train
-    needs = [_of_fit(window, train, train.unroll)]
-    if train.finish.epochs:
-        needs.append(_of_fit(window, train, train.finish.unroll))
+    ahead = max(train.unroll, train.finish.unroll if train.finish.epochs else 0)
+    reason = f"a window of {window}, {ahead} steps ahead and segments of {train.segment}"
+    needs = [Need(steps=window - 1 + train.segment + ahead, reason=reason)]
     if train.stream_epochs:
         needs.append(Need(steps=window - 1 + STRETCH, reason=f"a window of {window} and stretches of {STRETCH}"))
     return max(needs, key=lambda need: need.steps)
 
 
 def judging_need(config: Config) -> Need:
-    """Return the number of steps that one episode with role "test" needs, for the longest roll-out in the test."""
+    """Return the number of steps that one episode with role "test" needs."""
     window, ahead = config.model.window, max(HORIZONS)
     return Need(steps=window + ahead, reason=f"a window of {window} and {ahead} steps ahead")
-
-
-def roll_out_need(config: Config) -> Need | None:
-    """Return the number of steps that one episode with role "train" needs for distilling dynamics and decoder; None if
-    they are not distilled."""
-    if not config.model.is_slimmed:
-        return None
-    window, horizon = config.model.window, config.mpc.horizon
-    return Need(steps=window + horizon, reason=f"a window of {window} and the horizon of {horizon} steps")
-
-
-def gate_need(config: Config) -> Need:
-    """Return the number of steps that the first episode with role "test" needs, because the gates replay it."""
-    window = config.model.window
-    return Need(steps=window - 1 + GATE_WINDOWS, reason=f"{GATE_WINDOWS} windows of {window} for the export's gates")
-
-
-def calibration_need(config: Config) -> Need:
-    """Return the number of steps that an episode with role "train" needs for calibrating int8. Each kind of forcing
-    needs one such episode."""
-    window = config.model.window
-    return Need(
-        steps=window - 1 + LEAST_CALIBRATION,
-        reason=f"{LEAST_CALIBRATION} windows of {window} to calibrate int8",
-    )
 
 
 def window_for_c(steps: float) -> int:
@@ -89,10 +62,3 @@ def window_for_c(steps: float) -> int:
 def windows_in(steps: int, window: int) -> int:
     """Return the number of full windows in an episode of `steps` control steps."""
     return max(0, steps - window + 1)
-
-
-def _of_fit(window: int, train: TrainConfig, unroll: int) -> Need:
-    return Need(
-        steps=window - 1 + train.segment + unroll,
-        reason=f"a window of {window}, {unroll} steps ahead and segments of {train.segment}",
-    )

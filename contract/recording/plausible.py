@@ -1,9 +1,5 @@
 """Checks for numbers that a pressure sensor, a force balance or a logger hardly ever gives. Each report states the
-likely cause and a remedy.
-
-The checks are per episode and per sensor. They do not stop training: the bounds are those of usual bodies in a stream,
-and the body may be unusual.
-"""
+likely cause and a remedy. No check stops training, because the body may be unusual."""
 
 import itertools
 from collections.abc import Iterator, Sequence
@@ -16,27 +12,20 @@ from contract.recording.dataset import Dataset, Episode
 
 
 def dominant_frequency(values: Array, period: float) -> float | None:
-    """Return the frequency of the largest peak of a series' spectrum; None for less than 16 samples or a constant
-    series.
-
-    The spectrum has a Hann window and is zero-padded eightfold, so the peak is found to an eighth of 1 / duration.
-    """
+    """Return the frequency of the largest peak of a series' spectrum, to an eighth of 1 / duration, with a Hann window;
+    None for less than 16 samples or a constant series."""
     fluctuation = values - values.mean()
     if len(values) < 16 or not fluctuation.any():
         return None
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
     # Peaks at lower frequencies are drift, because the record has less than one and a half periods of them.
-    first = 12
-    return float((first + spectrum[first:].argmax()) / (padded * period))
+    return float((12 + spectrum[12:].argmax()) / (padded * period))
 
 
 def share_near(values: Array, period: float, frequency: float, width: float) -> float:
     """Return the share of a series' fluctuation power in a band around a frequency, with a Hann window. The band
-    extends to either side by `width` times the frequency.
-
-    The band is never narrower than two bins of the spectrum, the width of the peak that the Hann window causes.
-    """
+    extends to either side by `width` times the frequency, and at least by the two bins of a Hann window's peak."""
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     bins = np.fft.rfftfreq(len(values), period)
     near = np.abs(bins - frequency) <= max(width * frequency, 2.0 / (len(values) * period))
@@ -46,8 +35,7 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 _HIGHEST: Final = 1.1
 """Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and q."""
 _LOWEST: Final = -5.0
-"""Lowest plausible mean Cp, which suction peaks at a leading edge or a rotating cylinder reach. With a margin of 10 %,
-only means below -5.5 are reported."""
+"""Lowest mean Cp, at a leading edge or a rotating cylinder; with a margin, only means below -5.5 are reported."""
 _SWINGS: Final = (-6.0, 1.25)
 """Lower and upper bound of Cp; at most one row in twenty may be beyond either bound. Gusts and noise of 15 % at a
 stagnation point stay within the bounds."""
@@ -64,8 +52,7 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio, between files, of Cl's standard deviation divided by Cp's; one wake causes both
-fluctuations."""
+"""Largest plausible ratio, between files, of Cl's standard deviation by Cp's, which one wake causes."""
 _FAR: Final = (4.0, 10.0)
 """Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
 The first is the distance from the next value. The second is the distance from the median of the other values, in
@@ -78,24 +65,21 @@ stuck. The expected change follows from the variation of the other sensors."""
 _FINEST: Final = 2.0**-12
 """Smallest step between values that is assumed for a series: twice the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""Share of rows above which a sensor may be saturated. The rows are those at the sensor's largest or smallest value, in
-runs of three or more."""
+"""Share of rows, in runs of three or more at a sensor's largest or smallest value, above which it may be saturated."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
 """Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
 within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
-"""Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy of another
-file."""
+"""Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report one line per cause, with the episodes and values that indicate this cause. Then report one line per
-    difference between files."""
+    """Report one line per cause, with the episodes and values that indicate it, then one per difference of files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -145,8 +129,7 @@ def _runs(mask: Mask) -> tuple[Any, Any]:
 
 
 def _stand_for_none(table: Array) -> Mask:
-    """Return a mask of values that represent a missing value: far from all others, and either repeated or beyond any
-    wall pressure."""
+    """Return a mask of values that stand for a missing value: far from all others, and repeated or beyond `_MOMENT`."""
     found = np.zeros(table.shape, dtype=np.bool_)
     for extreme, sign in ((table.max(axis=0), 1.0), (table.min(axis=0), -1.0)):
         here = table == extreme
@@ -176,17 +159,11 @@ def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Not
     in_newtons = "of forces in N, import with rho U_inf^2 / 2 times W and the span as in --reference {}=40N"
     upside_down = f"; {in_newtons.format('Cd').replace('=', '=-')}" if mean < -_FORCE else ""
     if abs(lift.mean()) > abs(mean) and not pushed and (symmetric or drag.std() > abs(mean)):
-        yield (
-            f"mean Cl is {lift.mean():.3g} and mean Cd {mean:.3g}",
-            "the mean lift of a body is small compared with its drag, so the two seem exchanged; import with --map "
-            "Cd=Cl --map Cl=Cd",
-        )
+        cause = "the mean lift of a body is small compared with its drag, so the two seem exchanged; import with --map"
+        yield f"mean Cl is {lift.mean():.3g} and mean Cd {mean:.3g}", f"{cause} Cd=Cl --map Cl=Cd"
     elif mean <= 0.0:
-        yield (
-            f"mean Cd is {mean:.3g}",
-            "a body in a stream has drag above 0, and training would raise it; import with --reference Cd=-1 if the "
-            f"file has the other sign{upside_down}",
-        )
+        cause = "a body in a stream has drag above 0, and training would raise it; import with --reference Cd=-1"
+        yield f"mean Cd is {mean:.3g}", f"{cause} if the file has the other sign{upside_down}"
     elif mean < _DRAG:
         yield f"mean Cd is {mean:.3g}", f"a body has {_DRAG:g} or more by its width; {in_newtons.format('Cd')}"
     for name, what, size in (("Cd", "mean Cd", mean), ("Cl", "the deviation of Cl", float(lift.std()))):
@@ -202,15 +179,12 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
     if beyond.any():
         worst = int(np.argmax(np.where(beyond, np.abs(mean) + high - low, -1.0)))
         least, most = pressure[:, worst].min(), pressure[:, worst].max()
-        several = 2 * beyond.sum() > len(names)
+        remedy = f"of a sensor in another unit, give its number for 1 as in --reference {names[worst]}=375Pa"
+        if 2 * beyond.sum() > len(names):
+            remedy = "of pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
         yield (
             f"Cp of {_listed(names, beyond)} is {mean[worst]:.3g} in the mean, from {least:.3g} to {most:.3g}",
-            f"a wall has {_LOWEST:g} to {_HIGHEST:g}; "
-            + (
-                "of pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
-                if several
-                else f"of a sensor in another unit, give its number for 1 as in --reference {names[worst]}=375Pa"
-            ),
+            f"a wall has {_LOWEST:g} to {_HIGHEST:g}; {remedy}",
         )
     size, rms = float(np.sqrt(np.square(pressure).mean())), np.sqrt(np.square(pressure).mean(axis=0))
     divisor = _divisor(episode)
@@ -218,10 +192,8 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
     already = divisor > 1.0 and size < 10.0 * _FLAT and least >= _LOWEST and most <= _SWINGS[1]
     if size < _FLAT or already:
         before = f", of numbers from {least:.3g} to {most:.3g} divided by {divisor:g}" if already else ""
-        yield (
-            f"all Cp are within {np.abs(pressure).max():.3g}{before}",
-            "numbers that have no dimension already need no --reference Cp",
-        )
+        cause = "numbers that have no dimension already need no --reference Cp"
+        yield f"all Cp are within {np.abs(pressure).max():.3g}{before}", cause
     weak = (rms < 0.01 * np.median(rms)) & (deviation < 0.01 * np.median(deviation)) & (swing > 0)
     if weak.any():
         yield (
@@ -248,8 +220,7 @@ def _divisor(episode: Episode) -> float:
 def _readings(
     names: Sequence[str], table: Array, told: Mask, spread: Array, finest: Array, action: Array
 ) -> Iterator[_Note]:
-    """Report sensors that are stuck, saturated or copies of another sensor, and repeated rows. `told` marks columns for
-    which something has been reported already."""
+    """Report sensors that are stuck, saturated or copies of another, and repeated rows; not for columns `told`."""
     rows = len(table)
     changes = np.flatnonzero((np.diff(table, axis=0) != 0).any(axis=1))
     gaps = np.diff(changes)
@@ -272,12 +243,10 @@ def _readings(
         if told[k]:
             continue
         if held and finest[k] * _STEPS < spread[k] * _activity(table[span], k, spread, action[span], action):
-            where = f" at {table[start, k]:.4g} for {run + 1} of {rows} rows from step {start}"
-            yield (
-                f"{name} is constant{where if long else f' in {share[k]:.0%} of the rows'}, while the other sensors "
-                f"change",
-                "leave out a sensor that is stuck, or cut the file there",
-            )
+            where = f"in {share[k]:.0%} of the rows"
+            where = f"at {table[start, k]:.4g} for {run + 1} of {rows} rows from step {start}" if long else where
+            cause = "leave out a sensor that is stuck, or cut the file there"
+            yield f"{name} is constant {where}, while the other sensors change", cause
             continue
         for word, extreme in (("largest", table[:, k].max()), ("smallest", table[:, k].min())):
             here = table[:, k] == extreme
@@ -302,8 +271,7 @@ def _readings(
 
 
 def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: Array) -> float:
-    """Return the variation of the other sensors, or of the jets if it is larger, in these rows. It is relative to the
-    variation in all rows."""
+    """Return the variation of the other sensors or of the jets in these rows, relative to that in all rows."""
     others = np.delete(np.arange(len(spread)), k)
     others = others[spread[others] > 0]
     moved = float(np.median(table[:, others].std(axis=0) / spread[others])) if others.size else 0.0

@@ -1,7 +1,7 @@
 """A summary of a data set: figures of every episode, and the settings that fit its plant."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -47,12 +47,23 @@ class EpisodeSummary:
 def summarise(dataset: Dataset) -> tuple[EpisodeSummary, ...]:
     """Return the figures of every episode, in order."""
     period = dataset.plant.control_period
-    return tuple(_summary(episode, period) for episode in dataset.episodes)
+    return tuple(
+        EpisodeSummary(
+            name=episode.name,
+            role=episode.role,
+            steps=len(episode),
+            duration=float(episode.series["t"][-1] - episode.series["t"][0]),
+            action_rms=float(np.sqrt(np.square(episode.series["action"]).mean())),
+            drag=float(episode.series["Cd"].mean()),
+            lift=float(episode.series["Cl"].std()),
+            frequency=None if period is None else dominant_frequency(episode.series["Cl"], period),
+        )
+        for episode in dataset.episodes
+    )
 
 
 def uncontrolled(dataset: Dataset) -> Episode | None:
-    """Return the longest part of an episode in which the actions are zero or weak, as an episode; None if there is no
-    such part."""
+    """Return the longest part of an episode with zero or weak actions, as an episode; None if there is none."""
     limit = dataset.plant.action_limit
     best: Episode | None = None
     for episode in dataset.episodes:
@@ -60,20 +71,13 @@ def uncontrolled(dataset: Dataset) -> Episode | None:
         threshold = QUIET * (limit if limit is not None else float(action.max()))
         start, length = longest_run(action <= threshold)
         if length > (len(best) if best else 0):
-            stretch = slice(start, start + length)
-            best = Episode(
-                name=episode.name,
-                role=episode.role,
-                series={name: values[stretch] for name, values in episode.series.items()},
-                initial_action=0.0,
-                provenance={},
-            )
+            series = {name: values[start : start + length] for name, values in episode.series.items()}
+            best = replace(episode, series=series, initial_action=0.0, provenance={})
     return best
 
 
 def fitting_settings(dataset: Dataset) -> str:
-    """Return the text of a TOML file for `--set`. The file has the settings that follow from the data set, and the
-    reasons for their values."""
+    """Return the text of a TOML file for `--set`: the settings that follow from the data set, with reasons."""
     return "\n".join(_settings_lines(dataset)) + "\n"
 
 
@@ -85,11 +89,8 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
         yield f"{name} = {value!r}" if value is not None else f"# {name}: not known"
     calm = uncontrolled(dataset)
     calm = None if calm is None or len(calm) < LEAST_CALM else calm
-    where = (
-        f"uncontrolled, {len(calm)} steps of {calm.name}"
-        if calm
-        else f"all episodes: none is uncontrolled for {LEAST_CALM} steps"
-    )
+    where = f"all episodes: none is uncontrolled for {LEAST_CALM} steps"
+    where = f"uncontrolled, {len(calm)} steps of {calm.name}" if calm else where
     drag = np.concatenate([item.series["Cd"] for item in ([calm] if calm else dataset.episodes)])
     frequency = dominant_frequency(calm.series["Cl"], period) if calm and period else None
     cycle = round(1.0 / (frequency * period)) if frequency and period else None
@@ -111,17 +112,3 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
         yield ""
         yield "[train]"
         yield f"sensors = {len(dataset.layout)}  # all sensors"
-
-
-def _summary(episode: Episode, period: float | None) -> EpisodeSummary:
-    series = episode.series
-    return EpisodeSummary(
-        name=episode.name,
-        role=episode.role,
-        steps=len(episode),
-        duration=float(series["t"][-1] - series["t"][0]),
-        action_rms=float(np.sqrt(np.square(series["action"]).mean())),
-        drag=float(series["Cd"].mean()),
-        lift=float(series["Cl"].std()),
-        frequency=None if period is None else dominant_frequency(series["Cl"], period),
-    )

@@ -1,16 +1,11 @@
 """The release bundle: a directory with everything that is flashed onto an ECU.
 
-`manifest.json` states the sensors, scaling, limits, MPC settings and timing budget for which the controller was built;
-the data set, weights and program from which it was built; and the SHA-256 of every other file and of the DBC.
+`manifest.json` states the vehicle for which the controller was built; the data set, weights and program from which it
+was built; and the SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of
+the manifest's bytes (`contract.release.signing`), and so covers everything that the manifest states.
 
-`manifest.sig`, if present, is an Ed25519 signature of the manifest's bytes (`contract.release.signing`), and so covers
-everything that the manifest states. Loading verifies all files; an error states the file or field. The manifest's own
-hash detects accidental changes. A signature by a trusted key detects deliberate changes too.
-
-`controller.onnx` computes one control step, with the inputs and outputs of `contract.controller.interface`.
-`sensors.onnx`, if present, estimates the pressures from each other for the ECU's sensor check
-(`contract.controller.estimator`). The bytes of both graphs are checked at every loading
-(`contract.release.onnx_graph`).
+`controller.onnx` computes one control step (`contract.controller.interface`). `sensors.onnx`, if present, estimates the
+pressures from each other for the ECU's sensor check (`contract.controller.estimator`).
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -32,7 +27,7 @@ from contract.release.signing import PublicKey
 
 @dataclass(frozen=True, kw_only=True)
 class MadeEstimator:
-    """A sensor estimator for a bundle. `figures` has the estimator's numbers for the manifest."""
+    """A sensor estimator for a bundle, with its figures for the manifest."""
 
     graph: bytes
     figures: SensorEstimator
@@ -70,9 +65,8 @@ def check_replaceable(path: Path) -> None:
 
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
-    """Verify everything in a bundle except its signature, and sign the bundle in place. Raises BundleError as `load`
-    does; StillwakeError if the bundle cannot be written. `judge` is called before signing; if it raises an error, the
-    bundle is not signed."""
+    """Verify everything in a bundle except its signature, and sign the bundle in place, unless `judge` raises an error.
+    Raises BundleError as `load` does; StillwakeError if the bundle cannot be written."""
     contents = read_files(path)
     contents.pop(SIGNATURE, None)
     bundle = read_checked(path, contents)
@@ -105,16 +99,13 @@ def renew(
     estimator: MadeEstimator | None = None,
     judge: Callable[[Bundle], object] | None = None,
 ) -> Bundle:
-    """Write a bundle again under another name, for this version's DBC, and sign it. The old bundle may be for another
-    DBC.
+    """Write a bundle again under another name, for this version's DBC, and sign it.
 
-    The new bundle may also have another operating point: the controller works in Cp and U_inf W, not in Pa and m/s. The
-    control period and the budget follow from the operating point.
-
-    The old bundle must pass all other checks. Its controller is copied unchanged; the new manifest's provenance has the
-    old manifest's hash. A change of the DBC does not affect the controller, because its inputs are pressures and flow
-    rates, not frames. Raises BundleError as `load` does, and for a bad name or a target directory with other contents;
-    StillwakeError if the new bundle cannot be written.
+    The old bundle may be for another DBC, but must pass all other checks. Its controller is copied unchanged, because
+    its inputs are pressures in Cp and flow rates in U_inf W, not frames, Pa or m/s. The control period and the budget
+    follow from the operating point; the new manifest's provenance has the old manifest's hash. Raises BundleError as
+    `load` does, and for a bad name or a target directory with other contents; StillwakeError if the new bundle cannot
+    be written.
 
     Args:
         created: day of the new bundle, YYYY-MM-DD.
@@ -166,17 +157,13 @@ def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False)
 
 
 def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
-    """Verify the files of a bundle in memory with every check of `load`, and return the bundle. One of the keys in
-    `trusted` must have signed the bundle. Raises BundleError as `load` does."""
+    """Verify the files of a bundle in memory, as `load` does. One of the keys in `trusted` must have signed it."""
     return read_checked(Path(name), contents, frozenset(trusted))
 
 
 def examine(path: Path, trusted: PublicKey | None = None) -> list[Check]:
-    """Return the results of every check that `load` makes, in the order of `load`; the result of a failed check has its
-    error.
-
-    If a check cannot be made because an earlier check failed, the list ends before this check.
-    """
+    """Return the results of every check that `load` makes, in its order. If a check cannot be made because an earlier
+    check failed, the list ends before this check."""
     try:
         contents = read_files(path)
     except BundleError as error:

@@ -1,6 +1,12 @@
 """The checks of a release bundle's files. Nothing is parsed before its signature is verified.
 
 The manifest's own hash detects accidental changes. A signature by a trusted key detects deliberate changes too.
+
+A graph may come from anyone. ONNX Runtime refuses unknown operators. Opening the graph's session refuses other inputs,
+outputs and shapes, and a first step runs in bounded time and memory (`contract.runtime`). Two kinds of content remain,
+which `check_graph` refuses before ONNX Runtime reads the bytes: constants in other files, and operators that are not
+ONNX's own. Each of them puts a certain text somewhere into the file, and no exported graph contains this text. When a
+graph is signed, it is checked more strictly (`export.release.judged`).
 """
 
 import hashlib
@@ -11,24 +17,24 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from contract import errors
 from contract.controller.estimator import ESTIMATOR
-from contract.errors import (
-    BundleControllerError,
-    BundleDbcError,
-    BundleError,
-    BundleFileError,
-    BundleManifestError,
-    BundleSignatureError,
-    BundleSignerError,
-)
+from contract.errors import BundleError
 from contract.release import signing
 from contract.release.manifest import MANIFEST, Manifest, open_manifest, parse
-from contract.release.onnx_graph import check_graph
 from contract.release.signing import PublicKey
 
 SIGNATURE: Final = "manifest.sig"
 CONTROLLER: Final = "controller.onnx"
 UNSIGNED: Final = "unsigned: its hashes show damage, not its author"
+MAX_GRAPH_BYTES: Final = 16 * 2**20
+"""Largest size of a graph's file, in bytes: a hundred times the paper's controller in int8."""
+FORBIDDEN: Final = {
+    b"location": "a constant is in another file: must be in this file",
+    b"com.microsoft": "an operator is of ONNX Runtime's domain: must be an operator of ONNX",
+    b"ai.onnx.": "an operator is not of ONNX's default domain: must be of this domain",
+}
+"""Texts that no valid graph contains, and their meanings. A tensor in another file has the key `location`."""
 
 _T = TypeVar("_T")
 Trusted = PublicKey | frozenset[PublicKey] | None
@@ -92,15 +98,14 @@ def dbc_sha256() -> str:
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks made so far while a bundle is read. The first failed check ends the reading, unless `lists` is set.
-    Then every check that is still possible is made."""
+    """The checks made while a bundle is read. The first failure ends the reading; with `lists`, every check that is
+    still possible is made."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check whose failure does not prevent other checks. If the check fails and `lists` is set, return
-        None."""
+        """Make a check whose failure does not prevent others. If it fails and `lists` is set, return None."""
         try:
             value = verify()
         except BundleError as error:
@@ -128,9 +133,8 @@ def read_checked(
     *,
     any_dbc: bool = False,
 ) -> Bundle:
-    """Check a bundle's files and return the bundle; nothing is parsed before its signature is verified. Raises
-    BundleError for the first check that fails. If `made` lists the checks, reading continues after a failed check if
-    possible."""
+    """Check a bundle's files and return the bundle. Raises BundleError for the first check that fails. If `made` lists
+    the checks, reading continues after a failed check if possible."""
     made = Made() if made is None else made
     raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
 
@@ -157,11 +161,10 @@ def read_checked(
 
 
 def _taken_apart(path: Path, found: Mapping[str, bytes]) -> tuple[bytes, bytes | None, dict[str, bytes]]:
-    """Split the files into the manifest, the signature and all other files."""
     contents = dict(found)
     raw, signature = contents.pop(MANIFEST, None), contents.pop(SIGNATURE, None)
     if raw is None:
-        raise BundleManifestError(f"bundle {path}: {MANIFEST} is missing")
+        raise errors.BundleManifestError(f"bundle {path}: {MANIFEST} is missing")
     return raw, signature, contents
 
 
@@ -170,50 +173,61 @@ def _verify_signature(path: Path, raw: bytes, signature: bytes | None, trusted: 
     allowed = "no key that is trusted" if not keys else " or ".join(sorted(f"key {key.fingerprint}" for key in keys))
     if signature is None:
         if keys is not None:
-            raise BundleSignerError(f"bundle {path}: unsigned, must be signed by {allowed}")
+            raise errors.BundleSignerError(f"bundle {path}: unsigned, must be signed by {allowed}")
         return None
     try:
         signer = signing.signer(signature, raw)
     except ValueError as error:
-        raise BundleSignatureError(f"bundle {path}: {SIGNATURE} is damaged ({error})") from error
+        raise errors.BundleSignatureError(f"bundle {path}: {SIGNATURE} is damaged ({error})") from error
     if signer is None:
-        raise BundleSignatureError(f"bundle {path}: bad signature: {MANIFEST} or {SIGNATURE} was altered")
+        raise errors.BundleSignatureError(f"bundle {path}: bad signature: {MANIFEST} or {SIGNATURE} was altered")
     if keys is not None and signer not in keys:
-        raise BundleSignerError(f"bundle {path}: signed by key {signer.fingerprint}, must be signed by {allowed}")
+        raise errors.BundleSignerError(
+            f"bundle {path}: signed by key {signer.fingerprint}, must be signed by {allowed}"
+        )
     return signer
 
 
 def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapping[str, Any]) -> str:
     if name not in found:
-        raise BundleFileError(f"bundle {path}: {name} is missing")
+        raise errors.BundleFileError(f"bundle {path}: {name} is missing")
     if name not in hashes:
-        raise BundleFileError(f"bundle {path}: {name} is not in the manifest")
+        raise errors.BundleFileError(f"bundle {path}: {name} is not in the manifest")
     digest = sha256(found[name])
     if digest != hashes[name]:
-        raise BundleFileError(f"bundle {path}: {name} was altered (SHA-256 does not match the manifest)")
+        raise errors.BundleFileError(f"bundle {path}: {name} was altered (SHA-256 does not match the manifest)")
     return digest
 
 
 def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
-        raise BundleDbcError(
+        raise errors.BundleDbcError(
             f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version's"
         )
     return dbc_sha256()
+
+
+def check_graph(content: bytes) -> None:
+    """Raise ValueError for a graph that is too large, refers to other files, or has operators other than ONNX's own."""
+    if len(content) > MAX_GRAPH_BYTES:
+        raise ValueError(f"it has {len(content)} bytes: at most {MAX_GRAPH_BYTES}")
+    for text, wording in FORBIDDEN.items():
+        if text in content:
+            raise ValueError(wording)
 
 
 def _verify_graph(path: Path, name: str, content: bytes) -> str:
     try:
         check_graph(content)
     except ValueError as error:
-        raise BundleControllerError(f"bundle {path}: {name}: {error}") from error
+        raise errors.BundleControllerError(f"bundle {path}: {name}: {error}") from error
     return f"{len(content)} bytes, with all constants and only ONNX's operators"
 
 
 def _verify_estimator(path: Path, contents: Mapping[str, bytes], *, is_stated: bool) -> str:
     content = contents.get(ESTIMATOR)
     if not is_stated:
-        raise BundleFileError(f"bundle {path}: {ESTIMATOR}: {MANIFEST} does not mention it (sensor_estimator)")
+        raise errors.BundleFileError(f"bundle {path}: {ESTIMATOR}: {MANIFEST} does not mention it (sensor_estimator)")
     if content is None:
-        raise BundleFileError(f"bundle {path}: {ESTIMATOR} is missing: {MANIFEST} has a sensor_estimator")
+        raise errors.BundleFileError(f"bundle {path}: {ESTIMATOR} is missing: {MANIFEST} has a sensor_estimator")
     return _verify_graph(path, ESTIMATOR, content)

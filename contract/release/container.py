@@ -83,8 +83,7 @@ def _collect(path: Path) -> dict[str, bytes]:
 
 
 def _open_plain(path: Path, name: str) -> IO[bytes]:
-    """Open a file that was listed as plain, and check that the file is still plain: no link is followed, and no pipe
-    blocks."""
+    """Open a file that was listed as plain, if it still is: no link is followed, and no pipe blocks."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         file = os.fdopen(os.open(path / name, flags), "rb")
@@ -99,7 +98,7 @@ def _open_plain(path: Path, name: str) -> IO[bytes]:
 
 
 def _read_at_most(file: IO[bytes], most: int) -> bytes:
-    """Read up to `most` bytes in pieces, because a sparse file can state a size for which no memory is large enough."""
+    """Read up to `most` bytes in pieces, because a sparse file can state a size that exceeds the memory."""
     pieces: list[bytes] = []
     while most > 0 and (piece := file.read(min(most, _CHUNK))):
         pieces.append(piece)

@@ -19,10 +19,14 @@
     448 64  Ed25519 signature of all bytes before it; zeros: unsigned
 
 Numbers are little-endian, like the processors that read them; names are printable ASCII, padded with zeros.
+
+Workshop and flash tools read an image as lines of text: Intel HEX, or Motorola S-records in the form S37. Addresses in
+these lines are offsets in the image, as in a download through UDS, and not addresses in the memory of an ECU.
 """
 
 import hashlib
 import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -46,21 +50,15 @@ _FACTS: Final = struct.Struct("<8sII32s32s32s32sI44s64s64s96s")
 _VEHICLE: Final = struct.Struct("<Q3ddI")
 _SIGNED: Final = 448
 _UNSIGNED: Final = bytes(96)
+LINE: Final = 32
+"""Number of bytes in a line. Every tool accepts 32, and 64 KiB is a multiple of 32."""
+HIGH: Final = 1 << 16
+"""Number of addresses that an Intel HEX line can state. The higher part of an address is in a line of another type."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFacts:
-    """The data in an image's header.
-
-    Attributes:
-        layout: SHA-256, 32 bytes, that identifies the build's layout of the payload.
-        dbc: SHA-256 of stillwake.dbc, 32 bytes.
-        digest: digest of the release, 32 bytes.
-        period_ns: control period in ns.
-        operating_point: width in m, speed in m/s, density in kg/m3.
-        action_limit: largest magnitude of the jets' action, in free-stream speed times width.
-        hardware: name of the ECU hardware to which the image may be flashed; None for any hardware.
-    """
+    """The data in an image's header, in the units of the table above; `hardware` is None for any hardware."""
 
     layout: bytes
     dbc: bytes
@@ -128,12 +126,8 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
 
 def signer_of(image: bytes) -> PublicKey | None:
     """Verify an image's signature and return the signer's key; None if the image is unsigned. The rest of the image is
-    not checked.
-
-    Raises:
-        BundleContainerError: the bytes are no complete image.
-        BundleSignatureError: the signature was not made with the key in the image.
-    """
+    not checked. Raises BundleContainerError if the bytes are no complete image, and BundleSignatureError if the
+    signature was not made with the key in the image."""
     if len(image) < HEADER_BYTES:
         raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER_BYTES} or more")
     magic, length, header = struct.unpack_from("<8sII", image)
@@ -152,12 +146,7 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """Check an image and return it; any key may have signed the image.
-
-    Raises:
-        BundleContainerError: the image is damaged, or the bytes are no image.
-        BundleSignatureError: the signature was not made with the key in the image.
-    """
+    """Check an image, signed by any key. Raises as `signer_of`, and BundleContainerError if it is damaged."""
     signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
     period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)
@@ -196,3 +185,33 @@ def _unpacked(what: str, field: bytes) -> str:
 
 def _is_name(raw: bytes) -> bool:
     return 0 < len(raw) <= _MAX_NAME and all(0x20 <= byte < 0x7F for byte in raw)
+
+
+def intel_hex(content: bytes) -> bytes:
+    """Return the content as Intel HEX with extended linear addresses (I32HEX)."""
+    lines = []
+    for at in range(0, len(content), LINE):
+        if at % HIGH == 0:
+            lines.append(_hex_line(4, 0, (at // HIGH).to_bytes(2, "big")))
+        lines.append(_hex_line(0, at % HIGH, content[at : at + LINE]))
+    return "".join([*lines, _hex_line(1, 0)]).encode()
+
+
+def s_records(content: bytes) -> bytes:
+    """Return the content as S-records with addresses of 32 bits."""
+    lines = (_s_line(3, at.to_bytes(4, "big") + content[at : at + LINE]) for at in range(0, len(content), LINE))
+    return "".join([_s_line(0, b"\0\0stillwake"), *lines, _s_line(7, bytes(4))]).encode()
+
+
+FORMATS: Final[Mapping[str, Callable[[bytes], bytes]]] = {SUFFIX: bytes, ".hex": intel_hex, ".s19": s_records}
+"""Functions that convert an image to the content of a file, by the suffix of the file's name."""
+
+
+def _hex_line(kind: int, address: int, data: bytes = b"") -> str:
+    body = bytes([len(data), *address.to_bytes(2, "big"), kind]) + data
+    return f":{(body + bytes([-sum(body) % 256])).hex().upper()}\n"
+
+
+def _s_line(kind: int, rest: bytes) -> str:
+    body = bytes([len(rest) + 1]) + rest
+    return f"S{kind}{(body + bytes([255 - sum(body) % 256])).hex().upper()}\n"

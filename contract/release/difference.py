@@ -1,8 +1,5 @@
-"""A comparison of two bundles or two controller images, and a description of an image's contents.
-
-Bundles are compared by signer, manifest and files. Images are compared by the facts in the header, by the layout, and
-by every array by name.
-"""
+"""A comparison of two bundles (signer, manifest, files) or of two controller images (header, layout, arrays), and a
+description of an image's contents."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -22,8 +19,7 @@ from contract.release.signing import PublicKey
 
 _MAX_BYTES: Final = 64 * 2**20
 _FEW: Final = 8
-"""Largest number of values of an array that are shown. For a larger array, the type, shape and hash are shown
-instead."""
+"""Largest number of an array's values that are shown; of a larger array, type, shape and hash are shown."""
 
 
 def is_image(path: Path) -> bool:
@@ -32,13 +28,9 @@ def is_image(path: Path) -> bool:
 
 
 def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
-    """Read and check the image in a file.
-
-    Raises:
-        BundleContainerError: the file cannot be read, is damaged or no image, or holds an image that no ECU accepts.
-        BundleSignatureError: the signature was not made with the key in the image.
-        BundleSignerError: the image is not signed by the trusted key.
-    """
+    """Read and check the image in a file. Raises BundleContainerError if the file cannot be read, is damaged or no
+    image, or holds an image that no ECU accepts; BundleSignatureError for a bad signature; BundleSignerError if the
+    image is not signed by the trusted key."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise BundleContainerError(f"{path}: has more than {_MAX_BYTES} bytes")
@@ -86,12 +78,8 @@ def _of_image(image: ControllerImage) -> dict[str, str]:
     return {**described(image), **settings, **arrays}
 
 
-_MISSING: Final = "-"
-"""Text that is shown in place of a value that only the other bundle or image has."""
-
-
 class Difference(NamedTuple):
-    """A difference between two bundles or images: the name of the value, and its text in each of them."""
+    """A difference between two bundles or images: the name of the value, and its text in each of them, "-" for none."""
 
     name: str
     a: str
@@ -102,10 +90,10 @@ def differences(a: Path, b: Path) -> list[Difference]:
     """List all differences between two bundles or images; fields of a manifest have dotted names. The bundles may be
     for the DBCs of other versions. Raises BundleError as `contract.release.bundle.load` does, except for another DBC.
     """
-    rows = []
+    rows: list[Difference] = []
     ours, theirs = _facts(a), _facts(b)
     for name in [*ours, *(name for name in theirs if name not in ours)]:
-        rows += list(_compared(name, ours.get(name), theirs.get(name)))
+        rows += _compared(name, ours.get(name), theirs.get(name))
     return rows
 
 
@@ -138,8 +126,4 @@ def _compared(name: str, a: object, b: object) -> Iterator[Difference]:
         for index, (one, other) in enumerate(zip(a, b, strict=True)):
             yield from _compared(f"{name}[{index}]", one, other)
     elif a != b:
-        yield Difference(shown(name), _text(a), _text(b))
-
-
-def _text(value: object) -> str:
-    return _MISSING if value is None else shown(value)
+        yield Difference(shown(name), *("-" if value is None else shown(value) for value in (a, b)))

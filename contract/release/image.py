@@ -37,8 +37,7 @@ def image_of(files: Mapping[str, bytes]) -> bytes:
 
 
 def files_of(image: bytes) -> dict[str, bytes]:
-    """Return an image's files by name. Raises BundleContainerError if the bytes are no complete image of plain
-    files."""
+    """Return an image's files by name. Raises BundleContainerError for anything but an image of plain files."""
     if len(image) < _HEADER.size:
         raise BundleContainerError(f"image of {len(image)} bytes: must have {_HEADER.size} or more")
     magic, length, count = _HEADER.unpack_from(image)

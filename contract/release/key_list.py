@@ -81,8 +81,7 @@ def encode(listed: KeyList, root: Ed25519PrivateKey) -> bytes:
 
 
 def signer(raw: bytes) -> PublicKey:
-    """Verify a list's signature and return the root key that signed. Raises KeyFileError if there is no valid
-    signature."""
+    """Return the root key that signed a list. Raises KeyFileError if there is no valid signature."""
     if raw.startswith(b"{"):
         raise KeyFileError("key list: has an old format; make it again with `stillwake bundle keylist`")
     if len(raw) < _HEADER.size + _SIGNATURE or not raw.startswith(_MAGIC):
@@ -94,19 +93,14 @@ def signer(raw: bytes) -> PublicKey:
 
 
 def decode(raw: bytes, root: PublicKey) -> KeyList:
-    """Decode a list that the root key signed.
-
-    Raises:
-        KeyFileError: the list is unsigned, signed by another key, or damaged.
-    """
+    """Decode a list. Raises KeyFileError if it is not signed by the root key, or is damaged."""
     if (found := signer(raw)) != root:
         raise KeyFileError(f"key list: signed by key {found.fingerprint}, must be by the root key {root.fingerprint}")
     _, version, allowed, revoked, reserved, _ = _HEADER.unpack_from(raw)
     body = raw[_HEADER.size : -_SIGNATURE]
     if reserved or len(body) != (allowed + revoked) * _KEY:
-        raise KeyFileError(
-            f"key list: is damaged ({len(body)} bytes of {allowed} + {revoked} keys, {reserved} reserved)"
-        )
+        sizes = f"{len(body)} bytes of {allowed} + {revoked} keys, {reserved} reserved"
+        raise KeyFileError(f"key list: is damaged ({sizes})")
     keys = [body[at : at + _KEY] for at in range(0, len(body), _KEY)]
     for part in (keys[:allowed], keys[allowed:]):
         if part != sorted(set(part)):

@@ -32,8 +32,7 @@ this version if the security version was never raised."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
-"""Largest window and horizon, in steps. This number is hundreds of times the window of the release, and such a window
-needs little memory."""
+"""Largest window and horizon, in steps: hundreds of times the release's, and still of little memory."""
 MAX_RESTING: Final = 100
 """Largest number of speeds for which the wake without jets is stated. The ECU searches these speeds in every period."""
 WeightPrecision = Literal["float32", "int8"]
@@ -42,14 +41,12 @@ PRECISIONS: Final[tuple[WeightPrecision, ...]] = get_args(WeightPrecision)
 
 _SHA256: Final = re.compile("[0-9a-f]{64}")
 _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
-"""Form of ISO 8601 in which dates are written and accepted. `date.fromisoformat` would also accept other forms, such as
-week dates."""
+"""Accepted form of dates; `date.fromisoformat` would also accept other forms, such as week dates."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scaling:
-    """Standardisation inside the controller: scaled = (value - mean) / std, with separate means and deviations for each
-    sensor and each force."""
+    """Standardisation inside the controller: scaled = (value - mean) / std, of each sensor, the action, each force."""
 
     pressure_mean: tuple[float, ...]
     pressure_std: tuple[float, ...]
@@ -66,6 +63,13 @@ class Scaling:
     def window_std(self) -> tuple[float, ...]:
         """Standard deviations of the columns of the controller's window, (S+1,)."""
         return (*self.pressure_std, self.action_std)
+
+    def misfits(self, sensors: int) -> Iterator[tuple[str, int, int]]:
+        """Yield name, length and required length of each tuple that does not fit the number of sensors."""
+        sizes = {"pressure_mean": sensors, "pressure_std": sensors, "force_mean": 2, "force_std": 2}
+        for name, wanted in sizes.items():
+            if (found := len(getattr(self, name))) != wanted:
+                yield name, found, wanted
 
     def of_sensors(self, columns: Index) -> Self:
         """Return the scaling of the sensors in the given columns."""
@@ -131,8 +135,8 @@ class Manifest:
         window: L, number of past control steps that the controller reads.
         control_period: control period in t_c.
         action_limit: bound on |a| in the optimiser.
-        mpc: horizon, iterations, learning rate, weights of the cost. The ECU passes these weights to the controller in
-            every step; the weights inside the controller, from its export, only apply without a manifest.
+        mpc: settings of the controller. The ECU passes the weights to the controller in every step; the weights inside
+            the controller, from its export, only apply without a manifest.
         budget_ms: largest time from a pressure frame to the command.
         compute_time_ms: part of `budget_ms` that the release's settings assign to the control step.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
@@ -217,9 +221,8 @@ class Manifest:
             yield f"speeds = {speeds.slowest!r}..{speeds.fastest!r}: must include 1 and be within 0.1..10"
         if self.resting is not None:
             yield from _unlike_a_wake(self.resting)
-        for name, wanted in (("pressure_mean", count), ("pressure_std", count), ("force_mean", 2), ("force_std", 2)):
-            if len(getattr(scaling, name)) != wanted:
-                yield f"scaling.{name} has {len(getattr(scaling, name))} values: must have {wanted}"
+        for name, found, wanted in scaling.misfits(count):
+            yield f"scaling.{name} has {found} values: must have {wanted}"
         for value in (*scaling.pressure_mean, *scaling.force_mean):
             if not isfinite(value):
                 yield f"scaling: mean {value!r} must be finite"
@@ -270,8 +273,7 @@ def _unlike_a_wake(resting: RestingWake) -> Iterator[str]:
 
 
 class Opened(NamedTuple):
-    """A manifest whose own hash was verified, split into schema, fields, hashes of files and DBC, and the manifest's
-    own hash."""
+    """The parts of a manifest whose own hash was verified."""
 
     schema: str
     body: Mapping[str, Any]
@@ -286,8 +288,7 @@ def is_sha256(value: object) -> bool:
 
 
 def encode(manifest: Manifest, hashes: Mapping[str, str], dbc: str) -> bytes:
-    """Return the manifest file's content, including its own hash. Raises BundleManifestError for a provenance that JSON
-    cannot express, such as a figure that is not finite."""
+    """Return the manifest file's content. Raises BundleManifestError for a provenance that JSON cannot express."""
     body = {"schema": _SCHEMA, **asdict(manifest), "dbc_sha256": dbc, "files": dict(hashes)}
     try:
         body["manifest_sha256"] = digest_of(body)
@@ -310,9 +311,8 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
     except (ValueError, KeyError, TypeError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} is damaged ({shown(error)})") from error
     if schema != _SCHEMA:
-        raise BundleManifestError(
-            f"bundle {path}: schema {quoted(schema)}, this version reads {_SCHEMA!r}: export its model again"
-        )
+        remedy = f"this version reads {_SCHEMA!r}: export its model again"
+        raise BundleManifestError(f"bundle {path}: schema {quoted(schema)}, {remedy}")
     if found != digest:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
     if len(hashes) > MAX_FILES:
@@ -321,9 +321,8 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
         if not is_plain_name(name):
             raise BundleManifestError(f"bundle {path}: {MANIFEST}: files: {quoted(name)} must be a plain file name")
         if not is_sha256(value):
-            raise BundleManifestError(
-                f"bundle {path}: {MANIFEST}: files.{name} = {quoted(value)}: must be a SHA-256 in 64 hex digits"
-            )
+            wrong = f"files.{name} = {quoted(value)}: must be a SHA-256 in 64 hex digits"
+            raise BundleManifestError(f"bundle {path}: {MANIFEST}: {wrong}")
     return Opened(schema, body, hashes, dbc, digest)
 
 

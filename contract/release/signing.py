@@ -42,9 +42,8 @@ _SMALL_ORDER: Final = frozenset(
         "ee" + "ff" * 30 + "7f",
     )
 )
-"""The y coordinates of the points of small order: eight times such a point is the identity. The last two coordinates
-are not reduced. With such a key, a "signature" is valid for any text, so these points are refused as keys (RFC
-8032, section 8.8; the list is libsodium's)."""
+"""The y coordinates of the points of small order, the last two not reduced. For such a key a "signature" of any text is
+valid, so these points are refused as keys (RFC 8032, section 8.8; the list is libsodium's)."""
 _OWNER_ONLY: Final = 0o600
 _ALL_READ: Final = 0o644
 
@@ -73,9 +72,7 @@ def signer(signature: bytes, data: bytes) -> PublicKey | None:
     if match is None:
         raise ValueError("not of the form stillwake-signature/1")
     raw, value = (bytes.fromhex(part.decode()) for part in match.groups())
-    if not is_good(value, raw, data):
-        return None
-    return PublicKey(raw)
+    return PublicKey(raw) if is_good(value, raw, data) else None
 
 
 def is_good(signature: bytes, key: bytes, data: bytes) -> bool:
@@ -108,11 +105,11 @@ def write_key_pair(folder: Path, key: Ed25519PrivateKey) -> PublicKey:
             with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
                 written.append(folder / name)
                 file.write(content)
-    except FileExistsError as error:
-        _remove(written)
-        raise KeyFileError(f"{error.filename or folder}: exists already; keys are never overwritten") from error
     except OSError as error:
-        _remove(written)
+        for path in written:
+            path.unlink(missing_ok=True)
+        if isinstance(error, FileExistsError):
+            raise KeyFileError(f"{error.filename or folder}: exists already; keys are never overwritten") from error
         if is_new:
             with suppress(OSError):
                 folder.rmdir()
@@ -165,8 +162,3 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise KeyFileError(f"key {path}: {error.strerror or error}") from error
-
-
-def _remove(written: list[Path]) -> None:
-    for path in written:
-        path.unlink(missing_ok=True)

@@ -36,14 +36,12 @@ def decode(raw: bytes) -> dict[str, Any]:
 
 
 def encode(tree: Mapping[str, Any]) -> bytes:
-    """Return a table as the bytes of a JSON file. Raises ValueError for a number that is not finite, TypeError for
-    unknown types."""
+    """Return a table as a JSON file's bytes. Raises ValueError for an infinite number, TypeError for unknown types."""
     return (json.dumps(tree, indent=2, sort_keys=True, allow_nan=False) + "\n").encode()
 
 
 def digest_of(tree: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a table in hex, independent of spacing and of the order of keys. Raises as `encode`
-    does."""
+    """Return the SHA-256 of a table in hex, for any spacing and order of keys. Raises as `encode` does."""
     return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
 
 

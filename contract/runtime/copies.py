@@ -5,11 +5,8 @@ from typing import ClassVar, NoReturn, Self
 
 
 class CopiedWhole:
-    """A stateful object for which `copy.copy` acts like `copy.deepcopy`: the copy shares nothing with the original.
-
-    A shallow copy would share the arrays with the original but have its own count of steps, so original and copy would
-    each change the arrays of the other.
-    """
+    """A stateful object whose copy shares nothing with the original: after a shallow copy, original and copy, each with
+    its own count of steps, would change the same arrays."""
 
     def __copy__(self) -> Self:
         return deepcopy(self)

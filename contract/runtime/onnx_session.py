@@ -1,19 +1,135 @@
-"""A release's controller, computed by ONNX Runtime on one thread: in the ECU, the export's gates and benchmarks."""
+"""The graphs of a bundle, computed by ONNX Runtime on one thread: in the ECU, the export's gates and benchmarks.
 
+Graphs may come from anyone, so a graph first runs once in bounded time and memory.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from threading import Timer
+from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import onnxruntime
 
 from contract.arrays import Array
+from contract.controller.estimator import ESTIMATOR, ESTIMATOR_INPUT, ESTIMATOR_OUTPUT, estimator_shapes
 from contract.controller.interface import OUTPUTS, ControllerError, ControlStep, Sizes
+from contract.errors import BundleControllerError
 from contract.printable import shown
 from contract.release.checks import CONTROLLER, Bundle
-from contract.runtime.bounded_session import BoundedGraph
 
+MAX_MEMORY: Final = 256 * 2**20
+"""Largest size, in bytes, of the values of all graphs in a process; the paper's controller needs one million bytes."""
 WARM_UP_LIMIT_S: Final = 10.0
 """Longest time for all steps of a warm-up, in s. The paper's controller takes some milliseconds per step, and its
 deadline is 20 ms. A graph that takes a thousand times longer either never ends or is no controller."""
+_WARM_UP_STEPS: Final = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoundedGraph:
+    """A graph in a bundle.
+
+    Attributes:
+        shapes: required shapes of inputs and outputs, by name.
+        feeds: zeros for every input without a default.
+        optional: names in `shapes` that the graph may lack.
+    """
+
+    name: str
+    model: bytes
+    shapes: Mapping[str, tuple[int, ...]]
+    feeds: Mapping[str, npt.NDArray[np.float32]]
+    outputs: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+
+    def session(self) -> Any:
+        """Open the session. Raises BundleControllerError if the graph does not load or has other shapes."""
+        return self._opened(_options())
+
+    def tried(self, limit_s: float) -> None:
+        """Run one step of the graph in bounded time and memory, without optimisation. ONNX Runtime's optimisation
+        computes constant expressions during loading, in unbounded time and memory; such a step computes them too.
+        Raises BundleControllerError as `session` and `run_on_zeros` do."""
+        options = _options()
+        options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
+        self.run_on_zeros(self._opened(options), 1, limit_s)
+
+    def run_on_zeros(self, session: Any, steps: int, limit_s: float) -> None:
+        """Run steps on zeros; raises BundleControllerError if they take too long, fail or give non-finite numbers."""
+        options = onnxruntime.RunOptions()
+        # ONNX Runtime checks this flag between two nodes, also inside the bodies of loops.
+        timer = Timer(limit_s, setattr, (options, "terminate", True))
+        timer.daemon = True
+        began = perf_counter()
+        done = 0
+        timer.start()
+        try:
+            for _ in range(steps):
+                answers = session.run(list(self.outputs), dict(self.feeds), options)
+                done += 1
+                for name, value in zip(self.outputs, answers, strict=True):
+                    if not np.isfinite(value).all():
+                        raise BundleControllerError(f"{self.name}: {name!r} is not finite for a window of zeros")
+        except BundleControllerError:
+            raise
+        except Exception as error:
+            if options.terminate:
+                raise BundleControllerError(
+                    f"{self.name}: {done} of {steps} steps on zeros were done after {perf_counter() - began:.1f} s: "
+                    f"all must be done in {limit_s:g} s"
+                ) from error
+            raise BundleControllerError(f"{self.name} failed on a window of zeros: {shown(error)}") from error
+        finally:
+            timer.cancel()
+
+    def _opened(self, options: Any) -> Any:
+        try:
+            session = onnxruntime.InferenceSession(
+                self.model, options, providers=["CPUExecutionProvider"], enable_fallback=False
+            )
+            # ONNX Runtime lists inputs with a default separately. Reading a name fails if the name is no valid text.
+            listed = (*session.get_inputs(), *session.get_outputs(), *session.get_overridable_initializers())
+            found = {item.name: item.shape for item in listed}
+        except Exception as error:
+            raise BundleControllerError(f"{self.name} does not load: {shown(error)}") from error
+        for name, shape in self.shapes.items():
+            if found.get(name) != list(shape) and not (name in self.optional and name not in found):
+                wrong = f"{name!r} has shape {found.get(name)}, must have {list(shape)}"
+                raise BundleControllerError(f"{self.name}: {wrong}")
+        return session
+
+
+def _options() -> Any:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    # Errors are raised as exceptions, so they need not be printed. Without this line, the optional input `weights`,
+    # which is an initialiser that may be overridden, would cause a warning whenever the graph is loaded.
+    options.log_severity_level = 4
+    # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, the search
+    # starts at a path that is no folder, and not in the working directory.
+    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+    options.add_session_config_entry("session.load_model_format", "ONNX")
+    # Sessions get this allocator because the memory limit also applies during control, where a graph may need more
+    # memory than for zeros.
+    _register_bounded_memory()
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    return options
+
+
+@cache
+def _register_bounded_memory() -> None:
+    """Register an allocator of bounded size that sessions can use; ONNX Runtime accepts one allocator per process."""
+    onnxruntime.create_and_register_allocator(
+        onnxruntime.OrtMemoryInfo(
+            "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
+        ),
+        onnxruntime.OrtArenaCfg({"max_mem": MAX_MEMORY, "arena_extend_strategy": 0}),
+    )
 
 
 class OnnxController:
@@ -30,10 +146,8 @@ class OnnxController:
 
     @classmethod
     def of(cls, bundle: Bundle) -> "OnnxController":
-        """Open a bundle's controller. Raises BundleControllerError if it does not load or does not fit the manifest.
-
-        The model may come from anyone, so one step first runs with bounded time and memory.
-        """
+        """Open a bundle's controller, after one step in bounded time and memory. Raises BundleControllerError if the
+        controller does not load or does not fit the manifest."""
         model, sizes = bundle.files[CONTROLLER], bundle.manifest.sizes
         _graph(model, sizes).tried(WARM_UP_LIMIT_S)
         controller = cls(model, sizes)
@@ -63,9 +177,8 @@ class OnnxController:
             if value is not None and name in self._defaults:
                 feeds[name] = np.asarray(value)
         try:
-            outputs = self._session.run(
-                list(OUTPUTS), {name: value.astype(np.float32) for name, value in feeds.items()}
-            )
+            values = {name: value.astype(np.float32) for name, value in feeds.items()}
+            outputs = self._session.run(list(OUTPUTS), values)
         except Exception as error:
             raise ControllerError(f"{CONTROLLER} failed: {shown(error)}") from error
         new_plan, forces, terms, cost = (np.asarray(value, dtype=np.float64) for value in outputs)
@@ -77,3 +190,37 @@ def _graph(model: bytes, sizes: Sizes) -> BoundedGraph:
     feeds = {name: np.zeros(shapes[name], dtype=np.float32) for name in ("window", "plan", "free")}
     lacking = ("speed", "limit")
     return BoundedGraph(name=CONTROLLER, model=model, shapes=shapes, feeds=feeds, outputs=OUTPUTS, optional=lacking)
+
+
+class OnnxEstimator:
+    """An estimator that runs `sensors.onnx`. Raises BundleControllerError if the model does not load, its shapes
+    contradict the sizes, or a step on zeros does not end in time. The horizon in `sizes` is not used."""
+
+    def __init__(self, model: bytes, sizes: Sizes) -> None:
+        self._made_of = model, sizes
+        shapes = estimator_shapes(sizes.window, sizes.sensors)
+        feeds = {ESTIMATOR_INPUT: np.zeros(shapes[ESTIMATOR_INPUT], dtype=np.float32)}
+        graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, feeds=feeds, outputs=(ESTIMATOR_OUTPUT,))
+        graph.tried(WARM_UP_LIMIT_S)
+        self._session = graph.session()
+        graph.run_on_zeros(self._session, _WARM_UP_STEPS, WARM_UP_LIMIT_S)
+        self._shape = shapes[ESTIMATOR_OUTPUT]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return OnnxEstimator, self._made_of
+
+    @classmethod
+    def of(cls, bundle: Bundle) -> "OnnxEstimator | None":
+        """Open a bundle's estimator; None if the bundle has none. Raises BundleControllerError as the class does."""
+        model = bundle.files.get(ESTIMATOR)
+        return None if model is None else cls(model, bundle.manifest.sizes)
+
+    def estimates(self, window: Array) -> Array:
+        """Return the estimates (V, S) in Cp for a window (L, S+1). Raises ControllerError unless they are finite."""
+        try:
+            (values,) = self._session.run([ESTIMATOR_OUTPUT], {ESTIMATOR_INPUT: window.astype(np.float32)})
+        except Exception as error:
+            raise ControllerError(f"{ESTIMATOR} failed: {shown(error)}") from error
+        if not np.isfinite(values).all():
+            raise ControllerError(f"{ESTIMATOR}: an estimate is not finite")
+        return np.asarray(values, dtype=np.float64)

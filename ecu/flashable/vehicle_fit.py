@@ -15,7 +15,7 @@ from contract.config.tree import Config
 from contract.controller.interface import Controller, ControllerError, Sizes
 from contract.errors import BundleControllerError, BundleError, ConfigError
 from contract.release.checks import Bundle
-from contract.runtime.onnx_estimator import OnnxEstimator
+from contract.runtime.onnx_session import OnnxEstimator
 from ecu.fit import check_vehicle
 
 

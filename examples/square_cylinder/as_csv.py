@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 from rich import print
 
-from contract.config.body import BodyConfig
-from contract.config.body_sensors import layout_of
+from contract.config.body import BodyConfig, layout_of
 from contract.recording.dataset import Episode, read
 from contract.sensor_layout import SensorLayout
 

@@ -14,7 +14,7 @@ from contract.release import bundle
 from contract.release.bundle import MadeEstimator, with_estimator
 from contract.release.checks import CONTROLLER, Bundle
 from contract.release.manifest import FIRST_SECURITY_VERSION, Manifest, RestingWake, SpeedRange
-from contract.runtime.onnx_estimator import OnnxEstimator
+from contract.runtime.onnx_session import OnnxEstimator
 from export.release.gated import Gated
 
 

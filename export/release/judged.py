@@ -9,8 +9,7 @@ from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleControllerError
 from contract.printable import shown
 from contract.release.checks import CONTROLLER, Bundle
-from contract.runtime.onnx_estimator import OnnxEstimator
-from contract.runtime.onnx_session import OnnxController
+from contract.runtime.onnx_session import OnnxController, OnnxEstimator
 
 OPERATORS: Final = frozenset(
     (

@@ -16,7 +16,7 @@ from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.timing.background import background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from contract.config.body_sensors import layout_of
+from contract.config.body import layout_of
 from contract.config.tree import Config
 from contract.config.vehicle import SIMULATED
 from contract.controller.calibration import Calibration

@@ -26,8 +26,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from contract.errors import ConfigError
-from contract.toml_file import read_toml
-from contract.typed import typed
+from contract.typed import read_toml, typed
 from firmware_sim.campaign.scenario import LONGEST_NAME, Criteria, Place, Scenario, check_names
 
 BUILT_IN: Final = ("paper", "sensors", "bus", "flow")

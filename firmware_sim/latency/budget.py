@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from contract.errors import ConfigError
-from contract.toml_file import read_toml
-from contract.typed import typed
+from contract.typed import read_toml, typed
 from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 

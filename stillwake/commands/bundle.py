@@ -218,8 +218,7 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 def _first_step(release: Bundle) -> Check:
     """Run one step of each ONNX graph in bounded time and memory; check its inputs and outputs against the manifest."""
     # ONNX Runtime is imported here, because its import takes a while and leaves a file in the temporary folder.
-    from contract.runtime.onnx_estimator import OnnxEstimator
-    from contract.runtime.onnx_session import OnnxController
+    from contract.runtime.onnx_session import OnnxController, OnnxEstimator
 
     try:
         controller = OnnxController.of(release)

@@ -111,7 +111,7 @@ def _planned(
     release: Bundle, config: Config, files: Sequence[Path], only: Sequence[str], spans: dict[str, float], seed: int
 ) -> "Campaign":
     """Return the requested campaign after its checks; every error in the request is raised before the first run."""
-    from contract.config.body_sensors import layout_of
+    from contract.config.body import layout_of
     from ecu.fit import check_flow, check_sensors
     from firmware_sim.bench.spans import Spans
     from firmware_sim.campaign.conduct import Campaign

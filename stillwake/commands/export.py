@@ -22,7 +22,7 @@ from contract.model import model_folder
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.release.container import read_files
-from contract.release.record_files import FORMATS
+from contract.release.controller_image import FORMATS
 from contract.release.signing import public_key, read_private_key
 from contract.shipped import recording
 from firmware_sim.fmu.kinds import FmuKind, kind_and_path

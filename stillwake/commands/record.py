@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from contract.config.body_sensors import layout_of
+from contract.config.body import layout_of
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle

@@ -19,7 +19,7 @@ from contract.controller.c_folder import ECU_SETTINGS, read_sources
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import LibraryError, StillwakeError
 from contract.release.checks import Bundle
-from contract.release.record_files import FORMATS
+from contract.release.controller_image import FORMATS
 from contract.shipped import model, recording
 from stillwake.parts.descriptions import descriptions
 from stillwake.parts.releases import open_release

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from contract.config.body import TRUCK_BODY
-from contract.config.body_sensors import layout_of
+from contract.config.body import TRUCK_BODY, layout_of
 from contract.config.tree import Config
 from contract.differentiable import FlowState
 from firmware_sim.campaign.starts import phases_apart

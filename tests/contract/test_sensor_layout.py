@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from contract import sensors
 from contract.errors import ConfigError
-from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
+from contract.ledger import ledger_of
 from contract.sensor_layout import SensorLayout
 
 
@@ -63,24 +63,20 @@ def test_positions_are_the_papers_in_order_with_their_mirror_images():
     assert [sensors.NAMES[i] for i in (0, 39, 40, 79, 80, 89)] == [
         "upper_00", "upper_39", "lower_00", "lower_39", "base_0", "base_9",
     ]  # fmt: skip
-    assert all(name.startswith("base_") for name in sensors.NAMES[sensors.BASE])
     # Figure 1's coordinates, in its own six digits.
-    positions = sensors.positions()
+    positions = sensors.TRUCK.positions
     assert positions[[0, 1, 20, 39], 0].tolist() == [0.301634, 0.485268, 3.974317, 7.463366]
     assert positions[[80, 82, 89]].tolist() == [[7.647, 0.368182], [7.647, 0.204555], [7.647, -0.368182]]
     mirror = np.array(sensors.TRUCK.mirror)
     np.testing.assert_array_equal(sensors.TRUCK.base, np.arange(sensors.COUNT)[sensors.BASE])
     assert (mirror[mirror] == np.arange(sensors.COUNT)).all()
     # 1e-5: the paper's own coordinates on the base are not symmetric to the last digit.
-    np.testing.assert_allclose(sensors.positions()[mirror], sensors.positions() * (1, -1), atol=1.01e-5)
+    np.testing.assert_allclose(sensors.TRUCK.positions[mirror], sensors.TRUCK.positions * (1, -1), atol=1.01e-5)
 
 
 def test_the_ledger_adds_up_for_an_instant_and_a_series():
-    one = DragLedger(Cd=1.0, Cl=-2.0, Cd_slot_pressure=0.25, Cd_slot_viscous=-0.125, Cd_momentum=-0.5, jet_power=0.01)
-    assert (one.Cd_slot, one.Cd_net) == (0.125, 0.625)
-    rng = np.random.default_rng(0)
-    series = {name: rng.normal(size=5) for name in (*LEDGER_FIELDS, "t")}
-    whole = ledger_of(series)
-    for k in range(5):
-        one = ledger_of({name: float(values[k]) for name, values in series.items()})
-        assert (whole.Cd_slot[k], whole.Cd_net[k]) == (one.Cd_slot, one.Cd_net)
+    values = {"Cd": 1.0, "Cl": -2.0, "Cd_slot_pressure": 0.25, "Cd_slot_viscous": -0.125, "Cd_momentum": -0.5}
+    one = ledger_of({**values, "jet_power": 0.01, "t": 3.0})
+    whole = ledger_of({name: np.full(5, value) for name, value in vars(one).items()})
+    for found in (one, whole):
+        assert np.all(found.Cd_slot == 0.125) and np.all(found.Cd_net == 0.625)

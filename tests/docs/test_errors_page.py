@@ -5,8 +5,6 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 from stillwake.console.own_rooms import ROOMS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,26 +28,16 @@ def _templates(tree: ast.AST) -> Iterator[str]:
             yield node.value
 
 
-@pytest.fixture(scope="module")
-def texts() -> str:
-    """All texts of the packages, a line each."""
-    files = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
-    found = {text.replace("\n", " ") for path in files for text in _templates(ast.parse(path.read_text("utf-8")))}
-    return "\n".join(sorted(found))
-
-
 def _pattern(quoted: str) -> str:
-    """Matches a line of `texts`; a gap of the page covers values and words between."""
+    """Matches the line of a text; a gap of the page covers values and words between."""
     return ".*".join(re.escape(part) for part in re.split(r"\.\.\.+", quoted))
 
 
-def test_every_message_is_in_the_sources(texts):
+def test_every_message_is_in_the_sources():
+    files = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+    found = {text.replace("\n", " ") for path in files for text in _templates(ast.parse(path.read_text("utf-8")))}
+    texts = "\n".join(sorted(found))
     assert len(QUOTED) > 30 and len(set(QUOTED)) == len(QUOTED)
-    absent = [quoted for quoted in QUOTED if not re.search(_pattern(quoted), texts)]
-    assert not absent
-
-
-def test_a_message_that_was_reworded_is_found(texts):
-    quoted = "bundle ...: unsigned, must be signed by ..."
-    assert re.search(_pattern(quoted), texts)
-    assert not re.search(_pattern(quoted.replace("unsigned", "not signed")), texts)
+    assert [quoted for quoted in QUOTED if not re.search(_pattern(quoted), texts)] == []
+    # A message that was reworded is found.
+    assert not re.search(_pattern("bundle ...: not signed, must be signed by ..."), texts)

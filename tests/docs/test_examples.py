@@ -39,13 +39,8 @@ def test_the_conversion_of_a_rig_s_numbers_gives_coefficients(tmp_path, monkeypa
     step = np.arange(400)
     names = [f"p{k}" for k in range(1, 9)]
     # 3 kHz; forces over (240 Pa) (0.1 m) (0.4 m) = 9.6 N, a volume flow over 20 m/s 0.1 m 0.4 m = 0.8 m3/s.
-    series = {
-        "time_s": step / 3000,
-        "flow_m3s": np.full(400, 0.04),
-        "drag_N": np.full(400, 9.6),
-        "side_N": -4.8 + 0 * step,
-    }
-    series |= {name: np.full(400, -120.0) for name in names}
+    constant = {"flow_m3s": 0.04, "drag_N": 9.6, "side_N": -4.8, **dict.fromkeys(names, -120.0)}
+    series = {"time_s": step / 3000, **{name: np.full(400, value) for name, value in constant.items()}}
     table = np.column_stack(list(series.values()))
     np.savetxt("rig.csv", table, delimiter=",", header=",".join(series), comments="")
     exec(compile(code, "page", "exec"), {})
@@ -64,10 +59,9 @@ def test_forces_on_the_bus_become_a_table_on_the_log_s_clock(tmp_path, monkeypat
     with can.Logger("monday.blf") as log:
         for k in range(3):
             data = (1000 + k).to_bytes(2, "little") + (65536 - 500).to_bytes(2, "little")
-            log.on_message_received(
-                can.Message(timestamp=1.7e9 + k, arbitration_id=0x1A0, is_extended_id=False, data=data)
-            )
-            log.on_message_received(can.Message(timestamp=1.7e9 + k, arbitration_id=0x120, is_fd=True))
+            balance = {"arbitration_id": 0x1A0, "is_extended_id": False, "data": data}
+            for message in (balance, {"arbitration_id": 0x120, "is_fd": True}):
+                log.on_message_received(can.Message(timestamp=1.7e9 + k, **message))
     exec(compile(code, "page", "exec"), {})
     table = read_forces(tmp_path / "monday.csv", {})
     for name, values in (("Cd", [1.0, 1.001, 1.002]), ("Cl", [-0.5] * 3)):

@@ -23,9 +23,6 @@ from firmware_sim.bench.spans import Spans
 from tests.docs.blocks.pages import python
 from train.samples.rows import Rows
 
-SHORT = Spans(lead_in=8.0, controlled=4.0, settle=0.0, averages=False)
-"""t_c: the window of 32 control periods fills meanwhile."""
-
 
 def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():
     """Drag is sensor 70, side force sensors 12 and 33; the others are noise, and one is a copy of 12."""
@@ -74,23 +71,17 @@ def test_the_shipped_controller_drives_it_over_the_bus(capsys):
     assert "sent=" in capsys.readouterr().out
 
 
-def test_every_third_frame_is_lost_at_a_port_and_in_a_run():
+def test_every_third_frame_is_lost_at_a_port_and_in_a_run_with_clipped_sensors():
     bus = SimulatedBus(BusConfig())
     port = wrap(bus.port("vehicle"), [EveryNth(n=3)], clock=lambda: bus.now_ns, seed=1)
     for number in range(7):
         port.send(Frame(frame_id=number, data=b""))
     assert [injector.acted for injector in port.injectors] == [2]
     config = load_config()
-    oscillator = OscillatorPlant(config.flow)
+    faulty = WithSensors(OscillatorPlant(config.flow), clipped(0.25))
     wide = Spans(lead_in=8.0, controlled=28.0, settle=0.0, averages=False)
-    log = Simulation(load(BUNDLE), config, spans=wide, disturbances=third_lost(3.0)).run(oscillator)
+    log = Simulation(load(BUNDLE), config, spans=wide, disturbances=third_lost(3.0)).run(faulty)
     (injected,) = log.metadata.faults
     # From 3 s to 3.6 s there are 60 frames of the vehicle: pressures and speeds.
     assert (injected.text, injected.acted) == ("vehicle:every_nth:n=3", 20)
-
-
-def test_clipped_sensors_are_what_the_controller_reads():
-    config = load_config()
-    faulty = WithSensors(OscillatorPlant(config.flow), clipped(0.25))
-    log = Simulation(load(BUNDLE), config, spans=SHORT).run(faulty)
     assert np.abs(log.series["wall_Cp"]).max() == pytest.approx(0.25)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from contract import sensors
-from contract.config.body import BodyConfig
-from contract.config.body_sensors import layout_of
+from contract.config.body import BodyConfig, layout_of
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config

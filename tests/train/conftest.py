@@ -39,7 +39,7 @@ def stuart_landau(action: npt.NDArray[np.float64], start: complex) -> npt.NDArra
 
 def observe(state: npt.NDArray[np.complex128], previous: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Cp (n, 90): waves that travel along the sides and across the base, odd ones and (at 2 f) even ones."""
-    x, y = sensors.positions().T
+    x, y = sensors.TRUCK.positions.T
     side = np.sign(y)
     reach = np.exp((x - x.max()) / 2.0)
     odd = np.real(state[:, None] * np.exp(-2j * x)) * side * np.abs(y) * reach

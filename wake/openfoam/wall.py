@@ -106,7 +106,7 @@ def sensor_weights(mesh: Mesh) -> Array:
     at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
     on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
     rows = []
-    for x, y in sensors.positions():
+    for x, y in sensors.TRUCK.positions:
         base = abs(x - LENGTH) < 1e-9
         along, place = (at[:, 1], y) if base else (at[:, 0], x)
         wall = on_base if base else ~on_base & (at[:, 1] * y > 0)

@@ -15,11 +15,10 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from contract.config.body_sensors import layout_of
+from contract.config.body import layout_of
 from contract.config.tree import Config
 from contract.errors import DatasetError, OutputError
-from contract.recording.appending import append, read_to_append
-from contract.recording.dataset import Dataset, Episode, read, write
+from contract.recording.dataset import Dataset, Episode, append, read, read_to_append, write
 from wake.recording.episode_job import EpisodeJob, EpisodeProgress, NoFeedback, PolicyFactory, check_start, setting_of
 from wake.recording.episode_plan import EpisodePlan, Plan
 from wake.recording.parts_folder import PartsFolder

@@ -11,8 +11,7 @@ from functools import partial
 import numpy as np
 
 from contract.arrays import Array, Precision
-from contract.config.body import TRUCK_BODY, BodyConfig
-from contract.config.body_sensors import layout_of
+from contract.config.body import TRUCK_BODY, BodyConfig, layout_of
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from contract.runtime.copies import CopiedWhole

@@ -93,9 +93,8 @@ def assemble(
     options = {name: f"--map {name}={inside}" for name, inside in renamed.items()}
     for name, option in (*options.items(), *((name, one.option) for name, one in references.items())):
         if name not in known:
-            raise DatasetError(
-                f"{option}: {name!r} is neither a series nor a sensor; the series are {', '.join((*_SERIES, 'Cp'))}"
-            )
+            series = ", ".join((*_SERIES, "Cp"))
+            raise DatasetError(f"{option}: {name!r} is neither a series nor a sensor; the series are {series}")
     episodes, used = [], set[str]()
     for source in sources:
         if source.made is not None:
@@ -124,13 +123,11 @@ def _check_names(sources: Sequence[EpisodeSource]) -> None:
     paths = [source.path for source in sources if source.made is None]
     for source in sources:
         if paths.count(source.path) > 1:
-            raise DatasetError(
-                f"{source.path}: given twice; an episode has one role: if you have no other file, cut it in two"
-            )
+            remedy = "an episode has one role: if you have no other file, cut it in two"
+            raise DatasetError(f"{source.path}: given twice; {remedy}")
         if names.count(source.name) > 1:
-            raise DatasetError(
-                f"{source.path}: two files would make an episode called {source.name!r}: rename one of them"
-            )
+            which = f"two files would make an episode called {source.name!r}"
+            raise DatasetError(f"{source.path}: {which}: rename one of them")
 
 
 def _episode(
@@ -156,20 +153,14 @@ def _episode(
     _check_clock(path, arrays["t"], period)
     _check_action(path, arrays["action"], limit)
     _check_size(path, arrays, layout, is_divided="Cp" in references)
-    return Episode(
-        name=source.name,
-        role=source.role,
-        series={name: arrays[name] for name in UNITS if name in arrays},
-        initial_action=initial,
-        provenance={
-            "source": path.name,
-            "source_sha256": hashlib.sha256(b"".join(file.read_bytes() for file in contents.files)).hexdigest(),
-            **(
-                {"references": {name: [one.number, one.unit] for name, one in references.items()}} if references else {}
-            ),
-            **({} if source.made is None else source.made.provenance),
-        },
-    )
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in contents.files)).hexdigest()
+    provenance: dict[str, Any] = {"source": path.name, "source_sha256": digest}
+    if references:
+        provenance["references"] = {name: [one.number, one.unit] for name, one in references.items()}
+    if source.made is not None:
+        provenance |= source.made.provenance
+    series = {name: arrays[name] for name in UNITS if name in arrays}
+    return Episode(name=source.name, role=source.role, series=series, initial_action=initial, provenance=provenance)
 
 
 def _check_shapes(path: Path, arrays: Mapping[str, Array], steps: int, sensors: int) -> None:

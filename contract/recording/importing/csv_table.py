@@ -22,13 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class CsvTable:
-    """A table of text cells under a header.
-
-    Attributes:
-        header: names of the columns, all different.
-        rows: cells of each row, with the header's number of cells.
-        lines: line number of each row, from 1.
-    """
+    """A table of text cells under a header of different names; `lines` has the line number of each row, from 1."""
 
     path: Path
     header: tuple[str, ...]
@@ -43,9 +37,10 @@ class CsvTable:
             try:
                 values[k] = _number(row[column])
             except ValueError as error:
-                raise DatasetError(
-                    f"{self._cell(k, name)}: {row[column]!r} is not a number{_remedy(row[column])}"
-                ) from error
+                remedy = GAP if not row[column] else ""
+                if _DECIMAL_COMMA.fullmatch(row[column]):
+                    remedy = f": write {row[column].replace(',', '.')}, with a decimal point"
+                raise DatasetError(f"{self._cell(k, name)}: {row[column]!r} is not a number{remedy}") from error
             if not np.isfinite(values[k]) or abs(values[k]) >= 0.99 * DEFAULT_FILL:
                 reason = UNWRITTEN if np.isfinite(values[k]) else "is not finite"
                 raise DatasetError(f"{self._cell(k, name)}: {row[column]} {reason}{GAP}")
@@ -63,9 +58,8 @@ def read_csv(path: Path) -> CsvTable:
     """Read a table: a header line, then rows. Cells are separated by commas, semicolons or tabs.
 
     Empty lines are skipped. Lines above the header that begin with # are comments. If numbers directly follow the
-    comments, the last comment is taken for the header, because `numpy.savetxt` writes a header in this form. Raises
-    DatasetError if the file cannot be read as text, has no header or no rows, or has a row whose number of cells
-    differs from the header's.
+    comments, the last comment is the header, as in files of `numpy.savetxt`. Raises DatasetError if the file is no
+    text, or has no header, no rows, or a row whose number of cells differs from the header's.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -108,15 +102,8 @@ def _unnamed(column: int, rows: Sequence[tuple[str, ...]]) -> str:
     return f"column {column + 1}, which has no name" + (" and is empty" if empty else "")
 
 
-def _remedy(cell: str) -> str:
-    if _DECIMAL_COMMA.fullmatch(cell):
-        return f": write {cell.replace(',', '.')}, with a decimal point"
-    return GAP if not cell else ""
-
-
 def _with_header(content: list[str]) -> list[str]:
-    """Return the lines with comments replaced by empty lines, so that line numbers do not change. If numbers follow the
-    comments, the last comment remains, as the header."""
+    """Return the lines with comments emptied, so that line numbers stay; a comment that is the header remains."""
     comments = int("".join(content[:1]).startswith("sep="))  # a spreadsheet's own word
     while comments < len(content) and (content[comments].startswith("#") or not content[comments].strip()):
         comments += 1
@@ -141,7 +128,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
-    """Refuse a first line without column names. Otherwise the error message would only say that a column is missing."""
+    """Refuse a first line without column names, for which the next message would say that a column is missing."""
     if all(map(_is_number, header)):
         raise DatasetError(f"{path}: line {line} holds numbers; the first line must have the names of the columns")
     if len(header) == 1 and len(header[0].split()) > 1:

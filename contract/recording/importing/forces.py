@@ -23,15 +23,8 @@ _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeSeries:
-    """A force as a function of time, with n rows.
-
-    Attributes:
-        name: name of the force in the file.
-        t: times, rising, (n,).
-        values: values of the force, (n,).
-
-    Raises DatasetError for times that do not rise or a number that is not finite.
-    """
+    """The values of a force at rising times, both (n,), and its name in the file. Raises DatasetError for times that do
+    not rise or a number that is not finite."""
 
     path: Path
     name: str
@@ -53,14 +46,9 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """Interpolate the values linearly between the rows, at m times. Raises DatasetError for times outside the rows,
-        or in a gap between rows; the message states the limits of the rows or of the gap.
-
-        Args:
-            times: m rising times, (m,), in the unit of `t`.
-            longest_gap: largest distance between two rows over which values are interpolated.
-            slack: time by which the first and the last of `times` may lie outside the rows, because clocks differ.
-        """
+        """Interpolate the values linearly at m rising times, (m,), which may lie outside the rows by `slack`, because
+        clocks differ. Raises DatasetError for other times outside the rows, or in a gap between rows that is longer
+        than `longest_gap`; the message states the limits of the rows or of the gap."""
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
                 f"{self.path}: {self.name!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
@@ -85,12 +73,7 @@ class TimeSeries:
 
 @dataclass(frozen=True, kw_only=True)
 class ForcesTable:
-    """The forces of a table.
-
-    Attributes:
-        forces: forces as functions of time, by the names in `FORCE_COLUMNS`.
-        clock: clock of the times according to the column's unit; None if the column does not state such a unit.
-    """
+    """The forces of a table, by the names in `FORCE_COLUMNS`, and the clock of the times that their unit states."""
 
     forces: Mapping[str, TimeSeries]
     clock: ForcesClock | None
@@ -103,8 +86,8 @@ def read_forces(
     and Cl are not all present or do not fit each other.
 
     Args:
-        renamed: names of t, Cd and Cl in the file. Without such a name, the file may have t, Cd or Cl followed by the
-            unit in brackets, as `stillwake report` writes it.
+        renamed: names of t, Cd and Cl in the file. An array that is not renamed may have its unit in brackets behind
+            the name, as `stillwake report` writes it.
         references: value in the file that equals 1 in the data set, by series.
     """
     if not path.is_file():
@@ -122,23 +105,16 @@ def read_forces(
         inside = _inside(path, table.header, renamed)
         arrays = {name: table.numbers(there) for name, there in inside.items()}
     units = {name: units.get(name) or split_unit(there)[1] for name, there in inside.items()}
-    arrays["t"] = arrays["t"] * (seconds_in(units["t"]) or 1.0)
-    arrays |= {
-        name: arrays[name] * factor(path, name, inside[name], units[name], (references or {}).get(name))
-        for name in FORCE_COLUMNS
+    t, forces = arrays["t"] * (seconds_in(units["t"]) or 1.0), {}
+    scales = {
+        name: factor(path, name, inside[name], units[name], (references or {}).get(name)) for name in FORCE_COLUMNS
     }
     for name in FORCE_COLUMNS:
-        if len(arrays[name]) != len(arrays["t"]):
-            raise DatasetError(
-                f"{path}: {inside[name]!r} has {len(arrays[name])} rows, {inside['t']!r} has {len(arrays['t'])}"
-            )
+        if len(arrays[name]) != len(t):
+            raise DatasetError(f"{path}: {inside[name]!r} has {len(arrays[name])} rows, {inside['t']!r} has {len(t)}")
+        forces[name] = TimeSeries(path=path, name=inside[name], t=t, values=arrays[name] * scales[name])
     unit = _UNIT.search(inside["t"])
-    return ForcesTable(
-        forces={
-            name: TimeSeries(path=path, name=inside[name], t=arrays["t"], values=arrays[name]) for name in FORCE_COLUMNS
-        },
-        clock=None if unit is None else _CLOCK_OF_UNIT.get(unit.group(1)),
-    )
+    return ForcesTable(forces=forces, clock=None if unit is None else _CLOCK_OF_UNIT.get(unit.group(1)))
 
 
 def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> dict[str, str]:

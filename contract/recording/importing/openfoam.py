@@ -63,7 +63,8 @@ def read_case(
         stated = "" if speed is None else f", U_inf is {speed:g} m/s"
         raise DatasetError(f"{case}: its times are in s{stated}: give W / U_inf as in --reference t=0.005s")
     second = factor(path, "t", "Time", "s" if "t" in references else None, references.get("t"))
-    scales = [_scale(name, layout, references, speed) for name in layout.names]
+    cp = [reference_of(name, layout, references) for name in layout.names]
+    scales = [2.0 / (speed or 0.0) ** 2 if one is None else 1.0 / one.number for one in cp]
     readings = pressures.rows[:, 1 + _probes_of(pressures, layout)] * scales
     columns = forces.header[-1].split() if forces.header else []
     found = {name: renamed.get(name, name) for name in ("Cd", "Cl")}
@@ -77,9 +78,8 @@ def read_case(
     t = first * second + period * np.arange(max(0, int((last - first) * second / period + 1e-4) + 1))
     tables = ((pressures, readings), (forces, coefficients))
     at_periods = [_at(table.files[0], table.rows[:, 0] * second, values, t, period) for table, values in tables]
-    action, initial, files = _actions(
-        case, t / second, factor(path, "action", "action", None, references.get("action"))
-    )
+    scale = factor(path, "action", "action", None, references.get("action"))
+    action, initial, files = _actions(case, t / second, scale)
     none = () if files else (f"no {_ACTIONS} beside {_POST}: taken as uncontrolled, with an action of 0",)
     return Contents(
         arrays={"t": t, "action": action, INITIAL_ACTION: initial, "Cp": at_periods[0]}
@@ -92,8 +92,7 @@ def read_case(
 
 
 def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
-    """Return the table of the function object in whose folder the path lies. If the case has only one table, return
-    that table."""
+    """Return the table of the function object in whose folder the path lies, or the case's only table."""
     tables = {}
     try:
         for folder in sorted((case / _POST).iterdir()):
@@ -118,18 +117,9 @@ def _speed(forces: FoamTable) -> float | None:
     return None
 
 
-def _scale(name: str, layout: SensorLayout, references: Mapping[str, Reference], speed: float | None) -> float:
-    """Return the factor that converts p at a sensor to Cp."""
-    reference = reference_of(name, layout, references)
-    if reference is not None:
-        return 1.0 / reference.number
-    assert speed is not None
-    return 2.0 / speed**2
-
-
 def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
-    """Return the index of every sensor's probe, which is the probe at the sensor's position. If the case has another
-    origin and length scale, but its probes are arranged like the sensors, the probes belong to the sensors in order."""
+    """Return the index of the probe at every sensor's position. If the case has another origin and length scale, but
+    its probes are arranged like the sensors, the probes belong to the sensors in order."""
     path, count = pressures.files[0], pressures.rows.shape[1] - 1
     numbers = [(line.split("(")[0].split()[:1], "(" in line, _NUMBER.findall(line)) for line in pressures.header]
     places = [found[1:3] for word, bracket, found in numbers if word == ["Probe"] and bracket and len(found) == 4]
@@ -184,8 +174,7 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
 
 
 def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Path, ...]]:
-    """Return the action commanded at every time, the action before the first time, and the path of the actions' file,
-    if the case has one."""
+    """Return the actions commanded at the times t, the action before them, and the file of the actions, if any."""
     path = case / _ACTIONS
     if not path.is_file():
         return np.zeros(len(t)), np.zeros(1), ()

@@ -52,8 +52,7 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The value in the files that equals 1 in the data set: for example, a force of 40 N may equal a coefficient of 1.
-    A value without a unit is in the unit of the file."""
+    """The value in the files that equals 1 in the data set, such as a force of 40 N; without a unit, in the file's."""
 
     number: float
     unit: str | None
@@ -88,15 +87,14 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 
 def factor(path: Path, name: str, inside: str, unit: str | None, reference: Reference | None) -> float:
-    """Return the factor that converts the numbers of the series or sensor `name` to the data set's unit. `inside` is
-    its name in the file, and `unit` the unit that the file states. Raises DatasetError if the numbers have a dimension
-    but no reference, or if the reference has another dimension."""
-    base, size = ("1", 1.0) if unit is None else _base(unit)
+    """Return the factor that converts the numbers of a series or sensor to the data set's unit. `inside` and `unit` are
+    name and unit in the file. Raises DatasetError if the numbers have a dimension but no reference, or a reference of
+    another dimension."""
+    base, size = _base(unit)
     if reference is None:
         if base != "1":
-            remedy = _REMEDIES.get(
-                base, "give the number in the file that means 1 as in --reference {name}=NUMBER"
-            ).format(name=name)
+            general = "give the number in the file that means 1 as in --reference {name}=NUMBER"
+            remedy = _REMEDIES.get(base, general).format(name=name)
             raise DatasetError(f"{path}: {inside!r} is in {unit!r}, {name} must be without dimension: {remedy}")
         return size
     if unit is None or reference.unit is None:
@@ -109,12 +107,12 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
 
 def seconds_in(unit: str | None) -> float | None:
     """Return the number of seconds in a unit of time; None for a unit of anything else."""
-    base, size = ("1", 1.0) if unit is None else _base(unit)
+    base, size = _base(unit)
     return size if base == "s" else None
 
 
-def _base(unit: str) -> tuple[str, float]:
-    return _KNOWN.get(_plain(unit), (unit, 1.0))
+def _base(unit: str | None) -> tuple[str, float]:
+    return ("1", 1.0) if unit is None else _KNOWN.get(_plain(unit), (unit, 1.0))
 
 
 def _plain(unit: str) -> str:
@@ -212,26 +210,24 @@ def reference_of(name: str, layout: SensorLayout, references: Mapping[str, Refer
 def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
-    """Return the names in this file, by the data set's names, if they differ; a unit in brackets also counts as a
-    difference. Raises DatasetError if a renamed array is in the file under neither name. Without this error, a series
-    that may be missing, such as t, would be ignored silently."""
+    """Return the names in this file, by the data set's names, if they differ, also by a unit in brackets. Raises
+    DatasetError if a renamed array is in the file under neither name, because a series that may be missing, such as t,
+    would otherwise be ignored silently."""
     plain = {split_unit(column)[0]: column for column in there}
     found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():
         if inside in there or inside in plain:
             found[name] = inside if inside in there else plain[inside]
         elif name not in there and name not in plain:
-            raise DatasetError(
-                f"{path}: no column {inside!r}, which --map {name}={inside} names; it has {_listed(there)}"
-            )
+            option = f"--map {name}={inside}"
+            raise DatasetError(f"{path}: no column {inside!r}, which {option} names; it has {_listed(there)}")
     return found
 
 
 def _ordered(
     path: Path, pressures: Array, layout: SensorLayout, stored: Mapping[str, Stored]
 ) -> tuple[Array, frozenset[str]]:
-    """Return the columns of the pressures in the layout's order if the file has an array of names, which states the
-    present order. Otherwise return the columns unchanged."""
+    """Return the pressures in the layout's order if the file has an array of names that states the present order."""
     for name, one in stored.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):
@@ -241,9 +237,8 @@ def _ordered(
     for name, one in stored.items():
         lacking = [sensor for sensor in layout.names if sensor not in one.texts]
         if len(one.texts) == pressures.shape[1] and len(lacking) < len(layout):
-            raise DatasetError(
-                f"{path}: array {name!r} contains the columns {_listed(one.texts)}, and none is the sensor {lacking[0]}"
-            )
+            columns = f"array {name!r} contains the columns {_listed(one.texts)}"
+            raise DatasetError(f"{path}: {columns}, and none is the sensor {lacking[0]}")
     return pressures, frozenset()
 
 
@@ -251,20 +246,19 @@ def _with_pressures(
     path: Path, arrays: dict[str, Array], layout: SensorLayout, renamed: Mapping[str, str], there: Sequence[str]
 ) -> dict[str, Array]:
     """Combine the sensors' arrays into one Cp; an existing Cp stays unchanged."""
-    columns = [arrays.pop(name, None) for name in layout.names]
+    found = {name: arrays.pop(name) for name in layout.names if name in arrays}
     if "Cp" in arrays:
         return arrays
-    found = [column for column in columns if column is not None]
     if len(found) < len(layout):
-        missing = next(name for name, column in zip(layout.names, columns, strict=True) if column is None)
+        missing = next(name for name in layout.names if name not in found)
         raise DatasetError(
             f"{path}: no column {renamed.get(missing, missing)!r} for the sensor {missing}; it has {_listed(there)}. "
             f"Give its name with --map {missing}=NAME, or remove the sensor from the list of sensors"
         )
-    lengths = {len(column) for column in found}
+    lengths = {len(column) for column in found.values()}
     if len(lengths) > 1:
         raise DatasetError(f"{path}: the sensors' arrays have different lengths: {sorted(lengths)}")
-    return {**arrays, "Cp": np.column_stack(found)}
+    return {**arrays, "Cp": np.column_stack(list(found.values()))}
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
 """Arrays in NPZ, HDF5, netCDF and MATLAB files, with packing, missing values and units as in CF and netCDF."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -20,8 +20,7 @@ DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF, so this value was never written"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""Values that netCDF stores in place of signed integers that were never written, by size in bytes; single bytes have no
-such value."""
+"""Values of signed integers that were never written, by size in bytes; single bytes have no such value in netCDF."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,8 +121,6 @@ class Stored:
 
 
 _PACKING: Final = (("scale_factor", 1.0), ("add_offset", 0.0))
-
-
 BINARY: Final = (".npz", ".h5", ".hdf5", ".nc", ".nc4", ".mat")
 INITIAL_ACTION: Final = "initial_action"
 _CDF: Final = b"CDF"
@@ -136,8 +133,7 @@ _TABLES: Final = ("None", "__function_workspace__")
 
 
 def stored_arrays(path: Path) -> dict[str, Stored]:
-    """Return all arrays of a file by name; the name includes the groups or structures that contain the array. Raises
-    DatasetError if the file cannot be read."""
+    """Return all arrays by name, with the groups or structures in it. Raises DatasetError for an unreadable file."""
     try:
         with path.open("rb") as file:
             head = file.read(_USER_BLOCK + len(_HDF5))
@@ -162,8 +158,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
                 if isinstance(node, h5py.Dataset) and not name.startswith("#"):
                     found[name] = Stored(values=_values(file, node), attributes=_attributes(node), netcdf=netcdf)
 
-            visit: Callable[[str, object], None] = keep
-            file.visititems(visit)
+            file.visititems(keep)
             if INITIAL_ACTION in file.attrs:
                 found[INITIAL_ACTION] = Stored(values=file.attrs[INITIAL_ACTION])
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
@@ -172,8 +167,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """Return the array. The axes of MATLAB's arrays are put into MATLAB's order, and MATLAB's characters become
-    texts."""
+    """Return the array, of MATLAB with the axes in MATLAB's order and characters as texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":
@@ -184,14 +178,13 @@ def _values(file: h5py.File, node: h5py.Dataset) -> Any:
 
 
 def _text(node: Any) -> Any:
-    """Return MATLAB's characters as a text. Return None if a cell contains anything else."""
+    """Return MATLAB's characters as a text; None if a cell contains anything else."""
     values = np.ravel(node[()]) if isinstance(node, h5py.Dataset) else np.empty(0)
     return "".join(map(chr, values.tolist())) if values.dtype == np.uint16 else None
 
 
 def _attributes(node: h5py.Dataset) -> dict[str, Any]:
-    """Return the array's attributes. The fill value with which the array was created counts as `_FillValue`, except 0,
-    which means that there is no fill value."""
+    """Return the array's attributes. The fill value that it was created with counts as `_FillValue`, unless it is 0."""
     found: dict[str, Any] = {}
     for name in node.attrs:
         try:
@@ -209,12 +202,9 @@ def _read_classic(path: Path) -> dict[str, Stored]:
         raise ValueError(f"holds more values than {MOST_VALUES}")
     try:
         with netcdf_file(path, mmap=False) as file:
-            return {
-                name: Stored(
-                    values=np.array(one[:] if one.shape else one.getValue()), attributes=one._attributes, netcdf=True
-                )
-                for name, one in file.variables.items()
-            }
+            values = {name: np.array(one[:] if one.shape else one.getValue()) for name, one in file.variables.items()}
+            attributes = {name: one._attributes for name, one in file.variables.items()}
+            return {name: Stored(values=values[name], attributes=attributes[name], netcdf=True) for name in values}
     except Exception as error:  # SciPy raises what it likes for damaged files
         raise ValueError(f"damaged or not a netCDF file ({_first_line(error)})") from error
 
@@ -233,8 +223,7 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
 
 
 def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the arrays of nested structures; an array's name begins with the structures' names, joined by slashes as in
-    HDF5."""
+    """Yield the arrays of nested structures, with names joined by slashes as in HDF5."""
     for name, values in found.items():
         if name in _TABLES:
             yield "a MATLAB table or object, whose columns only MATLAB can read: save them as variables", None

@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 
 from contract.arrays import Array
-from contract.config.body_sensors import layout_of
+from contract.config.body import layout_of
 from contract.config.tree import Config
 from contract.errors import PlantError, StillwakeError
 from contract.runtime.copies import NeverCopied

@@ -21,7 +21,7 @@ from contract.config.controller import CostWeights
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import CALIBRATION_NAMES, Calibration
-from contract.release.record_files import intel_hex, s_records
+from contract.release.controller_image import intel_hex, s_records
 from firmware_sim.runs.reasons import BECAUSE
 from tests.can_bridge.flashing.releases import image, name_of
 from tests.can_bridge.flashing.store_ecu import SECRET

@@ -16,11 +16,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from contract import sensors
-from contract.config.body import BodyConfig
-from contract.config.body_sensors import layout_of
+from contract.config.body import BodyConfig, layout_of
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig, TrainConfig
-from contract.config.listing import Setting, sections
+from contract.config.listing import sections
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
@@ -72,6 +71,8 @@ def test_a_rule_holds_up_to_its_bound_and_no_further():
         with pytest.raises(ConfigError, match=rf"\.{name} = {re.escape(repr(bad))}: must be {must}"):
             kind(**{name: bad})
     assert BusConfig(frames="classic", data_bitrate=1).data_bitrate == 1, "classic frames have no data bit rate"
+    with pytest.raises(ConfigError, match=r"leading_edge_radius = 0\.4: must be at most half the length"):
+        BodyConfig(length=0.6, leading_edge_radius=0.4)
 
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
@@ -97,22 +98,15 @@ PAPER: dict[str, set[object]] = {
 }
 
 
-def listed() -> list[Setting]:
-    return [one for section in sections(Config()) for one in section.settings]
-
-
 def test_every_default_has_a_source_that_gives_it():
-    for one in listed():
+    for one in [one for section in sections(Config()) for one in section.settings]:
         assert one.source is not None, one.name
         assert one.source.place if one.source.kind in ("paper", "standard") else one.source.note, one.name
-    # What is the paper's stands at that place.
-    for one in listed():
         if one.source.kind == "paper":
+            # A note says how the default follows from what is not written at that place.
             assert one.source.place in PAPER, one.name
-            # A note says how the default follows from what is not written there.
             assert one.source.note or one.paper in PAPER[one.source.place], one.name
-    for page in {one.source.page for one in listed()} - {""}:
-        assert (DOCS / page.partition("#")[0]).is_file(), page
+        assert (DOCS / one.source.page.partition("#")[0]).exists(), one.name
 
 
 def test_the_defaults_are_the_papers_truck_and_the_rule_gives_its_table():
@@ -120,8 +114,8 @@ def test_the_defaults_are_the_papers_truck_and_the_rule_gives_its_table():
     # With another length the rule decides. The paper's table has 0.204555 once, for 0.204545.
     near = layout_of(BodyConfig(length=7.648))
     assert near.names == sensors.NAMES
-    assert np.abs(near.positions[80:, 1] - sensors.positions()[80:, 1]).max() == pytest.approx(1e-5, rel=1e-6)
-    assert np.abs(near.positions[:80] - sensors.positions()[:80]).max() < 1.1e-3
+    assert np.abs(near.positions[80:, 1] - sensors.TRUCK.positions[80:, 1]).max() == pytest.approx(1e-5, rel=1e-6)
+    assert np.abs(near.positions[:80] - sensors.TRUCK.positions[:80]).max() < 1.1e-3
 
 
 @given(length=st.floats(0.5, 15.0), radius=st.floats(1e-9, 0.5), sides=st.integers(1, 120), on_base=st.integers(1, 20))
@@ -141,8 +135,3 @@ def test_sensors_lie_on_sides_and_base_clear_of_edge_and_slots(length, radius, s
     assert layout.mirror is not None
     assert np.array_equal(layout.positions[layout.mirror], layout.positions * (1.0, -1.0))
     assert layout.names[layout.mirror[layout.names.index("upper_00")]] == "lower_00"
-
-
-def test_a_body_that_does_not_hold_its_nose_is_refused():
-    with pytest.raises(ConfigError, match=r"leading_edge_radius = 0\.4: must be at most half the length"):
-        BodyConfig(length=0.6, leading_edge_radius=0.4)

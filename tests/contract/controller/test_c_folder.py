@@ -67,16 +67,6 @@ def test_a_folder_is_read_as_it_was_written_and_replaces_no_other(tmp_path):
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
 
 
-def test_what_is_missing_or_damaged_is_named(tmp_path):
-    with pytest.raises(LibraryError, match=r"nowhere: No such file"):
-        read_sources(tmp_path / "nowhere")
-    (tmp_path / RECORDED).write_text("1 2\n3 four\n")
-    with pytest.raises(LibraryError, match=r"recorded\.txt: .*four"):
-        read_recorded(tmp_path)
-    with pytest.raises(LibraryError, match=r"sw_settings\.h is missing"):
-        ProgramSettings.of({})
-
-
 @given(st.text(st.characters(min_codepoint=32, exclude_categories=["Cs", "Cc", "Zl", "Zp"]), max_size=20))
 def test_any_name_is_read_as_it_was_written(text):
     """Quotation marks, backslashes and what C99 would take for a trigraph included."""
@@ -85,7 +75,14 @@ def test_any_name_is_read_as_it_was_written(text):
     assert ProgramSettings(header).text("SW_SENSOR_NAMES") == text
 
 
-def test_files_that_are_none_or_have_no_end_are_refused(tmp_path):
+def test_files_that_are_missing_damaged_or_without_end_are_refused(tmp_path):
+    with pytest.raises(LibraryError, match=r"nowhere: No such file"):
+        read_sources(tmp_path / "nowhere")
+    with pytest.raises(LibraryError, match=r"sw_settings\.h is missing"):
+        ProgramSettings.of({})
+    (tmp_path / RECORDED).write_text("1 2\n3 four\n")
+    with pytest.raises(LibraryError, match=r"recorded\.txt: .*four"):
+        read_recorded(tmp_path)
     for name in ("a.c", RECORDED):
         with (tmp_path / name).open("wb") as file:
             file.truncate(2**40)

@@ -155,12 +155,7 @@ def test_rows_of_another_file_are_found_and_a_wake_that_repeats_itself_is_none()
         cycles = []
         for k, one in enumerate(sound.episodes):
             w = 2 * np.pi * STEPS / period + k
-            flow: dict[str, Any] = {
-                "t": one.series["t"],
-                "action": 0.0 * w,
-                "Cd": 1 + 0.1 * np.cos(2 * w),
-                "Cl": np.sin(w),
-            }
+            flow = {"t": one.series["t"], "action": 0.0 * w, "Cd": 1 + 0.1 * np.cos(2 * w), "Cl": np.sin(w)}
             flow["Cp"] = -0.4 + 0.3 * np.sin(w[:, None] + np.arange(4))
             cycles.append(replace(one, series=flow))
         assert list(implausible(replace(sound, episodes=tuple(cycles)))) == []

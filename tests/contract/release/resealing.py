@@ -3,6 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -11,12 +12,16 @@ from contract.release.checks import SIGNATURE
 from contract.release.manifest import MANIFEST
 
 
+def sealed(body: dict[str, Any]) -> bytes:
+    """A manifest's file with the right hash of its own."""
+    body = {key: value for key, value in body.items() if key != "manifest_sha256"}
+    plain = json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
+    return json.dumps({**body, "manifest_sha256": hashlib.sha256(plain).hexdigest()}).encode()
+
+
 def resealed(folder: Path, key: Ed25519PrivateKey | None = None, **changes: object) -> Path:
     """Change the manifest and make its own hash right again, which needs no key; sign it only if there is one."""
-    body = {**json.loads((folder / MANIFEST).read_bytes()), **changes}
-    del body["manifest_sha256"]
-    plain = json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
-    raw = json.dumps({**body, "manifest_sha256": hashlib.sha256(plain).hexdigest()}).encode()
+    raw = sealed({**json.loads((folder / MANIFEST).read_bytes()), **changes})
     (folder / MANIFEST).write_bytes(raw)
     if key is not None:
         (folder / SIGNATURE).write_bytes(signing.sign(key, raw))

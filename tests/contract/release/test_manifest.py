@@ -1,6 +1,5 @@
 """Manifests whose own hash is right and whose content is not: one line for each, whatever is in it."""
 
-import hashlib
 import json
 from copy import deepcopy
 from dataclasses import replace
@@ -13,16 +12,10 @@ from contract.errors import BundleManifestError
 from contract.release.manifest import MANIFEST, Manifest, encode, open_manifest, parse
 from contract.sensors import TRUCK
 from contract.shipped import BUNDLE
+from tests.contract.release.resealing import sealed
 
 SHIPPED = json.loads((BUNDLE / MANIFEST).read_bytes())
 PATH = Path("planted")
-
-
-def sealed(body: dict[str, Any]) -> bytes:
-    """A manifest's file with the right hash of its own, by `json` and `hashlib` alone."""
-    body = {key: value for key, value in body.items() if key != "manifest_sha256"}
-    plain = json.dumps(body, sort_keys=True, separators=(",", ":")).encode()
-    return json.dumps({**body, "manifest_sha256": hashlib.sha256(plain).hexdigest()}).encode()
 
 
 def read(raw: bytes) -> Manifest:
@@ -152,7 +145,7 @@ def test_json_that_has_two_readings_or_no_end_is_refused():
     ):
         assert named in refusal(raw), raw[:30]
     # At some depths the parser passes and what works on its result does not: all are tried around the limit.
-    for depth in (33, 500, 900, *range(960, 1010), 5_000, 100_000):
+    for depth in (33, 500, 900, *range(960, 1010, 4), 5_000, 100_000):
         text = json.dumps({**SHIPPED, "provenance": "HERE"}).replace('"HERE"', '{"a":' * depth + "1" + "}" * depth)
         assert "nested more than 32 deep" in refusal(text.encode()), depth
     for odd in (float("nan"), object()):

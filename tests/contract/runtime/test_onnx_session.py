@@ -23,7 +23,7 @@ def release(random_release) -> Bundle:
     return bundle.load(random_release)
 
 
-def test_the_controller_is_the_bundles(release):
+def test_the_controller_is_the_bundles_and_a_copy_computes_the_same_in_a_session_of_its_own(release):
     controller = OnnxController.of(release)
     controller.warm_up(1)
     manifest = release.manifest
@@ -37,16 +37,10 @@ def test_the_controller_is_the_bundles(release):
     assert np.abs(free.plan).max() <= manifest.action_limit
     assert free.cost < held.cost
     assert free.forces.shape == (horizon, 2)
-
-
-def test_a_copy_computes_the_same_in_a_session_of_its_own(release):
-    controller = OnnxController.of(release)
-    window, horizon = np.ones((release.manifest.window, 5)), release.manifest.mpc.horizon
-    given = (window, np.zeros(horizon), np.ones(horizon))
     for one in (copy.copy(controller), pickle.loads(pickle.dumps(controller))):
         assert one._session is not controller._session
         assert one.description == controller.description
-        np.testing.assert_array_equal(one.control_step(*given).plan, controller.control_step(*given).plan)
+        np.testing.assert_array_equal(one.control_step(window, plan, np.ones(horizon)).plan, free.plan)
 
 
 def test_a_model_that_contradicts_its_manifest_is_refused(release):
@@ -118,13 +112,9 @@ def test_a_step_whose_memory_depends_on_its_data_fails_and_takes_none():
 def test_answers_that_are_not_finite_are_named(release):
     """3e38 is a float32; its square is not."""
     for bad in (np.nan, 3e38):
-        model = graphs.graph_of(
-            [
-                onnx.helper.make_node("Mul", ["bad", "bad"], ["worse"]),
-                onnx.helper.make_node("Add", ["plan", "worse"], ["p"]),
-            ],
-            [graphs.constant("bad", bad)],
-        )
+        square = onnx.helper.make_node("Mul", ["bad", "bad"], ["worse"])
+        added = onnx.helper.make_node("Add", ["plan", "worse"], ["p"])
+        model = graphs.graph_of([square, added], [graphs.constant("bad", bad)])
         model.graph.node[2].input[0] = "p"
         with pytest.raises(BundleControllerError, match="'new_plan' is not finite for a window of zeros"):
             OnnxController.of(unchecked(release, model.SerializeToString()))

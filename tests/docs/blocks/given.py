@@ -25,6 +25,7 @@ _WRITES: Final = re.compile(
 _SENSORS: Final = (
     "name,x,y,base\nlower_36,6.9125,-0.5,0\nbase_7,7.647,-0.2045,1\nupper_39,7.4634,0.5,0\nbase_0,7.647,0.3682,1\n"
 )
+_BEFORE_OUTPUTS: Final = ("--csv", "--json", "--picture", "--output", "--frames")
 _ROWS: Final = 200
 _DBC: Final = """VERSION ""
 NS_ :
@@ -130,13 +131,7 @@ def _read(line: Line) -> Iterator[str]:
     """The words of a line that can name what it reads, as far as they can."""
     found = _WRITES.match(line.text)
     for before, word in pairwise(line.words):
-        if (found is None or word != found["output"]) and before not in (
-            "--csv",
-            "--json",
-            "--picture",
-            "--output",
-            "--frames",
-        ):
+        if (found is None or word != found["output"]) and before not in _BEFORE_OUTPUTS:
             yield from word.split("=")
 
 

@@ -17,7 +17,7 @@ from contract.controller.estimator import ESTIMATOR, EstimatorNetwork, Hypothese
 from contract.controller.interface import Sizes
 from contract.errors import ExportError
 from contract.release.bundle import load
-from contract.runtime.onnx_estimator import OnnxEstimator
+from contract.runtime.onnx_session import OnnxEstimator
 from contract.shipped import BUNDLE
 from ecu.c.sources import sources_in
 from ecu.in_c.c_settings import HEADER, ecu_settings

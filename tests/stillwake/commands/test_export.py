@@ -13,8 +13,7 @@ from contract.controller.c_folder import read_recorded, read_sources
 from contract.errors import ExportError, StillwakeError
 from contract.release import bundle as bundles
 from contract.release.checks import dbc_bytes
-from contract.release.controller_image import read
-from contract.release.record_files import intel_hex
+from contract.release.controller_image import intel_hex, read
 from contract.shipped import BUNDLE
 from firmware_sim.mcu.build import compile_board
 from firmware_sim.mcu.elf import read_elf

@@ -116,8 +116,8 @@ def test_the_choice_is_symmetric_and_grows_from_the_rear_corners():
         assert len(set(chosen) - image) == count % 2, count
         assert count % 2 == 0 or set(chosen) - image == {chosen[-1]}
     # None left out is nearer to a corner along its own wall.
-    corner = np.array([sensors.positions()[:, 0].max(), 0.5])
-    position = np.abs(sensors.positions())
+    corner = np.array([sensors.TRUCK.positions[:, 0].max(), 0.5])
+    position = np.abs(sensors.TRUCK.positions)
     distance = np.abs(position - corner).sum(axis=1)
     for count in range(2, 91, 2):
         inside = np.isin(np.arange(90), select_by_hand(count))

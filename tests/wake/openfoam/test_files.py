@@ -145,7 +145,7 @@ def test_a_linear_pressure_is_read_exactly_on_its_side(probes):
     at, weights = probes
     # Along a wall only the coordinate on it may vary: a wall face has its cell's pressure.
     side, base = slice(0, 80), slice(80, 90)
-    x, y = sensors.positions().T
+    x, y = sensors.TRUCK.positions.T
     assert (weights @ (0.3 + 0.1 * at[:, 0]))[side] == pytest.approx(2 * (0.3 + 0.1 * x[side]), abs=1e-12)
     assert (weights @ (0.3 - 0.7 * at[:, 1]))[base] == pytest.approx(2 * (0.3 - 0.7 * y[base]), abs=1e-12)
     # Sides and slots are not mixed up.

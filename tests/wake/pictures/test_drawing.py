@@ -41,7 +41,7 @@ def test_fields_and_sensors_have_the_colours_of_their_values(wake, monkeypatch):
     drawn = colour_at(WakePicture(wake, "pressure"), 13.0, 1.5)
     assert drawn == pytest.approx(mpl.colormaps[FIELD_COLOURS](0.3)[:3], abs=0.02)
     share = (-0.4 - SENSOR_RANGE[0]) / (SENSOR_RANGE[1] - SENSOR_RANGE[0])
-    for x, y in sensors.positions()[sensors.TRUCK.indices(("upper_10", "base_4"))]:
+    for x, y in sensors.TRUCK.positions[sensors.TRUCK.indices(("upper_10", "base_4"))]:
         assert colour_at(picture, x, y) == pytest.approx(mpl.colormaps[SENSOR_COLOURS](share)[:3], abs=0.02)
     monkeypatch.setattr(wake, "pressure", lambda: None)
     with pytest.raises(ConfigError, match="only with stillwake's solver"):

@@ -28,7 +28,7 @@ def _measure(wake: TruckWake, constant: float, slope_x: float = 0.0, slope_y: fl
 
 def test_pressures_have_their_known_integrals(shared_wake):
     measured = _measure(shared_wake, 0.3, 0.1, -0.7)
-    x, y = sensors.positions().T
+    x, y = sensors.TRUCK.positions.T
     # What is left is the balancing velocity's square of the distance, interpolated linearly between rows.
     assert measured.Cp == pytest.approx(2 * (0.3 + 0.1 * x - 0.7 * y), abs=1e-7)
     # Uniform pressure pushes only through the left out slots.

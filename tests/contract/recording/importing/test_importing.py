@@ -72,8 +72,6 @@ def test_the_layout_is_the_file_s_with_mirror_images_by_the_places(layout, tmp_p
 
 
 HEADER = f"action,Cd,Cl,{','.join(NAMES)}"
-
-
 ROW = "0.1,1,0,1,2,3,4,5,6,7"
 T = PERIOD * np.arange(20)
 
@@ -97,22 +95,10 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         ("a.npz", {"Cd": np.zeros(19)}, r"'Cd' has shape \(19,\), must be \(20,\)"),
         ("a.npz", {"Cp": np.zeros((7, 20))}, r"'Cp' has shape \(7, 20\), must be \(20, 7\) .*transpose it"),
         ("a.npz", {"Cp": 500.0 * np.ones((20, 7))}, "'Cp' reaches 500, .* if it is in Pa, give .*--reference Cp=240Pa"),
-        (
-            "a.npz",
-            {"Cd": np.where(T < 1, 1e9, 1.2)},
-            "'Cd' reaches 1e\\+09, .* first at step 0, may stand for a missing",
-        ),
-        (
-            "a.npz",
-            {"Cd": np.full(20, 9.96921e36)},
-            "'Cd' holds a value, 9.96921e\\+36, that is the default fill value of",
-        ),
+        ("a.npz", {"Cd": np.where(T < 1, 1e9, 1.2)}, r"'Cd' reaches 1e\+09, .* step 0, may stand for a missing"),
+        ("a.npz", {"Cd": np.full(20, 9.96921e36)}, r"'Cd' holds a value, 9\.96921e\+36, that is the default fill"),
         ("a.npz", {"Cl": np.array([{}] * 20)}, "'Cl' holds object, must hold numbers"),
-        (
-            "a.csv",
-            f"{HEADER}\n{ROW.replace('1,0', '1,9.96921e36')}",
-            "column 'Cl': 9.96921e36 is the default fill value",
-        ),
+        ("a.csv", f"{HEADER}\n{ROW.replace('1,0', '1,9.96921e36')}", "'Cl': 9.96921e36 is the default fill value"),
         ("a.csv", f"{HEADER},,\n{ROW}\n{ROW},9,9,9", r"line 3: 13 values, the header has 12 columns"),
         ("a.npz", {"action": np.linspace(0, 0.4, 20)}, r"action is 0\.4 at step 19, beyond flow.action_limit = 0\.2"),
         ("a.npz", {"t": 5 * T}, r"t rises by 1\.5, must .* if t is in s or ms .* import with --reference t=5$"),
@@ -130,10 +116,9 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
             imported(tmp_path / name, layout)
         assert "\n" not in str(caught.value)
     absolute = foreign_plant.write_npz(
-        tmp_path / "a.npz",
-        {"Cp": np.full((20, 7), 101325.0), "action": np.zeros(20), "Cd": np.ones(20), "Cl": np.zeros(20)},
+        tmp_path / "a.npz", foreign_plant.series(20, 3) | {"Cp": np.full((20, 7), 101e3)}
     )
-    with pytest.raises(DatasetError, match=r"'Cp' reaches 270\.2, .*p - p_inf, not absolute"):
+    with pytest.raises(DatasetError, match=r"'Cp' reaches 269\.3.*, .*p - p_inf, not absolute"):
         imported(absolute, layout, references=references_of(["Cp=375Pa"]))
     with pytest.raises(DatasetError, match=r"none\.csv: no such file"):
         imported(tmp_path / "none.csv", layout)
