@@ -100,7 +100,7 @@ GIVEN: Final[dict[str, Maker]] = {
     r"runs/(demo|a|b)": MAKERS["run"],
     r"runs/(bundle|long)|bundle|A|B|my_bundle": MAKERS["bundle"],
     r"runs/(model|refined)": MAKERS["model"],
-    r"runs/ecu_c": lambda path, shared: shutil.copytree(shared.library, path),
+    r"runs/(?:ecu|own)_c": lambda path, shared: shutil.copytree(shared.library, path),
     r"(my|data)\.h5": lambda path, shared: shutil.copy(shared.recording, path),
     r"(my_|)vehicle\.dbc|engine\.dbc": lambda path, shared: path.write_text(_DBC, encoding="utf-8"),
     r"(frames|drive|other|monday|tuesday)\.blf": lambda path, shared: write(
