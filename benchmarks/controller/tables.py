@@ -1,26 +1,11 @@
 """The tables of the controller: times of its implementations, the closed loop with each of them, and the emulated
 cores."""
 
-from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.common.markdown import read, table
+from benchmarks.common.markdown import table
 
 _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
-
-
-def tables(results: Path) -> dict[str, str]:
-    """Return the text of each table, by the table's name in the pages. This name is, or begins with, the name of the
-    table's results file."""
-    return {
-        "controller_loop": loop(read(results / "controller_loop.json")),
-        "controller": latency(read(results / "controller.json")),
-        "mcu": mcu(read(results / "mcu.json")),
-        "mcu_release": mcu_release(read(results / "mcu.json")),
-        "mcu_worst": mcu_worst(read(results / "mcu.json")),
-        "bounds": bounds(read(results / "bounds.json")),
-        "runtimes": runtimes(read(results / "runtimes.json")),
-    }
 
 
 def loop(found: Any) -> str:

@@ -176,8 +176,7 @@ def main(
         **{"every": every, "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check)},
         "versions": versions("numpy", "onnxruntime"),
     }
-    shown = (lambda found: alarms(found["figures"]["false_alarms"]), lambda found: faults(found["figures"]["faults"]))
-    report(json_file, figures, facts, *shown)
+    report(json_file, figures, facts, alarms, faults)
 
 
 def _passages(release: Bundle, config: Config) -> list[Passage]:

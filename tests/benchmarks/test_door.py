@@ -10,7 +10,7 @@ from importlib import import_module
 import pytest
 
 import benchmarks.__main__ as door
-from benchmarks.common.commands import ROOT
+from benchmarks.common.command_line import ROOT
 from contract.results import machine, write_result
 
 

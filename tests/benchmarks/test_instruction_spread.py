@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import pytest
 
-from benchmarks.controller.instruction_spread import instruction_spread
+from benchmarks.controller.mcu import instruction_spread
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import McuError
@@ -37,16 +37,15 @@ def sources() -> dict[str, bytes]:
 def test_the_work_does_not_depend_on_the_data_and_work_that_does_is_found(sources):
     """What conditions skip counts as run, so that the comparisons of the cost do not show."""
     spread = instruction_spread(sources, windows(10))
-    assert spread.windows == 10
-    assert spread.fewest > 10_000
-    assert (spread.most - spread.fewest, spread.unlike) == (0, 0)
+    assert (spread["windows"], spread["most"], spread["unlike"]) == (10, spread["fewest"], 0)
+    assert spread["fewest"] > 10_000
     loop = (
         b"    if (input->window[0][0] > -0.3f) {\n        for (volatile int i = 0; i < 50; i++) {\n        }\n    }\n"
     )
     step = sources["sw_control_step.c"]
     assert END in step
     spread = instruction_spread(sources | {"sw_control_step.c": step.replace(END, loop + END)}, windows(10))
-    assert spread.most - spread.fewest >= 50
-    assert 0 < spread.unlike < 10
+    assert spread["most"] - spread["fewest"] >= 50
+    assert 0 < spread["unlike"] < 10
     with pytest.raises(McuError, match="no windows"):
         instruction_spread(sources, [])

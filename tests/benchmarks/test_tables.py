@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import tables
-from benchmarks.common.commands import ROOT
+from benchmarks.common.command_line import ROOT
 from benchmarks.common.markdown import fill, names
 
 
