@@ -13,6 +13,7 @@ import io
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, Final
 
@@ -114,8 +115,8 @@ def main(json_file: JsonFile = None) -> None:
 
 
 def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
-    """Check a firmware and return its bounds. Raises McuError, which lists every loop without a bound, every recursion
-    and every unresolved call.
+    """Check a firmware and return its bounds. Raises McuError, which lists every loop without a bound, a recursion and
+    every unresolved call.
 
     Args:
         program: the firmware.
@@ -127,7 +128,8 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
     left = {**known["most"], **known["waits"]}.keys() - {loop.function for loop in program.loops}
     wrong += [f"{name}: has a reason in {REASONS.name}, and no loop" for name in sorted(left)]
     for calls in (program.written, program.built.calls):
-        wrong += [f"{' calls '.join(circle)}: recursion" for circle in recursions(calls)]
+        if circle := recursion(calls):
+            wrong.append(f"{' calls '.join(circle)}: recursion")
         wrong += [f"{place}: a call through a pointer reaches no known function" for place in calls.unresolved]
     if wrong:
         raise McuError("; ".join(wrong))
@@ -145,21 +147,13 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
     )
 
 
-def recursions(calls: Calls) -> list[tuple[str, ...]]:
-    """Return the circular chains of calls. Each chain starts and ends with the same function."""
-    finished, found = set[str](), list[tuple[str, ...]]()
-
-    def visit(name: str, path: tuple[str, ...]) -> None:
-        if name in path:
-            found.append((*path[path.index(name) :], name))
-        elif name not in finished:
-            for called in sorted(calls.calls.get(name, ())):
-                visit(called, (*path, name))
-            finished.add(name)
-
-    for name in sorted(calls.calls):
-        visit(name, ())
-    return found
+def recursion(calls: Calls) -> list[str]:
+    """Return a circular chain of calls, which starts and ends with the same function; empty if there is none."""
+    try:
+        TopologicalSorter(calls.calls).prepare()
+    except CycleError as error:
+        return list(reversed(error.args[1]))
+    return []
 
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
@@ -170,15 +164,10 @@ def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
         runtime: largest number of bytes of stack that a function of the compiler's runtime needs.
     """
     known = dict[str, tuple[int, list[str]]]()
-
-    def below(name: str) -> tuple[int, list[str]]:
-        if name not in known:
-            own = calls.stack.get(name, runtime)
-            under = max((below(called) for called in calls.calls.get(name, ())), default=(0, []))
-            known[name] = own + under[0], [name, *under[1]]
-        return known[name]
-
-    return below(start)
+    for name in TopologicalSorter(calls.calls).static_order():
+        under = max((known[called] for called in calls.calls.get(name, ())), default=(0, []))
+        known[name] = calls.stack.get(name, runtime) + under[0], [name, *under[1]]
+    return known[start]
 
 
 def stack_of(built: Built) -> tuple[int, tuple[str, ...]]:
