@@ -16,9 +16,11 @@ At `hello` a viewer discards all earlier data, which belong to another run or ar
 """
 
 import struct
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from wake.pictures.level_picture import Levels
+if TYPE_CHECKING:
+    # The server's process needs no flow solver, whose import takes seconds.
+    from wake.pictures.level_picture import Levels
 
 LIVE_SCHEMA: Final = "stillwake-live/1"
 _FIELD: Final = struct.Struct("<IfHH")
@@ -47,7 +49,7 @@ class FieldPicture(NamedTuple):
 
     k: int
     t: float
-    levels: Levels
+    levels: "Levels"
 
 
 def pack_field(picture: FieldPicture) -> bytes:
