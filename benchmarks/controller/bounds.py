@@ -12,7 +12,7 @@ is an error.
 import io
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, Final
@@ -65,31 +65,6 @@ _KEY: Final = f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, KEY_BYTES))}}}\n"
 _WORD: Final = 4
 
 
-@dataclass(frozen=True, kw_only=True)
-class Bounds:
-    """The bounds of a firmware.
-
-    Attributes:
-        loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
-            not prove this number.
-        proved: number of loops whose bound GCC proves.
-        reasoned: number of loops whose bound is in `bounds.toml`, with its reason.
-        waits: number of loops that wait for an event, and so have no bound by design.
-        functions, pointed_at: number of all functions, and number of the functions that are called through pointers.
-        stack_b: bytes of the deepest stack, including an exception.
-        stack_of: the chain of calls that needs the deepest stack, without the exception.
-    """
-
-    loops: tuple[str, ...]
-    proved: int
-    reasoned: int
-    waits: int
-    functions: int
-    pointed_at: int
-    stack_b: int
-    stack_of: tuple[str, ...]
-
-
 def main(json_file: JsonFile = None) -> None:
     """Report the bounds of the firmware with all its parts, and the bound and the measured depth of the stack of the
     release's firmware, which has no loader and no key."""
@@ -102,7 +77,7 @@ def main(json_file: JsonFile = None) -> None:
     alone = read_built(board_files(sources))
     drives = ("full bus", "a sensor left out")
     measured = worst_periods(sources, config, rows, firmware=read_elf(alone.image), drives=drives)
-    figures = asdict(found) | {
+    figures = found | {
         "alone": {
             "stack_b": stack_of(alone)[0],
             "measured_stack_b": measured["stack_b"],
@@ -114,8 +89,17 @@ def main(json_file: JsonFile = None) -> None:
     report(json_file, figures, facts, tables.bounds)
 
 
-def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
-    """Check a firmware and return its bounds. Raises McuError, which lists every loop without a bound, a recursion and
+def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Check a firmware and return its bounds:
+
+    - loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
+      not prove this number
+    - proved, reasoned, waits: numbers of loops whose bound GCC proves, whose bound is in `bounds.toml`, and that wait
+      for an event, and so have no bound by design
+    - functions, pointed_at: number of all functions, and of those that are called through pointers
+    - stack_b, stack_of: bytes of the deepest stack, including an exception, and the chain of calls that needs it
+
+    Raises McuError, which lists every loop without a bound, a recursion and
     every unresolved call.
 
     Args:
@@ -135,16 +119,16 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
         raise McuError("; ".join(wrong))
     depth, chain = stack_of(program.built)
     kinds = [loop.function in known["waits"] if _is_open(loop) else None for loop in program.loops]
-    return Bounds(
-        loops=tuple(sorted(line for line in lines.values() if line is not None)),
-        proved=kinds.count(None),
-        reasoned=kinds.count(False),
-        waits=kinds.count(True),
-        functions=len(program.written.stack),
-        pointed_at=len(program.pointed_at),
-        stack_b=depth,
-        stack_of=chain,
-    )
+    return {
+        "loops": sorted(line for line in lines.values() if line is not None),
+        "proved": kinds.count(None),
+        "reasoned": kinds.count(False),
+        "waits": kinds.count(True),
+        "functions": len(program.written.stack),
+        "pointed_at": len(program.pointed_at),
+        "stack_b": depth,
+        "stack_of": chain,
+    }
 
 
 def recursion(calls: Calls) -> list[str]:
@@ -170,14 +154,14 @@ def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
     return known[start]
 
 
-def stack_of(built: Built) -> tuple[int, tuple[str, ...]]:
+def stack_of(built: Built) -> tuple[int, list[str]]:
     """Return the bytes of a firmware's deepest stack, including an exception at the worst place, and the chain of calls
     that leads to this place."""
     runtime = _stack_of_runtime(built)
     named = {name.split(" ")[0]: name for name in built.calls.stack}
     depth, chain = deepest(built.calls, named[_START], runtime)
     handler = max(deepest(built.calls, named[name], runtime)[0] for name in _EXCEPTIONS)
-    return depth + EXCEPTION_FRAME + handler, tuple(chain)
+    return depth + EXCEPTION_FRAME + handler, chain
 
 
 def _is_open(loop: Loop) -> bool:

@@ -49,8 +49,8 @@ def firmware(*changes: tuple[str, str]) -> dict[str, bytes]:
 def test_what_has_a_bound_is_listed_with_it():
     program = read_program(firmware())
     found = bounds(program, UNKNOWN)
-    assert found.loops == ("added (sw_board_start.c) 10: 5",)
-    assert (found.proved, found.reasoned, found.waits) == (1, 0, 0)
+    assert found["loops"] == ["added (sw_board_start.c) 10: 5"]
+    assert (found["proved"], found["reasoned"], found["waits"]) == (1, 0, 0)
     assert "twice (sw_board_start.c)" in program.pointed_at
     assert {"twice (sw_board_start.c)"} < program.written.calls["sw_board_start (sw_board_start.c)"]
     # Without a figure for a function of the runtime, its stack counts as the deepest of the runtime's.
@@ -80,4 +80,4 @@ def test_planted_faults_are_reported_and_a_reason_gives_a_bound():
         bounds(program, known)
     assert "added (sw_board_start.c): the loop" not in str(raised.value)
     known["waits"].clear()
-    assert bounds(read_program(firmware(FAULTS[0])), known).loops == ("added (sw_board_start.c) 10: 9: nine",)
+    assert bounds(read_program(firmware(FAULTS[0])), known)["loops"] == ["added (sw_board_start.c) 10: 9: nine"]
