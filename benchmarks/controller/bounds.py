@@ -36,10 +36,12 @@ from contract.config.loading import load_config
 from contract.controller.c_folder import ECU_SETTINGS, read_recorded, read_sources
 from contract.errors import McuError
 from contract.release.bundle import load as load_bundle
+from contract.release.signing import project_key
 from contract.results import versions
 from contract.shipped import BUNDLE
 from ecu.in_c.c_settings import ecu_settings
-from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files
+from firmware_sim.mcu.board.on_a_bus import equipment_header
+from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files, bus_key_header
 from firmware_sim.mcu.elf import read_elf
 from stillwake.parts.c_release import library_folder
 
@@ -52,16 +54,6 @@ EXCEPTION_FRAME: Final = 108
 _EXCEPTIONS: Final = ("sw_board_unexpected", "sw_board_tick")
 """Names of the handlers in the vector table. Interrupts are masked, but a fault or an NMI can still occur."""
 _START: Final = "sw_board_start"
-_LOADER: Final = b"".join(
-    b"#define SW_BOARD_%s %s\n" % (name, value)
-    for name, value in (
-        (b"LOADER", b"1"), (b"ROOT", b"{0}"), (b"ACCESS_KEY", b"{0}"), (b"VEHICLE", b"{0}"), (b"HARDWARE", b'"h"'),
-        (b"SERIAL", b'"s"'), (b"SOFTWARE", b'"s"'),
-    )
-)  # fmt: skip
-"""C header with the equipment of the board. Every key in the header is zero, because the values of the keys do not
-change the code."""
-_KEY: Final = f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, KEY_BYTES))}}}\n".encode()
 _WORD: Final = 4
 
 
@@ -73,7 +65,10 @@ def main(json_file: JsonFile = None) -> None:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
     keyed = replace(config, bus=replace(config.bus, key="bus.key"))
     fullest = {**sources, ECU_SETTINGS: ecu_settings(bundle, keyed)}
-    found = bounds(read_program(board_files(fullest, {EQUIPMENT: _LOADER, BUS_KEY: _KEY})))
+    # The values of the keys do not change the code.
+    equipment = equipment_header(project_key(), bytes(1), bytes(1), "h", "s")
+    own = {EQUIPMENT: equipment, BUS_KEY: bus_key_header(KEY_BYTES)}
+    found = bounds(read_program(board_files(fullest, own)))
     alone = read_built(board_files(sources))
     drives = ("full bus", "a sensor left out")
     measured = worst_periods(sources, config, rows, firmware=read_elf(alone.image), drives=drives)

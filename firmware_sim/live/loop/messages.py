@@ -16,6 +16,7 @@ At `hello` a viewer discards all earlier data, which belong to another run or ar
 """
 
 import struct
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
@@ -41,6 +42,12 @@ LiveAnswer = dict[str, Any]
 Choice = dict[str, Any]
 """A controller or plant that a viewer may choose: `name`, `label`, and `missing`, which is null or one line on why it
 cannot be chosen."""
+
+
+def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMessage:
+    """Return the message `periods` with these rows, each of which has a value for each of `PERIOD_COLUMNS`."""
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
 class FieldPicture(NamedTuple):
