@@ -50,12 +50,10 @@ class Imported:
         return getattr(self.fmu, verb + kind)(*arguments)
 
     def step(self, size: float) -> None:
-        """A communication step."""
         self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=size)
         self.time += size
 
     def saved(self) -> bytes:
-        """The state, serialised."""
         state = self.fmu.getFMUState()
         content = bytes(self.fmu.serializeFMUState(state))
         self.fmu.freeFMUState(state)
