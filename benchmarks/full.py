@@ -31,7 +31,7 @@ from rich.table import Table
 
 from benchmarks.common.command_line import ROOT, console
 from benchmarks.common.markdown import read
-from benchmarks.pictures import STAMP
+from benchmarks.common.pictures import STAMP
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 from contract.release import bundle

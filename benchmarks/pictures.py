@@ -1,27 +1,9 @@
-"""Draw every picture in `docs/pictures` that depends only on `results/*.json`; `make tables` does this too.
-
-A text in each picture states its results file, so that a test finds outdated pictures.
-"""
-
-import hashlib
-import json
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Final
-
-from matplotlib.figure import Figure
+"""Draw every picture in `docs/pictures` that depends only on `results/*.json`; `make tables` does this too."""
 
 from benchmarks.common.command_line import ROOT
 from benchmarks.common.markdown import read
+from benchmarks.common.pictures import draw
 from benchmarks.release import release_drawings
-from contract.atomic import replacing
-
-PICTURES: Final = ROOT / "docs" / "pictures"
-SOURCE: Final = "Source"
-"""Name of the text field in a PNG that identifies the results file from which the picture was drawn."""
-STAMP: Final = "made"
-"""Name of the entry in a results file that states the release and sources of its figures, so that a test can find
-outdated files."""
 
 
 def main() -> None:
@@ -29,23 +11,3 @@ def main() -> None:
     for name, drawn in (("release_figures", release_drawings.drawn), ("weights", release_drawings.weights)):
         source = ROOT / "results" / f"{name}.json"
         draw(drawn(read(source)["figures"]), source)
-
-
-def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -> None:
-    """Write figures that were drawn from one results file; `figures` maps file names to figures."""
-    for name, figure in figures.items():
-        with replacing(folder / f"{name}.png") as temporary:
-            figure.savefig(temporary, format="png", metadata={SOURCE: source_text(source)})
-
-
-def source_text(source: Path) -> str:
-    """Return the text that identifies a picture's results file: its path in the project and its SHA-256.
-
-    The hash does not include the stamp, because `benchmarks.full` adds the stamp to a file after all pictures and
-    tables were made from it.
-    """
-    place = source.relative_to(ROOT).as_posix() if source.is_relative_to(ROOT) else source.name
-    content = json.loads(source.read_text(encoding="utf-8"))
-    content["facts"].pop(STAMP, None)
-    written = json.dumps(content, indent=2) + "\n"
-    return f"{place} {hashlib.sha256(written.encode()).hexdigest()}"
