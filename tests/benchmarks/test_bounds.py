@@ -75,7 +75,9 @@ def test_planted_faults_are_reported_and_a_reason_gives_a_bound():
         "a call through a pointer reaches no known function",
     ):
         assert message in str(raised.value)
-    known = {"most": {"added (sw_board_start.c)": [9, "nine"]}, "waits": {"twice (sw_board_start.c)": "none"}}
+    known: dict[str, dict[str, Any]] = {
+        "most": {"added (sw_board_start.c)": [9, "nine"]}, "waits": {"twice (sw_board_start.c)": "none"}
+    }  # fmt: skip
     with pytest.raises(McuError, match="twice") as raised:
         bounds(program, known)
     assert "added (sw_board_start.c): the loop" not in str(raised.value)
