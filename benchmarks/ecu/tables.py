@@ -217,17 +217,12 @@ Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g
 def flash_times(found: Any) -> str:
     """Return the table of the durations of a transfer of the shipped release over the simulated bus."""
     of = found["figures"]
-    rows = [
-        (
-            "CAN FD, 500 kbit/s and 2 Mbit/s" if row["frames"] == "fd" else "classic CAN, 500 kbit/s",
-            f"{100 * row['lost']:g} %",
-            f"{row['seconds']:.1f}",
-            row["diagnostic_frames"],
-            f"{100 * row['load']:.0f} %",
-            row["unanswered"],
-        )
-        for row in of["flash_times"]
-    ]
+    buses = {"fd": "CAN FD, 500 kbit/s and 2 Mbit/s", "classic": "classic CAN, 500 kbit/s"}
+    rows = []
+    for row in of["flash_times"]:
+        lost, load = f"{100 * row['lost']:g} %", f"{100 * row['load']:.0f} %"
+        sent = (f"{row['seconds']:.1f}", row["diagnostic_frames"], load, row["unanswered"])
+        rows.append((buses[row["frames"]], lost, *sent))
     heads = ("bus", "lost frames in each direction", "seconds", "frames of diagnosis", "bus load", "repeated requests")
     return f"""{table(heads, rows)}
 
