@@ -9,9 +9,8 @@ A measurement is a module with a function `main`, whose parameters are the optio
 """
 
 import sys
-from dataclasses import dataclass
 from importlib import import_module
-from typing import Final
+from typing import Final, NamedTuple
 
 import typer
 from rich.console import Console
@@ -22,16 +21,10 @@ from stillwake.console.endings import status_of
 from stillwake.console.stopping import ends_like_ctrl_c
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """One line in the list of measurements.
-
-    Attributes:
-        module: module with the function `main`. It is imported only when the measurement runs, because each measurement
-            needs other packages.
-        text: description of the measurement.
-        takes: approximate duration on two cores; empty if it is not known.
-    """
+class Measurement(NamedTuple):
+    """One line in the list of measurements: the module with the function `main`, which is imported only when the
+    measurement runs, because each measurement needs other packages; a description; and the approximate duration on two
+    cores."""
 
     module: str
     text: str

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from functools import cache
@@ -29,8 +29,8 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import console
-from benchmarks.common.commands import ROOT
+from benchmarks.common.command_line import ROOT, console
+from benchmarks.common.markdown import read
 from benchmarks.common.pictures import STAMP
 from contract.atomic import replacing
 from contract.errors import StillwakeError
@@ -55,8 +55,8 @@ class Figures:
 
     name: str
     run: str
-    before: tuple[str, ...] = ()
-    of: tuple[str, ...] = ()
+    before: Sequence[str] = ()
+    of: Sequence[str] = ()
     status: int = 0
     old: str = ""
     needs: str = ""
@@ -81,18 +81,12 @@ def plan(path: Path = PLAN) -> tuple[list[Figures], dict[str, str]]:
     """Return the files to make, in order, and the results files of finished studies with their descriptions."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
     history = tree.pop("history")
-    return [Figures(name=name, **_tuples(fields)) for name, fields in tree.items()], history
-
-
-def _tuples(fields: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+    return [Figures(name=name, **fields) for name, fields in tree.items()], history
 
 
 def made(file: Path) -> dict[str, Any]:
     """Return the stamp in a file; empty if the file has no stamp."""
-    if not file.is_file():
-        return {}
-    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))["facts"].get(STAMP, {})
+    found: dict[str, Any] = read(file)["facts"].get(STAMP, {}) if file.is_file() else {}
     return found
 
 
@@ -144,7 +138,14 @@ def _make(one: Figures) -> None:
             _fail(one, command)
     if _status(f"{one.run} --json {one.file}") not in (0, one.status):
         _fail(one, one.run)
-    _stamp(one, round((time.monotonic() - began) / 60.0, 1), before)
+    minutes: float | None = round((time.monotonic() - began) / 60.0, 1)
+    content = read(one.file)
+    # If a campaign continued an earlier campaign, its duration is not that of a whole campaign.
+    if before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0:
+        minutes = before
+    content["facts"][STAMP] = {**one.stamp(), "minutes": minutes}
+    with replacing(one.file) as temporary:
+        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _fail(one: Figures, command: str) -> NoReturn:
@@ -154,15 +155,6 @@ def _fail(one: Figures, command: str) -> NoReturn:
 def _status(command: str) -> int:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     return subprocess.run(shlex.split(command), cwd=ROOT, env={**os.environ, "PATH": path}, check=False).returncode
-
-
-def _stamp(one: Figures, minutes: float, before: float | None) -> None:
-    content = json.loads(one.file.read_text(encoding="utf-8"))
-    # If a campaign continued an earlier campaign, its duration is not that of a whole campaign.
-    is_rest = before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0
-    content["facts"][STAMP] = {**one.stamp(), "minutes": before if is_rest else minutes}
-    with replacing(one.file) as temporary:
-        temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def _list(chosen: list[Figures]) -> None:

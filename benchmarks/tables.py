@@ -1,62 +1,97 @@
 """Fill every table of README.md and `docs/` from `results/*.json`; `make tables` runs this module after results have
 changed.
 
-On a page, a table is written between `<!-- table NAME -->` and `<!-- end -->`; the functions `tables` of the folders
-return the tables by these names. Pages are found by these marks, so a table can move to another page without a change
-here.
+On a page, a table is written between `<!-- table NAME -->` and `<!-- end -->`, where NAME is a name in `TABLES`. Pages
+are found by these marks, so a table can move to another page without a change here.
 """
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Final, NamedTuple
 
-from benchmarks.bus import flash_tables, latency_tables, load_tables
-from benchmarks.bus import tables as bus_tables
-from benchmarks.common.commands import ROOT
+from benchmarks.bus import tables as bus
+from benchmarks.common.command_line import ROOT
 from benchmarks.common.markdown import fill, names, read
-from benchmarks.controller import tables as controller_tables
-from benchmarks.ecu import tables as ecu_tables
-from benchmarks.release import campaign_tables, loop_tables, roads_tables
-from benchmarks.release import tables as release_tables
-from benchmarks.wake import tables as wake_tables
+from benchmarks.controller import tables as controller
+from benchmarks.ecu import tables as ecu
+from benchmarks.release import loop_tables
+from benchmarks.release import tables as release
+from benchmarks.wake import tables as wake
 from contract.atomic import replacing
 
-FOLDERS = (
-    bus_tables,
-    ecu_tables,
-    flash_tables,
-    latency_tables,
-    release_tables,
-    campaign_tables,
-    loop_tables,
-    wake_tables,
-    controller_tables,
-    load_tables,
-    roads_tables,
-)
 
-SOURCES = {
-    "authentication": "bus", "bus_faults": "bus_loss_05", "bus_runs": "bus_secured",
-    "can_load": "can_load_fd", "controller": "controller",
-    "controller_loop": "controller_loop", "flash_c": "flash_c", "limits": "limit_latency",
-    "mcu_release": "mcu", "release_distributions": "release_figures",
-    "roads": "roads", "runtimes": "runtimes", "sensor_check_alarms": "sensor_check",
-    "sensor_check_faults": "sensor_check", "steps": "wake_speed", "summary": "demo",
-}  # fmt: skip
-"""Results file whose date, version and release are stated below a table, by the table's name. If a table is made from
-several files, this is the file of most of its rows."""
+class PageTable(NamedTuple):
+    """A table of the pages.
+
+    Attributes:
+        made: function that returns the table, given the contents of the results files.
+        files: names of the results files without their ending.
+        origin: results file whose date, version and release are stated below the table; empty if the table itself
+            states them. If a table is made from several files, this is the file of most of its rows.
+    """
+
+    made: Callable[..., str]
+    files: tuple[str, ...]
+    origin: str = ""
+
+
+TABLES: Final = {
+    "attack_tools": PageTable(bus.attack_tools, ("attack_tools",)),
+    "authentication": PageTable(bus.authentication, ("bus", "bus_studies"), "bus"),
+    "bounds": PageTable(controller.bounds, ("bounds",)),
+    "bundle_fuzz": PageTable(release.bundle_fuzz, ("bundle_fuzz",)),
+    "bus": PageTable(bus.bus, ("bus", "bus_studies")),
+    "bus_faults": PageTable(bus.bus_faults, tuple(bus.FAULTED.values()), "bus_loss_05"),
+    "bus_runs": PageTable(bus.bus_runs, tuple(bus.RUNS.values()), "bus_secured"),
+    "campaign": PageTable(loop_tables.campaign, ("campaign",)),
+    "can_load": PageTable(bus.can_load, tuple(bus.CAN_LOADS), "can_load_fd"),
+    "controller": PageTable(controller.latency, ("controller",), "controller"),
+    "controller_loop": PageTable(controller.loop, ("controller_loop",), "controller_loop"),
+    "demo": PageTable(release.demo, ("demo",)),
+    "drive": PageTable(loop_tables.drive, ("drive",)),
+    "ecu_c": PageTable(ecu.twin, ("ecu_c",)),
+    "ecu_loop": PageTable(ecu.loops, ("ecu_loop",)),
+    "flash_c": PageTable(ecu.flash_c, ("flash_c",), "flash_c"),
+    "flash_pieces": PageTable(ecu.flash_pieces, ("flash_pieces",)),
+    "flash_proof": PageTable(ecu.flash_proof, ("flash",)),
+    "flash_times": PageTable(ecu.flash_times, ("flash_times",)),
+    "iterations": PageTable(release.iterations, ("iterations",)),
+    "latency": PageTable(bus.latency, ("latency",)),
+    "limits": PageTable(
+        release.limits, ("demo", "limit_late_start", "limit_latency", "limit_iterations"), "limit_latency"
+    ),
+    "mcu": PageTable(controller.mcu, ("mcu",)),
+    "mcu_release": PageTable(controller.mcu_release, ("mcu",), "mcu"),
+    "mcu_worst": PageTable(controller.mcu_worst, ("mcu",)),
+    "models": PageTable(ecu.models, ("models",)),
+    "openfoam_loop": PageTable(wake.openfoam_loop, ("demo", "openfoam_loop")),
+    "proofs": PageTable(ecu.proofs, ("proofs",)),
+    "proofs_sabotage": PageTable(ecu.sabotage, ("proofs",)),
+    "release_distributions": PageTable(release.release_distributions, ("release_figures",), "release_figures"),
+    "release_forecasts": PageTable(release.release_forecasts, ("release_figures",)),
+    "release_loop": PageTable(loop_tables.release_loop, ("release_loop",)),
+    "roads": PageTable(loop_tables.roads, ("roads", "release_loop"), "roads"),
+    "runtimes": PageTable(controller.runtimes, ("runtimes",), "runtimes"),
+    "sensor_check_alarms": PageTable(ecu.alarms, ("sensor_check",), "sensor_check"),
+    "sensor_check_faults": PageTable(ecu.faults, ("sensor_check",), "sensor_check"),
+    "steady": PageTable(release.steady, ("steady", "demo")),
+    "steps": PageTable(wake.steps, ("wake_speed",), "wake_speed"),
+    "summary": PageTable(
+        release.summary, ("demo", "openfoam_loop", "open_loop", "release_loop", "roads", "drive"), "demo"
+    ),
+    "uds_states": PageTable(ecu.uds_states, ("uds_states",)),
+}
+"""All tables by their names in the pages."""
 
 
 def tables(results: Path) -> dict[str, str]:
-    """Return the text of each table, by the table's name in the pages. Raises ValueError if two folders have a table of
-    the same name."""
-    made: dict[str, str] = {}
-    for folder in FOLDERS:
-        of_folder = folder.tables(results)
-        if twice := sorted(made.keys() & of_folder.keys()):
-            raise ValueError(f"{folder.__name__}: the table {twice[0]!r} is another folder's: rename one of them")
-        made |= of_folder
-    return made | {
-        name: f"{made[name].rstrip()}\n\n{_origin(results / f'{file}.json')}" for name, file in SOURCES.items()
-    }
+    """Return the text of each table, by the table's name in the pages."""
+    made = {}
+    for name, one in TABLES.items():
+        made[name] = one.made(*(read(results / f"{file}.json") for file in one.files))
+        if one.origin:
+            made[name] = f"{made[name].rstrip()}\n\n{_origin(results / f'{one.origin}.json')}"
+    return made
 
 
 def _origin(path: Path) -> str:

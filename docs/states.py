@@ -4,8 +4,6 @@ This module has the positions of the picture's boxes and lines; the numbers on t
 rows. A transition without a line, or a line without a transition, is an error.
 """
 
-import ast
-import inspect
 import sys
 from collections.abc import Callable, Mapping
 from html import escape
@@ -13,7 +11,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from contract.config.vehicle import EcuConfig
+from docs.site import source
 from docs.table import table
+from ecu import fail_safe
 from ecu.fail_safe import DRIVES_JETS, TRANSITIONS, OperatingMode
 
 PICTURE: Final = Path(__file__).with_name("states.svg")
@@ -108,14 +108,11 @@ def _within(periods: str) -> str:
 
 def _meanings() -> dict[OperatingMode, str]:
     """Return the docstring of each state in the source."""
-    tree = ast.parse(inspect.getsource(OperatingMode)).body[0]
-    assert isinstance(tree, ast.ClassDef)
-    found: dict[OperatingMode, str] = {}
-    for line, text in zip(tree.body, tree.body[1:], strict=False):
-        match line, text:
-            case ast.Assign(targets=[ast.Name(id=name)]), ast.Expr(value=ast.Constant(value=str(words))):
-                found[OperatingMode[name]] = " ".join(words.split())
-    return found
+    members = source.read(Path(fail_safe.__file__), fail_safe.__name__).members
+    (found,) = (one for one in members if one.name == OperatingMode.__name__)
+    return {
+        OperatingMode[one.name]: " ".join(one.docstring.split()) for one in found.members if one.kind == "attribute"
+    }
 
 
 def rows_on(line: Line) -> list[int]:

@@ -18,10 +18,8 @@ from pathlib import Path
 from time import sleep
 from typing import Any, Final
 
-from rich.table import Table
-
-from benchmarks.common.command_line import JsonFile, console, save
-from benchmarks.common.commands import ROOT, stillwake
+from benchmarks.bus import tables
+from benchmarks.common.command_line import ROOT, JsonFile, report, stillwake
 from can_bridge.uds.services import Did, Service
 from contract.errors import StillwakeError
 from contract.results import versions
@@ -42,11 +40,7 @@ def main(json_file: JsonFile = None) -> None:
     """Run the scans and print the results; fail if the scanners found more than the diagnosis page states."""
     with tempfile.TemporaryDirectory(prefix="stillwake-") as folder, _ecu(Path(folder)):
         figures = _scan()
-    table = Table("learned", "")
-    for name, value in figures.items():
-        table.add_row(name.replace("_", " "), ", ".join(map(str, value)) if isinstance(value, list) else str(value))
-    console.print(table)
-    save(json_file, figures=figures, facts={"versions": versions("stillwake", "scapy", "python-can")})
+    report(json_file, figures, {"versions": versions("stillwake", "scapy", "python-can")}, tables.attack_tools)
     services, identifiers = {int(Service(one)) for one in Service}, {int(one) for one in Did}
     beyond = {int(text, 16) for text in figures["services"]} - services
     beyond |= {int(text, 16) for text in figures["identifiers"]} - identifiers

@@ -1,9 +1,11 @@
-"""The tables of the bus: measurements of codec and protection, and the closed loop on several kinds of bus."""
+"""The tables of the bus: codec and protection, response times, the loop's latency, and the closed loop on several kinds
+of bus."""
 
-from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.common.markdown import read, table
+from benchmarks.common.markdown import table
+from firmware_sim.latency.report import LABELS
+from firmware_sim.latency.stages import Stage
 
 HEADLINES: Final = {
     "codec_times_cantools": "speed of the codec relative to cantools, at least",
@@ -25,32 +27,23 @@ RUNS: Final = {
     "CAN FD, 90 % other traffic": "bus_busy_90",
 }
 """Names of the results files of closed loops, by the label of the bus."""
-
 FAULTED: Final = {
     "undisturbed": "demo",
     **{f"{late} ms late": f"bus_late_{late}" for late in (20, 40, 60)},
     **{f"{share} % lost": f"bus_loss_{share:02}" for share in (5, 10, 25, 50)},
 }
 """Names of the results files of closed loops, by the disturbance of the pressures."""
+CAN_LOADS: Final = [f"can_load_{frames}{end}" for frames in ("fd", "classic") for end in ("", "_90")]
+"""Names of the results files of bus loads: for each message set without and with other traffic."""
+CONTROLLERS: Final = {"onnx": "ONNX Runtime", "c": "C library"}
+QUANTILES: Final = {"p50_ms": "p50", "p99_ms": "p99", "p99_9_ms": "p99.9", "max_ms": "max"}
 
 
-def tables(results: Path) -> dict[str, str]:
-    """Return the text of each table, by the table's name in the pages."""
-    found = read(results / "bus.json")
-    found["figures"] |= read(results / "bus_studies.json")["figures"]
-    return {
-        "bus": bus(found),
-        "authentication": authentication(found),
-        "bus_runs": bus_runs(results),
-        "bus_faults": bus_faults(results),
-        "attack_tools": attack_tools(results),
-    }
-
-
-def bus(found: Any) -> str:
+def bus(found: Any, studies: Any) -> str:
     """Return the table of the headline figures."""
-    rows = [(text, found["figures"][name]) for name, text in HEADLINES.items()]
-    played = found["figures"]["response_time"]
+    figures = found["figures"] | studies["figures"]
+    rows = [(text, figures[name]) for name, text in HEADLINES.items()]
+    played = figures["response_time"]
     return (
         f"{table(('measured', 'figure'), rows)}\n\n"
         f"Measured on {found['date']}. Response times: {played['message_sets']} random message sets, "
@@ -58,17 +51,17 @@ def bus(found: Any) -> str:
     )
 
 
-def authentication(found: Any) -> str:
+def authentication(found: Any, studies: Any) -> str:
     """Return the table of the time and bandwidth that authentication costs."""
-    cost = found["figures"]["authentication_cost"]
+    figures = found["figures"] | studies["figures"]
+    cost, forged = figures["authentication_cost"], figures["forgeries"]["forgeries"]
     rows = [
         (name, row["e2e_protect_us"], row["secure_us"], row["e2e_check_us"], row["verify_us"])
         for name, row in cost["messages"].items()
     ]
     heads = ("message", "E2E protection, us", "plus authentication", "E2E check, us", "plus verification")
     loads = ", ".join(f"{name} {value:.1f} %" for name, value in cost["bus_load_percent"].items())
-    forged = found["figures"]["forgeries"]["forgeries"]
-    accepted = found["figures"]["authenticated_forgeries_accepted"]
+    accepted = figures["authenticated_forgeries_accepted"]
     return f"""{table(heads, rows)}
 
 Largest load of the bus by the three messages: {loads}.
@@ -76,9 +69,8 @@ Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted}
 {forged["genuine"]:,} genuine frames between them {forged["genuine_refused"]} were refused."""
 
 
-def attack_tools(results: Path) -> str:
+def attack_tools(found: Any) -> str:
     """Return the table of the information about the ECU that scapy's scanners found."""
-    found = read(results / "attack_tools.json")
     figures, versions = found["figures"], found["facts"]["versions"]
     texts = {
         "isotp": "ISO-TP endpoints",
@@ -95,50 +87,93 @@ def attack_tools(results: Path) -> str:
     return f"{table(('found', ''), rows)}\n\nMeasured on {found['date']}, scapy {versions['scapy']}."
 
 
-def bus_runs(results: Path) -> str:
-    """Return the table of the closed loop on each bus."""
+def bus_runs(*runs: Any) -> str:
+    """Return the table of the closed loop on each bus, from the results of `RUNS`."""
     rows = []
-    for name, file in RUNS.items():
-        figures = read(results / f"{file}.json")["figures"]
-        on_bus = figures["bus"]
+    for name, run in zip(RUNS, runs, strict=True):
+        figures, on_bus = run["figures"], run["figures"]["bus"]
         waits = on_bus["longest_wait_ms"]
-        rows.append(
-            (
-                name,
-                figures["reduction_percent"],
-                figures["abs_Cl_controlled"],
-                f"{100 * on_bus['load']:.1f}",
-                "/".join(f"{waits.get(message, 0.0):.2f}" for message in _names(waits)),
-                f"{on_bus['error_frames']}",
-            )
-        )
+        longest = "/".join(f"{waits[message]:.2f}" for message in sorted(waits, key=_priority))
+        less, lift = figures["reduction_percent"], figures["abs_Cl_controlled"]
+        rows.append((name, less, lift, f"{100 * on_bus['load']:.1f}", longest, on_bus["error_frames"]))
     heads = ("bus", "less drag, %", "mean abs Cl", "load, %", "longest waits by message priority, ms", "error frames")
     return table(heads, rows)
 
 
-def bus_faults(results: Path) -> str:
-    """Return the table of the closed loop with late and with lost pressures."""
+def bus_faults(*runs: Any) -> str:
+    """Return the table of the closed loop with late and with lost pressures, from the results of `FAULTED`."""
     rows = []
-    for name, file in FAULTED.items():
-        figures = read(results / f"{file}.json")["figures"]
+    for name, run in zip(FAULTED, runs, strict=True):
+        figures, fault = run["figures"], run["figures"]["fault"]
         held = f"{figures['periods_in_control']} of {figures['periods_requested']}"
-        fault = figures["fault"]
-        rows.append(
-            (
-                name,
-                figures["reduction_percent"],
-                figures["abs_Cl_controlled"],
-                held if fault is None else f"{held}, {fault['reason']}",
-            )
-        )
+        ended = held if fault is None else f"{held}, {fault['reason']}"
+        rows.append((name, figures["reduction_percent"], figures["abs_Cl_controlled"], ended))
     return table(("pressures", "less drag, %", "mean abs Cl", "periods in control"), rows)
 
 
-def _names(waits: dict[str, float]) -> list[str]:
-    """Return the names of the messages in the order of their priority, from any message set; runs of earlier versions
-    have no speed message."""
-    return sorted(waits, key=lambda name: ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(_base(name)))
+def _priority(name: str) -> int:
+    """Return the place of a message, of any message set, in the order of priorities."""
+    base = name.removesuffix("Classic").removesuffix("Secured")
+    return ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(base)
 
 
-def _base(name: str) -> str:
-    return name.removesuffix("Classic").removesuffix("Secured")
+def can_load(*found: Any) -> str:
+    """Return a table with a row for each of the project's messages, and the total load of the bus below the table, from
+    the results of `CAN_LOADS`."""
+    rows, lines = [], []
+    for name, alone, loaded in zip(("CAN FD", "Classic CAN"), found[::2], found[1::2], strict=True):
+        others = _ours(loaded)
+        for message in _ours(alone).values():
+            crowded = others[message["name"]]
+            alone_s = (message[key] for key in ("name", "bytes", "frame_worst_ms", "response_ms"))
+            in_time = "yes" if crowded["in_time"] else "no"
+            rows.append((*alone_s, crowded["response_ms"], message["deadline_ms"], in_time))
+        lines.append(
+            f"{name}: stillwake's messages load the bus by {_load(alone)}, together with "
+            f"{len(loaded['figures']['messages']) - len(others)} other messages by {_load(loaded)}."
+        )
+    heads = ("message", "bytes", "frame, ms", "response, ms", "with other traffic, ms", "deadline, ms", "in time")
+    return table(heads, rows) + "\n\n" + "\n".join(lines)
+
+
+def _ours(result: Any) -> dict[str, Any]:
+    return {message["name"]: message for message in result["figures"]["messages"] if message["ours"]}
+
+
+def _load(result: Any) -> str:
+    figures = result["figures"]
+    return f"{100 * figures['load_mean']:.1f} % ({100 * figures['load_worst']:.1f} % at worst)"
+
+
+def latency(found: Any) -> str:
+    """Return a table with a row for each stage and for the idle loop. The left columns are for ONNX Runtime, the right
+    columns for C; the verdicts are below the table."""
+    runs = [found["figures"][name] for name in CONTROLLERS]
+    rows = [
+        (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))
+        for stage in Stage
+    ]
+    baselines = [run["baseline"] for run in runs]
+    rows.append(("idle loop in the same run", *(cell for row in baselines for cell in _cells(row, row["misses"]))))
+    lines = [
+        f"{label}: {run['misses']} of {run['periods']} commands missed their boundary; {run['periods_planned']} "
+        f"periods had a plan. In {run['baseline']['misses']} periods the idle loop was late by the slack of "
+        f"{run['slack_ms']:.1f} ms or more.\n"
+        for label, run in zip(CONTROLLERS.values(), runs, strict=True)
+    ]
+    release = runs[0]["about"].split()[0]
+    about = (
+        f"Times in ms; the left columns are for ONNX Runtime, the right columns for the C library. Measured on "
+        f"{found['date']} with {release}, {found['facts']['machine']}."
+    )
+    heads = ("", *((*QUANTILES.values(), "misses") * 2))
+    return "\n".join((about, "", table(heads, rows), "", *lines)).rstrip("\n")
+
+
+def _misses(run: Any, stage: Stage) -> int | str:
+    return run["misses"] if stage is Stage.ALL else ""
+
+
+def _cells(row: Any, misses: int | str) -> tuple[str, ...]:
+    times = (("never" if row[name] is None else f"{row[name]:.2f}") for name in QUANTILES)
+    return (*times, str(misses))

@@ -1,6 +1,8 @@
-"""The code that the measurements' command lines share: options, the consoles for tables and for progress, and the
-output of figures."""
+"""The code that the measurements share: options, the consoles for tables and for progress, the output of figures, and
+calls of `stillwake`."""
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from datetime import date
 from pathlib import Path
@@ -8,12 +10,16 @@ from typing import Annotated, Any, Final, TypeVar
 
 import typer
 
-from contract.shipped import MODEL as SHIPPED
+from contract.errors import StillwakeError
 from stillwake.console.outputs import save_json
 from stillwake.console.progress import progress
 from stillwake.console.terminal import make_console
 
 T = TypeVar("T")
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+LOOP: Final = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
+"""Figures of `stillwake run --json` by which controllers are compared."""
 
 console: Final = make_console()
 """Console for tables; its output can be redirected."""
@@ -21,11 +27,10 @@ bars: Final = make_console(stderr=True)
 """Console for progress bars; its output is not part of the result."""
 
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
-Model = Annotated[
-    Path, typer.Option("--model", help="Model folder written by `stillwake train`; default: the shipped one.")
-]
-Dataset = Annotated[Path, typer.Option("--dataset", help="Recording to take windows from.")]
 Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; a stopped run continues.")]
+Phases = Annotated[int, typer.Option(min=1, max=25, help="Number of starts, spread over a shedding cycle.")]
+Workers = Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")]
+Release = Annotated[Path, typer.Option(help="Another release in place of the shipped one.")]
 
 save: Final = save_json
 
@@ -38,10 +43,6 @@ def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tabl
     save(json_file, figures=figures, facts=facts)
 
 
-MODEL: Final = SHIPPED
-"""Folder of the model from which the shipped bundle was exported."""
-
-
 def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:
     """Yield the items and show the progress, as a bar in a terminal, otherwise as lines."""
     total = len(items) if total is None and isinstance(items, Sized) else total
@@ -51,3 +52,20 @@ def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -
         for done, item in enumerate(items, start=1):
             yield item
             report(label, done, total)
+
+
+def stillwake(*arguments: object) -> None:
+    """Run one command of this source tree, which writes its messages to the terminal. Raises StillwakeError if the
+    command fails."""
+    words = [str(argument) for argument in arguments]
+    with subprocess.Popen([sys.executable, "-m", "stillwake", *words]) as process:
+        try:
+            status = process.wait()
+        except BaseException:
+            # The command deletes its own temporary files at its end. A stop signal may have reached only this process,
+            # so the command is asked to end here.
+            process.terminate()
+            process.wait()
+            raise
+    if status != 0:
+        raise StillwakeError(f"stillwake {' '.join(words)}: ended with status {status}")

@@ -1,11 +1,14 @@
 """The finished parts of a long study, stored in files, so that an interrupted study can be continued."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from benchmarks.common.command_line import track
 from contract.atomic import replacing
+from contract.side_by_side import process_pool
 
 
 def part(path: Path, make: Callable[[], Any]) -> Any:
@@ -13,6 +16,30 @@ def part(path: Path, make: Callable[[], Any]) -> Any:
     and write it to the file."""
     if not path.is_file():
         made = make()
+        path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(made), encoding="utf-8")
     return json.loads(path.read_text(encoding="utf-8"))
+
+
+def kept_runs(
+    run: Callable[..., Any], arguments: Mapping[Path, tuple[Any, ...]], *, workers: int, label: str
+) -> list[Any]:
+    """Return the results of runs, in order. Runs whose results are not stored yet are made in `workers` processes.
+
+    Args:
+        run: picklable function that computes a run.
+        arguments: arguments of `run` for each run, by the file of its result.
+    """
+    missing = [path for path in arguments if not path.is_file()]
+    # A process takes seconds to start, so none is started if the results of all runs are stored.
+    if missing:
+        with process_pool(min(workers, len(missing))) as pool:
+            given = (arguments[path] for path in missing)
+            for _ in track(pool.map(partial(_keep, run), missing, given), label, "runs", len(missing)):
+                pass
+    return [json.loads(path.read_text(encoding="utf-8")) for path in arguments]
+
+
+def _keep(run: Callable[..., Any], path: Path, arguments: tuple[Any, ...]) -> None:
+    part(path, lambda: run(*arguments))

@@ -1,5 +1,5 @@
-"""The documents' pictures: their folder, the function that writes them, and the text by which a test finds outdated
-pictures."""
+"""The documents' pictures: their folder, the function that writes them, and the text that states a picture's results
+file."""
 
 import hashlib
 import json
@@ -9,7 +9,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from benchmarks.common.commands import ROOT
+from benchmarks.common.command_line import ROOT
 from contract.atomic import replacing
 
 PICTURES: Final = ROOT / "docs" / "pictures"

@@ -12,7 +12,8 @@ is an error.
 import io
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,10 +36,12 @@ from contract.config.loading import load_config
 from contract.controller.c_folder import ECU_SETTINGS, read_recorded, read_sources
 from contract.errors import McuError
 from contract.release.bundle import load as load_bundle
+from contract.release.signing import project_key
 from contract.results import versions
 from contract.shipped import BUNDLE
 from ecu.in_c.c_settings import ecu_settings
-from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files
+from firmware_sim.mcu.board.on_a_bus import equipment_header
+from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files, bus_key_header
 from firmware_sim.mcu.elf import read_elf
 from stillwake.parts.c_release import library_folder
 
@@ -51,42 +54,7 @@ EXCEPTION_FRAME: Final = 108
 _EXCEPTIONS: Final = ("sw_board_unexpected", "sw_board_tick")
 """Names of the handlers in the vector table. Interrupts are masked, but a fault or an NMI can still occur."""
 _START: Final = "sw_board_start"
-_LOADER: Final = b"".join(
-    b"#define SW_BOARD_%s %s\n" % (name, value)
-    for name, value in (
-        (b"LOADER", b"1"), (b"ROOT", b"{0}"), (b"ACCESS_KEY", b"{0}"), (b"VEHICLE", b"{0}"), (b"HARDWARE", b'"h"'),
-        (b"SERIAL", b'"s"'), (b"SOFTWARE", b'"s"'),
-    )
-)  # fmt: skip
-"""C header with the equipment of the board. Every key in the header is zero, because the values of the keys do not
-change the code."""
-_KEY: Final = f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, KEY_BYTES))}}}\n".encode()
 _WORD: Final = 4
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bounds:
-    """The bounds of a firmware.
-
-    Attributes:
-        loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
-            not prove this number.
-        proved: number of loops whose bound GCC proves.
-        reasoned: number of loops whose bound is in `bounds.toml`, with its reason.
-        waits: number of loops that wait for an event, and so have no bound by design.
-        functions, pointed_at: number of all functions, and number of the functions that are called through pointers.
-        stack_b: bytes of the deepest stack, including an exception.
-        stack_of: the chain of calls that needs the deepest stack, without the exception.
-    """
-
-    loops: tuple[str, ...]
-    proved: int
-    reasoned: int
-    waits: int
-    functions: int
-    pointed_at: int
-    stack_b: int
-    stack_of: tuple[str, ...]
 
 
 def main(json_file: JsonFile = None) -> None:
@@ -97,11 +65,14 @@ def main(json_file: JsonFile = None) -> None:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
     keyed = replace(config, bus=replace(config.bus, key="bus.key"))
     fullest = {**sources, ECU_SETTINGS: ecu_settings(bundle, keyed)}
-    found = bounds(read_program(board_files(fullest, {EQUIPMENT: _LOADER, BUS_KEY: _KEY})))
+    # The values of the keys do not change the code.
+    equipment = equipment_header(project_key(), bytes(1), bytes(1), "h", "s")
+    own = {EQUIPMENT: equipment, BUS_KEY: bus_key_header(KEY_BYTES)}
+    found = bounds(read_program(board_files(fullest, own)))
     alone = read_built(board_files(sources))
     drives = ("full bus", "a sensor left out")
     measured = worst_periods(sources, config, rows, firmware=read_elf(alone.image), drives=drives)
-    figures = asdict(found) | {
+    figures = found | {
         "alone": {
             "stack_b": stack_of(alone)[0],
             "measured_stack_b": measured["stack_b"],
@@ -113,9 +84,18 @@ def main(json_file: JsonFile = None) -> None:
     report(json_file, figures, facts, tables.bounds)
 
 
-def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> Bounds:
-    """Check a firmware and return its bounds. Raises McuError, which lists every loop without a bound, every recursion
-    and every unresolved call.
+def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Check a firmware and return its bounds:
+
+    - loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
+      not prove this number
+    - proved, reasoned, waits: numbers of loops whose bound GCC proves, whose bound is in `bounds.toml`, and that wait
+      for an event, and so have no bound by design
+    - functions, pointed_at: number of all functions, and of those that are called through pointers
+    - stack_b, stack_of: bytes of the deepest stack, including an exception, and the chain of calls that needs it
+
+    Raises McuError, which lists every loop without a bound, a recursion and
+    every unresolved call.
 
     Args:
         program: the firmware.
@@ -127,39 +107,32 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> B
     left = {**known["most"], **known["waits"]}.keys() - {loop.function for loop in program.loops}
     wrong += [f"{name}: has a reason in {REASONS.name}, and no loop" for name in sorted(left)]
     for calls in (program.written, program.built.calls):
-        wrong += [f"{' calls '.join(circle)}: recursion" for circle in recursions(calls)]
+        if circle := recursion(calls):
+            wrong.append(f"{' calls '.join(circle)}: recursion")
         wrong += [f"{place}: a call through a pointer reaches no known function" for place in calls.unresolved]
     if wrong:
         raise McuError("; ".join(wrong))
     depth, chain = stack_of(program.built)
     kinds = [loop.function in known["waits"] if _is_open(loop) else None for loop in program.loops]
-    return Bounds(
-        loops=tuple(sorted(line for line in lines.values() if line is not None)),
-        proved=kinds.count(None),
-        reasoned=kinds.count(False),
-        waits=kinds.count(True),
-        functions=len(program.written.stack),
-        pointed_at=len(program.pointed_at),
-        stack_b=depth,
-        stack_of=chain,
-    )
+    return {
+        "loops": sorted(line for line in lines.values() if line is not None),
+        "proved": kinds.count(None),
+        "reasoned": kinds.count(False),
+        "waits": kinds.count(True),
+        "functions": len(program.written.stack),
+        "pointed_at": len(program.pointed_at),
+        "stack_b": depth,
+        "stack_of": chain,
+    }
 
 
-def recursions(calls: Calls) -> list[tuple[str, ...]]:
-    """Return the circular chains of calls. Each chain starts and ends with the same function."""
-    finished, found = set[str](), list[tuple[str, ...]]()
-
-    def visit(name: str, path: tuple[str, ...]) -> None:
-        if name in path:
-            found.append((*path[path.index(name) :], name))
-        elif name not in finished:
-            for called in sorted(calls.calls.get(name, ())):
-                visit(called, (*path, name))
-            finished.add(name)
-
-    for name in sorted(calls.calls):
-        visit(name, ())
-    return found
+def recursion(calls: Calls) -> list[str]:
+    """Return a circular chain of calls, which starts and ends with the same function; empty if there is none."""
+    try:
+        TopologicalSorter(calls.calls).prepare()
+    except CycleError as error:
+        return list(reversed(error.args[1]))
+    return []
 
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
@@ -170,25 +143,20 @@ def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
         runtime: largest number of bytes of stack that a function of the compiler's runtime needs.
     """
     known = dict[str, tuple[int, list[str]]]()
-
-    def below(name: str) -> tuple[int, list[str]]:
-        if name not in known:
-            own = calls.stack.get(name, runtime)
-            under = max((below(called) for called in calls.calls.get(name, ())), default=(0, []))
-            known[name] = own + under[0], [name, *under[1]]
-        return known[name]
-
-    return below(start)
+    for name in TopologicalSorter(calls.calls).static_order():
+        under = max((known[called] for called in calls.calls.get(name, ())), default=(0, []))
+        known[name] = calls.stack.get(name, runtime) + under[0], [name, *under[1]]
+    return known[start]
 
 
-def stack_of(built: Built) -> tuple[int, tuple[str, ...]]:
+def stack_of(built: Built) -> tuple[int, list[str]]:
     """Return the bytes of a firmware's deepest stack, including an exception at the worst place, and the chain of calls
     that leads to this place."""
     runtime = _stack_of_runtime(built)
     named = {name.split(" ")[0]: name for name in built.calls.stack}
     depth, chain = deepest(built.calls, named[_START], runtime)
     handler = max(deepest(built.calls, named[name], runtime)[0] for name in _EXCEPTIONS)
-    return depth + EXCEPTION_FRAME + handler, tuple(chain)
+    return depth + EXCEPTION_FRAME + handler, chain
 
 
 def _is_open(loop: Loop) -> bool:

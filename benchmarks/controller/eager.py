@@ -44,10 +44,9 @@ class EagerController:
             nn.Sequential(self._linear(block.linear), self._norm(block.norm), nn.ELU()) for block in decoder.blocks
         ]
         self._decoder_output = self._linear(decoder.output)
-        for module in (self._lstm, self._encoder_head, self._dynamics, self._decoder_input, self._decoder_output):
+        heads = (self._lstm, self._encoder_head, self._dynamics, self._decoder_input, self._decoder_output)
+        for module in (*heads, *self._blocks):
             module.requires_grad_(False)
-        for block in self._blocks:
-            block.requires_grad_(False)
         self._force_mean = self._tensor(program.scaling.force_mean)
         self._force_std = self._tensor(program.scaling.force_std)
 

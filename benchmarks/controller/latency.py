@@ -10,6 +10,7 @@ sizes; options set other sizes.
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -55,23 +56,21 @@ def main(
     lowered: dict[str, Program] = {"float32": program, "int8": rounded_to_nearest(program)}
     graphs = {name: build_controller(of).SerializeToString() for name, of in lowered.items()}
     loads = [_both_times(lambda: OnnxController(graphs["float32"], program.sizes)) for _ in range(_LOADS)]
-    eager = EagerController(program, torch.float32)
-    whole, small = OnnxController(graphs["float32"], program.sizes), OnnxController(graphs["int8"], program.sizes)
     compiler = host_compiler()
-    c = CController(c_library(program), program.sizes, compiler=compiler)
     rng = np.random.default_rng(0)
-    c_int8 = CController(
-        int8_library(program, [random_window(program, rng) for _ in range(_CALIBRATION)]),
-        program.sizes,
-        compiler=compiler,
+    windows = [random_window(program, rng) for _ in range(_CALIBRATION)]
+    c, c_int8 = (
+        CController(library, program.sizes, compiler=compiler)
+        for library in (c_library(program), int8_library(program, windows))
     )
-    steps: dict[str, Callable[[], object]] = {
-        "eager_ms": lambda: eager.control_step(case.window, case.plan, case.free),
-        "onnx_ms": lambda: whole.control_step(case.window, case.plan, case.free),
-        "onnx_int8_ms": lambda: small.control_step(case.window, case.plan, case.free),
-        "c_ms": lambda: c.control_step(case.window, case.plan, case.free),
-        "c_int8_ms": lambda: c_int8.control_step(case.window, case.plan, case.free),
+    controllers: dict[str, Any] = {
+        "eager_ms": EagerController(program, torch.float32),
+        "onnx_ms": OnnxController(graphs["float32"], program.sizes),
+        "onnx_int8_ms": OnnxController(graphs["int8"], program.sizes),
+        "c_ms": c,
+        "c_int8_ms": c_int8,
     }
+    steps = {name: partial(one.control_step, case.window, case.plan, case.free) for name, one in controllers.items()}
     for step in steps.values():
         step()  # warms up caches and allocators
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in steps}

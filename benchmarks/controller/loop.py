@@ -9,20 +9,17 @@ all other programs before you quote these times, or use the times of `python -m 
 all implementations in turn.
 """
 
-import json
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
-from benchmarks.common.command_line import MODEL, Dataset, JsonFile, Model, Parts, console, report
-from benchmarks.common.commands import LOOP, stillwake
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, console, report, stillwake
 from benchmarks.common.markdown import read
 from benchmarks.controller import tables
-from contract.errors import StillwakeError
-from contract.model.model_folder import DESCRIPTION
+from contract.model import model_folder
 from contract.results import versions
-from contract.shipped import RECORDING
+from contract.shipped import MODEL, RECORDING
 
 CASES: Final = (("onnx", "float32"), ("onnx", "int8"), ("c", "float32"), ("c", "int8"))
 """Implementation and precision of each loop; all differences are relative to the first loop."""
@@ -32,8 +29,8 @@ _KEPT: Final = (*LOOP, "Cd_uncontrolled", "abs_Cl_uncontrolled", "mpc_ms_p50", "
 
 
 def main(
-    model: Model = MODEL,
-    dataset: Dataset = RECORDING,
+    model: Annotated[Path, typer.Option(help="Model folder written by `stillwake train`.")] = MODEL,
+    dataset: Annotated[Path, typer.Option(help="Recording to take windows from.")] = RECORDING,
     json_file: JsonFile = None,
     parts: Parts = Path("runs/controller_loop"),
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
@@ -41,7 +38,7 @@ def main(
     settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.")] = 40.0,
 ) -> None:
     """Run the four closed loops and print a table."""
-    weights = _weights_sha256(model)
+    weights = model_folder.read(model).weights_sha256
     folder = parts / weights[:12]
     for precision in ("float32", "int8"):
         bundle, library = folder / f"bundle_{precision}", folder / f"c_{precision}"
@@ -51,18 +48,14 @@ def main(
             options = ("--c", library, "--precision", precision, "--dataset", dataset, "--overwrite")
             stillwake("export", model, bundle, *options)
     spans = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
-    rows = compared([_run(folder, lowering, precision, spans) for lowering, precision in CASES])
+    rows = [_run(folder, lowering, precision, spans) for lowering, precision in CASES]
+    for row in rows:
+        row["points"] = row["reduction_percent"] - rows[0]["reduction_percent"]
     facts = {**spans, "weights_sha256": weights, "versions": versions("stillwake", "onnxruntime", "numpy", "numba")}
     report(json_file, rows, facts, tables.loop)
     worst = max(abs(row["points"]) for row in rows if row["precision"] == "int8")
     verdict = "within" if worst <= ALLOWED_POINTS else "NOT within"
     console.print(f"int8 changes the reduction by {worst:.2f} percentage points: {verdict} {ALLOWED_POINTS}")
-
-
-def compared(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows, each with a new field `points`: the row's drag reduction minus the first row's drag reduction,
-    in percentage points."""
-    return [{**row, "points": row["reduction_percent"] - rows[0]["reduction_percent"]} for row in rows]
 
 
 def _run(folder: Path, lowering: str, precision: str, spans: dict[str, float]) -> dict[str, Any]:
@@ -77,12 +70,3 @@ def _run(folder: Path, lowering: str, precision: str, spans: dict[str, float]) -
         stillwake("run", run, "--overwrite", *used, *options, "--json", found)
     figures = read(found)["figures"]
     return {"lowering": lowering, "precision": precision, **{name: figures[name] for name in _KEPT}}
-
-
-def _weights_sha256(model: Path) -> str:
-    try:
-        return str(read(model / DESCRIPTION)["weights_sha256"])
-    except OSError as error:
-        raise StillwakeError(f"{model / DESCRIPTION}: {error.strerror or error}") from error
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise StillwakeError(f"{model / DESCRIPTION}: not a model's description ({error})") from error

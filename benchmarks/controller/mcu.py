@@ -10,33 +10,37 @@ FOLDER` measures a trained library. Libraries for the Cortex-M4F run on the emul
 Cortex-M4F's instructions, but their cycles are modelled with the Cortex-M4F's pipeline.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
 
-from benchmarks.common.command_line import MODEL, JsonFile, report, track
+from benchmarks.common.command_line import JsonFile, report, track
 from benchmarks.controller import tables
-from benchmarks.controller.instruction_spread import instruction_spread
 from benchmarks.controller.worst_period import worst_periods
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.loading import load_config
 from contract.controller.c_folder import ECU_SETTINGS, read_recorded, read_sources
+from contract.errors import McuError
 from contract.model import model_folder
 from contract.recording import dataset
 from contract.release.bundle import load as load_bundle
 from contract.results import versions
-from contract.shipped import BUNDLE, RECORDING
+from contract.shipped import BUNDLE, MODEL, RECORDING
 from ecu.in_c.c_settings import ecu_settings
 from examples.random_programs import random_program
 from export.program.controller_program import program_of
 from export.program.windows import random_window, recorded_windows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
+from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core
+from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.emulator import Machine
 from firmware_sim.mcu.measure import measure
 from stillwake.parts.c_release import library_folder
 
@@ -93,9 +97,37 @@ def _release(windows: int) -> dict[str, Any]:
     return {
         **worst_periods(sources, config, rows),
         "secured": worst_periods(secured, keyed, rows, drives=("full bus",)),
-        "control_step": asdict(spread),
+        "control_step": spread,
         "bundle": bundle.manifest.name,
     }
+
+
+def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> dict[str, int]:
+    """Run a control step for each window; each step starts with the plan of the previous step. Return the number of
+    windows, the smallest and the largest number of instructions (`fewest`, `most`), which includes conditional
+    instructions that are skipped, and the number of windows that differ from the most frequent number (`unlike`).
+    Raises McuError if the library does not compile or run, or there are no windows.
+
+    Args:
+        sources: files of the library by name.
+        windows: windows of L rows with S sensors and the action, each of shape (L, S+1).
+    """
+    machine = Machine(read_elf(compile_for_cortex_m7(sources)))
+    counter = machine.block_counter()
+    machine.call("mcu_reset")
+    counts = []
+    for number, window in enumerate(windows, start=1):
+        # The window is written without its newest row, because the step itself appends this row.
+        machine.write("mcu_input", np.concatenate([window[:1], window[:-1]]).astype("<f4").tobytes())
+        machine.write("mcu_row", window[-1].astype("<f4").tobytes())
+        counter.start()
+        if machine.call("mcu_step") != 0:
+            raise McuError(f"window {number}: a number is not finite")
+        counts.append(counter.total()[0])
+    if not counts:
+        raise McuError("no windows to run")
+    alike = max(map(counts.count, counts))
+    return {"windows": len(counts), "fewest": min(counts), "most": max(counts), "unlike": len(counts) - alike}
 
 
 def _windows(count: int) -> list[Array]:

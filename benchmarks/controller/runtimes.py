@@ -20,7 +20,7 @@ import tract
 from onnx.reference import ReferenceEvaluator
 from onnxruntime import InferenceSession, SessionOptions
 
-from benchmarks.common.command_line import MODEL, JsonFile, report, track
+from benchmarks.common.command_line import JsonFile, report, track
 from benchmarks.controller import tables
 from contract.arrays import Array
 from contract.controller.interface import INPUTS, OUTPUTS, ControlStep
@@ -30,7 +30,7 @@ from contract.release import bundle
 from contract.release.checks import CONTROLLER
 from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
-from contract.shipped import BUNDLE, recording
+from contract.shipped import BUNDLE, MODEL, recording
 from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram, program_of
 from export.program.windows import recorded_windows

@@ -1,26 +1,11 @@
 """The tables of the controller: times of its implementations, the closed loop with each of them, and the emulated
 cores."""
 
-from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.common.markdown import read, table
+from benchmarks.common.markdown import table
 
 _NAMES: Final = {"onnx": "ONNX Runtime", "c": "C library"}
-
-
-def tables(results: Path) -> dict[str, str]:
-    """Return the text of each table, by the table's name in the pages. This name is, or begins with, the name of the
-    table's results file."""
-    return {
-        "controller_loop": loop(read(results / "controller_loop.json")),
-        "controller": latency(read(results / "controller.json")),
-        "mcu": mcu(read(results / "mcu.json")),
-        "mcu_release": mcu_release(read(results / "mcu.json")),
-        "mcu_worst": mcu_worst(read(results / "mcu.json")),
-        "bounds": bounds(read(results / "bounds.json")),
-        "runtimes": runtimes(read(results / "runtimes.json")),
-    }
 
 
 def loop(found: Any) -> str:
@@ -94,58 +79,41 @@ Cortex-M4F:
 {_sizes(figures["cortex_m4f"], ("170",))}"""
 
 
-def _sizes(rows: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
+def _sizes(sizes: list[dict[str, Any]], clocks: tuple[str, ...]) -> str:
+    rows = []
+    for row in sizes:
+        name = f"{row['dynamics_width']}/{row['decoder_width']}, {row['iterations']}, {row['precision']}"
+        memory = (row["flash_bytes"] / 1024, row["ram_bytes"] / 1024, row["stack_bytes"])
+        times = (row["modelled_ms"][clock] for clock in clocks)
+        work = (row["multiply_accumulates"] / 1e6, *memory, row["instructions"] / 1e6, *times)
+        rows.append((name, *work, "yes" if row["identical"] else "no"))
     heads = ("dynamics/decoder width, iterations, weights", "M MAC", "flash, KiB", "RAM, KiB", "stack, B", "M instr.")
-    times = tuple(f"ms at {clock} MHz, modelled" for clock in clocks)
-    return table(
-        (*heads, *times, "equal to host bit for bit"),
-        [
-            (
-                f"{row['dynamics_width']}/{row['decoder_width']}, {row['iterations']}, {row['precision']}",
-                row["multiply_accumulates"] / 1e6,
-                row["flash_bytes"] / 1024,
-                row["ram_bytes"] / 1024,
-                row["stack_bytes"],
-                row["instructions"] / 1e6,
-                *(row["modelled_ms"][clock] for clock in clocks),
-                "yes" if row["identical"] else "no",
-            )
-            for row in rows
-        ],
-    )
+    return table((*heads, *(f"ms at {clock} MHz, modelled" for clock in clocks), "equal to host bit for bit"), rows)
 
 
 def mcu_release(found: Any) -> str:
     """Return the table of the shipped release's whole ECU on the emulated Cortex-M7."""
     row = found["figures"]["release"]
     step, mean, worst = row["control_step"], row["mean_ms"], row["worst_ms"]
-    alike = step["windows"] - step["unlike"]
+    ram, spread = f"{row['ram_bytes'] / 1024:.1f} KiB", f"{row['instruction_spread']:,}"
+    alike = f"{step['windows'] - step['unlike']:,} windows take the same number"
+    rows = [
+        (f"control period at {clock} MHz, modelled", f"mean {mean[clock]:.2f} ms, longest {worst[clock]:.2f} ms")
+        for clock in mean
+    ]
+    rows += [
+        ("instructions of the longest period", f"{row['instructions']:,}"),
+        ("flash: code, weights, tables", f"{row['flash_bytes'] / 1024:.1f} KiB"),
+        ("RAM: state, workspace, hot weights, received frames, stack", ram),
+        ("deepest stack", f"{row['stack_b']} B"),
+        ("difference in instructions between the longest and the shortest period, own goal", spread),
+        (
+            f"control step alone, over {step['windows']:,} recorded and random windows",
+            f"{step['fewest']:,} to {step['most']:,} instructions; {alike}",
+        ),
+    ]
     return table(
-        (f"{row['bundle']}, whole firmware of a board, horizon of {found['facts']['horizon']} steps", ""),
-        [
-            (
-                f"control period at {clock} MHz, modelled",
-                f"mean {mean[clock]:.2f} ms, longest {worst[clock]:.2f} ms",
-            )
-            for clock in mean
-        ]
-        + [
-            ("instructions of the longest period", f"{row['instructions']:,}"),
-            ("flash: code, weights, tables", f"{row['flash_bytes'] / 1024:.1f} KiB"),
-            (
-                "RAM: state, workspace, hot weights, received frames, stack",
-                f"{row['ram_bytes'] / 1024:.1f} KiB",
-            ),
-            ("deepest stack", f"{row['stack_b']} B"),
-            (
-                "difference in instructions between the longest and the shortest period, own goal",
-                f"{row['instruction_spread']:,}",
-            ),
-            (
-                f"control step alone, over {step['windows']:,} recorded and random windows",
-                f"{step['fewest']:,} to {step['most']:,} instructions; {alike:,} windows take the same number",
-            ),
-        ],
+        (f"{row['bundle']}, whole firmware of a board, horizon of {found['facts']['horizon']} steps", ""), rows
     )
 
 
@@ -173,25 +141,17 @@ def _ms(times: dict[str, float]) -> list[str]:
 
 def bounds(found: Any) -> str:
     """Return the table of the firmware's loops, calls and stack as GCC reports them."""
-    row = found["figures"]
-    alone, loops = row["alone"], row["proved"] + row["reasoned"] + row["waits"]
-    return table(
-        ("fullest firmware: loader, diagnosis, calibration, key of the bus", found["facts"]["compiler"]),
-        [
-            ("functions; functions called through pointers", f"{row['functions']}; {row['pointed_at']}"),
-            ("recursions", 0),
-            (
-                "loops: bounded by GCC's proof, bounded by a stated reason, waiting for hardware",
-                f"{loops}: {row['proved']}, {row['reasoned']}, {row['waits']}",
-            ),
-            ("deepest stack by analysis, an exception included", f"{row['stack_b']:,} B"),
-            (
-                "stack without loader and key: by analysis, on the emulated board",
-                f"{alone['stack_b']:,} B, {alone['measured_stack_b']:,} B",
-            ),
-            (
-                "this firmware built by GCC, at 480 MHz: longest period, bound",
-                f"{alone['worst_ms']['480']:.2f} ms, {alone['bound_ms']['480']:.2f} ms",
-            ),
-        ],
-    )
+    row, alone = found["figures"], found["figures"]["alone"]
+    kinds = [row[name] for name in ("proved", "reasoned", "waits")]
+    loops = f"{sum(kinds)}: {', '.join(map(str, kinds))}"
+    stack = f"{alone['stack_b']:,} B, {alone['measured_stack_b']:,} B"
+    times = f"{alone['worst_ms']['480']:.2f} ms, {alone['bound_ms']['480']:.2f} ms"
+    rows = [
+        ("functions; functions called through pointers", f"{row['functions']}; {row['pointed_at']}"),
+        ("recursions", 0),
+        ("loops: bounded by GCC's proof, bounded by a stated reason, waiting for hardware", loops),
+        ("deepest stack by analysis, an exception included", f"{row['stack_b']:,} B"),
+        ("stack without loader and key: by analysis, on the emulated board", stack),
+        ("this firmware built by GCC, at 480 MHz: longest period, bound", times),
+    ]
+    return table(("fullest firmware: loader, diagnosis, calibration, key of the bus", found["facts"]["compiler"]), rows)

@@ -9,7 +9,7 @@ the largest number of cycles that it took in any period of any drive, as if all 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -111,40 +111,21 @@ class Period:
     late_ns: int = 0
 
 
-class Tally:
-    """The cycles and instructions of control periods, by drive and by basic block.
+class Measured(NamedTuple):
+    """The work of a control period.
 
     Attributes:
-        worst: cycles and instructions of the longest period of each drive.
-        in_control: cycles of each period under control in the drive with the release's own goal.
-        in_control_instructions: instructions of each of these periods.
-        floods: number of frames in each flood.
-        periods: number of periods.
+        is_mean: whether the period is under control in the drive with the release's own goal.
     """
 
-    def __init__(self) -> None:
-        self._most: dict[int, tuple[int, int]] = {}
-        self.worst: dict[str, tuple[int, int]] = {}
-        self.in_control, self.in_control_instructions, self.floods = list[int](), list[int](), list[int]()
-        self.periods = 0
+    drive: str
+    cycles: int
+    instructions: int
+    is_mean: bool
 
-    def add(self, drive: str, blocks: Mapping[int, tuple[int, int]], *, is_mean: bool) -> None:
-        """Add a period. `blocks` has the instructions and cycles of each block, by its address."""
-        for address, (instructions, cycles) in blocks.items():
-            before = self._most.get(address, (0, 0))
-            self._most[address] = max(before[0], instructions), max(before[1], cycles)
-        cycles, instructions = sum(one for _, one in blocks.values()), sum(one for one, _ in blocks.values())
-        self.worst[drive] = max(self.worst.get(drive, (0, 0)), (cycles, instructions))
-        self.periods += 1
-        if is_mean:
-            self.in_control.append(cycles)
-            self.in_control_instructions.append(instructions)
 
-    @property
-    def bound(self) -> tuple[int, int]:
-        """Cycles and instructions of a period in which every block takes the largest numbers that it took in any
-        period."""
-        return sum(cycles for _, cycles in self._most.values()), sum(count for count, _ in self._most.values())
+Most = dict[int, tuple[int, int]]
+"""Largest numbers of instructions and cycles that a basic block took in a period, by the block's address."""
 
 
 def worst_periods(
@@ -166,12 +147,12 @@ def worst_periods(
         drives: names of the drives to run after the warm-up; if None, all drives.
     """
     secret = KEY_BYTES if config.bus.key else None
-    ecu, vehicle, tally = BoardEcu(sources, firmware=firmware, secret=secret), Vehicle(config, rows), Tally()
+    ecu, vehicle = BoardEcu(sources, firmware=firmware, secret=secret), Vehicle(config, rows)
+    most, frames = Most(), 0
     own = ecu.calibration
     asked = replace(own, weights=replace(own.weights, lift_mean=1e-3, rate=1e-3, smoothness=1e-3))
-    for _ in range(_WARM):
-        _period(ecu, vehicle.now_ns, Period(frames=vehicle.frames()), _OWN_GOAL, tally)
-    if not tally.in_control:
+    ran = [_period(ecu, vehicle.now_ns, Period(frames=vehicle.frames()), _OWN_GOAL, most) for _ in range(_WARM)]
+    if not any(one.is_mean for one in ran):
         raise McuError(f"the ECU did not come into control in {_WARM} control periods")
     saved, stack = ecu.saved(), ecu.board.stack_depth()
     for name in _DRIVES if drives is None else drives:
@@ -182,23 +163,27 @@ def worst_periods(
             ecu.calibrate(asked)
         ecu.restore(_tiny(ecu, saved) if name == _TINY_NUMBERS else saved)
         for period in _DRIVES[name](there):
-            _period(ecu, there.now_ns - config.period_ns + period.late_ns, period, name, tally)
+            ran.append(_period(ecu, there.now_ns - config.period_ns + period.late_ns, period, name, most))
+            frames = max(frames, len(period.flood))
         stack = max(stack, ecu.board.stack_depth())
-    worst = {name: _ms(cycles) for name, (cycles, _) in tally.worst.items()}
-    cycles, instructions = max(tally.worst.values())
+    worst = max(ran, key=lambda one: (one.cycles, one.instructions))
+    in_control = [one for one in ran if one.is_mean]
+    instructions = [one.instructions for one in in_control]
+    names = dict.fromkeys(one.drive for one in ran)
     return {
-        "mean_ms": _ms(float(np.mean(tally.in_control))),
-        "worst_ms": _ms(cycles),
-        "bound_ms": _ms(tally.bound[0]),
-        "drives_ms": worst,
-        "instructions": instructions,
-        "bound_instructions": tally.bound[1],
-        "instruction_spread": max(tally.in_control_instructions) - min(tally.in_control_instructions),
-        "frames": max(tally.floods, default=0),
+        "mean_ms": _ms(float(np.mean([one.cycles for one in in_control]))),
+        "worst_ms": _ms(worst.cycles),
+        # In one period, every block would take the largest numbers that it took in any period.
+        "bound_ms": _ms(sum(cycles for _, cycles in most.values())),
+        "drives_ms": {name: _ms(max(one.cycles for one in ran if one.drive == name)) for name in names},
+        "instructions": worst.instructions,
+        "bound_instructions": sum(count for count, _ in most.values()),
+        "instruction_spread": max(instructions) - min(instructions),
+        "frames": frames,
         "flash_bytes": flash_bytes(ecu.firmware),
         "ram_bytes": linked_ram(ecu.firmware) + stack,
         "stack_b": stack,
-        "periods": tally.periods,
+        "periods": len(ran),
     }
 
 
@@ -206,7 +191,8 @@ def _ms(cycles: float) -> dict[str, float]:
     return {str(clock): cycles / (clock * 1e3) for clock in CORTEX_M7.clocks_mhz}
 
 
-def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, tally: Tally) -> None:
+def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, most: Most) -> Measured:
+    """Run a control period, and update `most`."""
     blocks = dict[int, tuple[int, int]]()
 
     def count() -> None:
@@ -219,10 +205,13 @@ def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, tally: Tally)
         for frame in period.flood:
             ecu.advance(ecu.board.counter.now_ns + 1000, [frame])
         count()
-        tally.floods.append(len(period.flood))
     ecu.step(now_ns, period.frames, period.health)
     count()
-    tally.add(name, blocks, is_mean=name == _OWN_GOAL and ecu.trace.mode is Mode.CONTROL)
+    for address, (instructions, cycles) in blocks.items():
+        before = most.get(address, (0, 0))
+        most[address] = max(before[0], instructions), max(before[1], cycles)
+    instructions, cycles = (sum(one) for one in zip(*blocks.values(), strict=True))
+    return Measured(name, cycles, instructions, name == _OWN_GOAL and ecu.trace.mode is Mode.CONTROL)
 
 
 def _tiny(ecu: BoardEcu, saved: bytes) -> bytes:

@@ -11,12 +11,13 @@ named after the hash of their inputs, so that an interrupted measurement can be 
 """
 
 import hashlib
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Unpack
 
 import numpy as np
 import typer
@@ -24,15 +25,19 @@ import typer
 from benchmarks.common.command_line import JsonFile, Parts, bars, console, report
 from benchmarks.common.parts import part
 from benchmarks.ecu import tables
-from benchmarks.ecu.lockstep import Lockstep
+from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.wire.frame import Frame
 from contract.config.loading import load_config
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
 from contract.errors import McuError, StillwakeError, install
 from contract.release.checks import Bundle
 from contract.results import versions
+from ecu.ecu_state import EcuState, Surroundings
 from ecu.in_c.c_ecu import CEcu, ecu_sources
+from ecu.in_c.c_structs import differing
 from ecu.in_c.compiler import zig_compiler
-from ecu.stepped import LoopEcu
+from ecu.stepped import CalibratedEcu, LoopEcu
 from firmware_sim.bench.ecus import MCU, C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
@@ -48,6 +53,8 @@ ECUS: Final = (MCU, C, "python")
 COMPARED: Final = (*COMMON, "-march=native")
 """Compiler flags of the ECU that is compared with the emulated core. Floating-point operations are contracted as for
 the core, so this machine must have fused multiply-add."""
+MOST_DIFFERENCES: Final = 10
+"""Largest number of differences between two ECUs that are reported in full."""
 _KEPT: Final = (
     *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "abs_Cl_uncontrolled", "abs_Cl_controlled"),
     *("mean_Cl_controlled", "rms_action", "periods_requested", "periods_in_control", "fault", "computed_by", "ecu"),
@@ -80,7 +87,7 @@ def main(
 
     def driven_by(kind: str) -> dict[str, Any]:
         ecu = None if kind == "python" else loop_ecu(kind, sources, clock_mhz=clock_mhz)
-        lockstep = None
+        lockstep: Any = None
         if ecu is not None and kind == MCU:
             lockstep = Lockstep(ecu.ecu, CEcu(sources, compiler=compiler, flags=COMPARED))
             ecu = replace(ecu, ecu=lockstep)
@@ -122,19 +129,67 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
         )
 
 
+class Lockstep:
+    """A pair of ECUs with the interface of a single ECU. It steps both ECUs, returns the frames of `driver`, and counts
+    the differences between the two ECUs' frames and states. Everything that it does not define is the driver's.
+
+    Args:
+        driver: ECU whose frames are sent.
+        other: ECU that gets every call that the driver gets.
+
+    Attributes:
+        steps, frames: numbers of steps and frames compared so far.
+        differing_frames: number of frames that differed in a byte or in time, or that only one ECU sent.
+        differing_states: number of steps after which the states differed in a bit.
+        differences: descriptions of the first differences, one line each.
+    """
+
+    def __init__(self, driver: CalibratedEcu, other: CalibratedEcu) -> None:
+        self._driver, self._other = driver, other
+        self.steps = self.frames = self.differing_frames = self.differing_states = 0
+        self.differences: list[str] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._driver, name)
+
+    def calibrate(self, calibration: Calibration) -> None:
+        """Set this calibration in both ECUs."""
+        for ecu in (self._driver, self._other):
+            ecu.calibrate(calibration)
+
+    def restore(self, state: EcuState) -> None:
+        """Set this state in both ECUs."""
+        for ecu in (self._driver, self._other):
+            ecu.restore(state)
+
+    def step(
+        self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
+    ) -> list[Frame]:
+        """Step both ECUs for one control period; return the driver's frames."""
+        sent, expected = (ecu.step(now_ns, frames, health, **around) for ecu in (self._driver, self._other))
+        self.steps += 1
+        self.frames += max(len(sent), len(expected))
+        same = sum(one == other for one, other in zip(sent, expected, strict=False))
+        differs = max(len(sent), len(expected)) - same
+        fields = differing(self._driver.state, self._other.state)
+        self.differing_frames += differs
+        self.differing_states += bool(fields)
+        if (differs or fields) and len(self.differences) < MOST_DIFFERENCES:
+            self.differences.append(
+                f"step {self.steps} at {now_ns} ns: {differs} frames, state: {', '.join(fields) or 'same'}"
+            )
+        return sent
+
+
 def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, Any]:
     """Return the figures of a run, and of the comparison of its two ECUs if there is one, for storing."""
     found = summary(log)
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:
         return row
-    return row | {
-        "steps_compared": lockstep.steps,
-        "frames_compared": lockstep.frames,
-        "differing_frames": lockstep.differing_frames,
-        "differing_states": lockstep.differing_states,
-        "differences": lockstep.differences,
-    }
+    names = ("differing_frames", "differing_states", "differences")
+    compared = {"steps_compared": lockstep.steps, "frames_compared": lockstep.frames}
+    return row | compared | {name: getattr(lockstep, name) for name in names}
 
 
 def largest_difference(one: Any, other: Any) -> float:

@@ -75,18 +75,14 @@ class Moment(NamedTuple):
 
 
 class Ahead:
-    """An estimator whose estimates were computed in advance; `at` is the index of the step whose estimates are
-    returned."""
+    """An estimator whose estimates of the present step, `now`, were computed in advance."""
 
-    def __init__(self, found: Array) -> None:
-        self._found = found
-        self.at = 0
+    now: Array
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates of step `at` (see `ecu.sensor_check.EstimatorModel`)."""
+        """Return the estimates of the present step (see `ecu.sensor_check.EstimatorModel`)."""
         del window
-        found: Array = self._found[self.at]
-        return found
+        return self.now
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,25 +98,23 @@ class Lab:
     network: EstimatorNetwork
 
     def read(
-        self, passage: Passage, first: int = 0, last: int | None = None
-    ) -> Iterator[tuple[int, Callable[[SensorCheckState], SensorCheckState]]]:
-        """Yield each step with a function that returns the check's state after this step, given its state before this
-        step."""
-        length = self.network.window
-        windows = _windows(passage, length)[first:last]
-        ahead = Ahead(_estimates(self.network, windows))
+        self, passage: Passage, state: SensorCheckState, first: int = 0, *, restart: SensorCheckState | None = None
+    ) -> Iterator[tuple[int, SensorCheckState, SensorCheckState]]:
+        """Yield each step from `first` on, with the check's states before and after it.
+
+        Args:
+            state: state before the first step.
+            restart: state from which the check starts again after an alarm; if None, it continues.
+        """
+        length, ahead = self.network.window, Ahead()
+        windows = _windows(passage, length)[first:]
         check = replace(self.check, estimator=ahead)
-        for number, window in enumerate(windows):
-            step = first + number
-            cp = passage.cp[step] if passage.heard[step] else None
-
-            def after(
-                state: SensorCheckState, window: Array = window, cp: Array | None = cp, step: int = step
-            ) -> SensorCheckState:
-                return check.next(state, window, min(step + 1, length), cp)[0]
-
-            ahead.at = number
-            yield step, after
+        for step, (window, ahead.now) in enumerate(zip(windows, _estimates(self.network, windows), strict=True), first):
+            before, cp = state, passage.cp[step] if passage.heard[step] else None
+            state, _ = check.next(before, window, min(step + 1, length), cp)
+            yield step, before, state
+            if restart is not None and _is_alarm(state):
+                state = restart
 
     def agrees(self, passage: Passage) -> None:
         """Compare the network's estimates with those of ONNX Runtime; raises StillwakeError if they differ."""
@@ -176,8 +170,7 @@ def main(
         **{"every": every, "longest": LONGEST, "sensor_check": vars(config.ecu.sensor_check)},
         "versions": versions("numpy", "onnxruntime"),
     }
-    shown = (lambda found: alarms(found["figures"]["false_alarms"]), lambda found: faults(found["figures"]["faults"]))
-    report(json_file, figures, facts, *shown)
+    report(json_file, figures, facts, alarms, faults)
 
 
 def _passages(release: Bundle, config: Config) -> list[Passage]:
@@ -221,14 +214,15 @@ def _estimates(network: EstimatorNetwork, windows: Array) -> Array:
 def _false_alarms(lab: Lab, passage: Passage, every: int | None) -> Iterator[str | Moment]:
     """Yield the kind of every false alarm, and a `Moment` for every place where a fault may start."""
     fresh = SensorCheckState.start(window=lab.network.window, sensors=lab.network.sensors)
-    state = fresh
-    for step, after in lab.read(passage):
+    for step, before, after in lab.read(passage, fresh, restart=fresh):
         if every and step >= FIRST and (step - FIRST) % every == 0 and step + LONGEST <= len(passage.cp):
-            yield Moment(passage=passage, step=step, state=state)
-        state = after(state)
-        if state.set_aside is not None or state.implausible:
-            yield "shut" if state.implausible else "set aside"
-            state = fresh
+            yield Moment(passage=passage, step=step, state=before)
+        if _is_alarm(after):
+            yield "shut" if after.implausible else "set aside"
+
+
+def _is_alarm(state: SensorCheckState) -> bool:
+    return state.set_aside is not None or state.implausible
 
 
 def _rates(alarms: Sequence[tuple[str, str, int, int]], config: Config) -> list[dict[str, Any]]:
@@ -292,8 +286,7 @@ def _outcome(lab: Lab, moment: Moment, faults: Sequence[SensorFault]) -> Outcome
     faulty = passage._replace(cp=np.concatenate([passage.cp[:begin], cp]), actions=passage.actions[: begin + LONGEST],
                               heard=passage.heard[: begin + LONGEST])  # fmt: skip
     state, first = moment.state, None
-    for step, after in lab.read(faulty, begin):
-        state = after(state)
+    for step, _, state in lab.read(faulty, moment.state, begin):
         if state.implausible:
             return Outcome(set_aside=state.set_aside, shut=True, periods=step - begin + 1)
         if first is None and state.set_aside is not None:

@@ -1,32 +1,27 @@
-"""The tables of the ECU: sensor check, comparison of Python and C, proofs about the C code, and the loop with each
-ECU."""
+"""The tables of the ECU: sensor check, comparison of Python and C, proofs about the C code, flashing, and the loop with
+each ECU."""
 
 from itertools import groupby
-from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.common.markdown import read, table
+from benchmarks.common.markdown import table
 
 _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
+_LOST: Final = {
+    "bricked": "power-ons after which no release ran",
+    "wrong_release": "power-ons after which a release ran that may not run",
+    "confirmed_lost": "confirmed images that were lost or changed",
+    "counter_moved": "security versions that rose before a confirmation",
+    "checkpoint_lost": "acknowledged bytes that were requested again",
+    "reflash_failed": "cases in which no new release could be flashed and confirmed",
+}
+_LONG_MS: Final = 3.0
+"""Smallest modelled time in ms for which a piece of work for flashing is listed in the table. With a shorter piece, the
+control step still ends long before the end of its period."""
 
 
-def tables(results: Path) -> dict[str, str]:
-    """Return the text of each table, by the table's name in the pages."""
-    figures = read(results / "sensor_check.json")["figures"]
-    return {
-        "sensor_check_alarms": alarms(figures["false_alarms"]),
-        "sensor_check_faults": faults(figures["faults"]),
-        "ecu_c": twin(results / "ecu_c.json"),
-        "proofs": proofs(read(results / "proofs.json")),
-        "proofs_sabotage": sabotage(read(results / "proofs.json")),
-        "models": models(read(results / "models.json")),
-        "ecu_loop": loops(read(results / "ecu_loop.json")),
-    }
-
-
-def twin(path: Path) -> str:
+def twin(found: Any) -> str:
     """Return the table of the comparison of the ECUs in C and in Python, and of the planted faults that it found."""
-    found = read(path)
     of, facts = found["figures"], found["facts"]
     rows = [
         ("random control periods of both ECUs", of["steps"]),
@@ -123,33 +118,114 @@ Measured on {found["date"]}. On the emulated core {frames} and {states} differ f
 equal contraction."""
 
 
-def alarms(rows: list[dict[str, Any]]) -> str:
+def alarms(found: Any) -> str:
     """Return the table of false alarms in the whole recording, for each disturbance of the healthy sensors."""
     words = {"none": "nothing", "noise 0.9": "noise of 90 %", "lost 0.3": "loss of 30 % of the frames"}
-    found = [
-        (
-            words[row["through"]],
-            round(row["hours"], 3),
-            row["alarms"],
-            f"below {row['below_per_hour']:.3g}" if row["alarms"] == 0 else f"{row['per_hour']:.3g}",
-        )
-        for row in rows
-        if row["role"] == "all"
-    ]
-    return table(("disturbance", "hours", "false alarms", "per hour"), found)
+    rows = []
+    for row in found["figures"]["false_alarms"]:
+        if row["role"] == "all":
+            rate = f"{row['per_hour']:.3g}" if row["alarms"] else f"below {row['below_per_hour']:.3g}"
+            rows.append((words[row["through"]], round(row["hours"], 3), row["alarms"], rate))
+    return table(("disturbance", "hours", "false alarms", "per hour"), rows)
 
 
-def faults(rows: list[dict[str, Any]]) -> str:
+def faults(found: Any) -> str:
     """Return the table of the outcomes of each kind of fault, over all sensors or pairs of sensors."""
     counts = ("starts", "set_aside", "shut", "wrong", "unseen")
-    found = []
-    for fault, group in groupby(rows, key=lambda row: row["fault"]):
+    rows = []
+    for fault, group in groupby(found["figures"]["faults"], key=lambda row: row["fault"]):
         of = list(group)
         medians = [row["periods_median"] for row in of]
         least, most = f"{min(medians):g}", f"{max(medians):g}"
         median = least if least == most else f"{least} to {most}"
-        found.append(
-            (fault, *(sum(row[name] for row in of) for name in counts), median, max(row["periods_max"] for row in of))
-        )
+        sums = (sum(row[name] for row in of) for name in counts)
+        rows.append((fault, *sums, median, max(row["periods_max"] for row in of)))
     heads = ("fault", "cases", "set aside", "shut", "healthy", "unseen", "median of periods", "most periods")
-    return table(heads, found)
+    return table(heads, rows)
+
+
+def flash_proof(found: Any) -> str:
+    """Return the table of a test with interruptions of the power supply: counts of its steps and of the losses. The
+    ECU's store is a folder."""
+    of, facts = found["figures"], found["facts"]
+    texts = {
+        "operations": "calls in the whole sequence that change the store",
+        "cuts_depth_1": "first cuts of the supply",
+        "cuts_depth_2": "second cuts, in the recovery from a first one",
+        "boots": "checked power-ons",
+        **_LOST,
+    }
+    rows = [(text, of[name]) for name, text in texts.items()]
+    which = "each of the calls" if facts["every"] == 1 else f"one in {facts['every']} of the calls"
+    return f"""{table(("", "figure"), rows)}
+
+Measured on {found["date"]} with {facts["versions"]["stillwake"]}; the supply is cut in {which} in {facts["seeds"]}
+ways. The second cuts are random."""
+
+
+def flash_c(found: Any) -> str:
+    """Return the table of the loader in C: counts of its test with interruptions of the power supply, and its
+    memory."""
+    of = found["figures"]
+    texts = {
+        "cuts_depth_1": "first cuts of the supply",
+        "cuts_depth_2": "second cuts, in the recovery from a first one",
+        "bricked": "recoveries after which no release ran",
+        "confirmed_lost": "confirmed images that were lost or changed",
+        "images": "altered images checked in both languages",
+        "calls": "random calls of the store in both languages",
+        "calls_compared": "compared control periods and calls of diagnosis",
+        "mismatches": "differences",
+        "fuzz_requests": "hostile requests under sanitisers, without an error",
+        "loader_flash_kib": "flash, KiB (-Os, Cortex-M7)",
+        "loader_ram_kib": "RAM of the loader without the stack, KiB",
+        "stack_b": "stack of the deepest chain of calls, without drivers, bytes",
+    }
+    rows = [(text, of[name]) for name, text in texts.items()]
+    if "branches" in of:
+        taken = f"{of['branches_taken']} of {of['branches']}; {of['branches_explained']} cannot be reached"
+        rows.append(("executed branches of the store", taken))
+    cut = f"The supply was cut in {found['facts']['eighths']} of 8 operations of the flash memory."
+    return f"{table(('', 'figure'), rows)}\n\n{cut}"
+
+
+def uds_states(found: Any) -> str:
+    """Return the table of the test that sends requests to the ECUs in Python and in C in all states of diagnosis."""
+    of = found["figures"]
+    texts = {
+        "requests": "requests to both ECUs",
+        "states": "states of diagnosis in which requests arrived",
+        "services_in_states": "pairs of a state and a service",
+        "kinds_of_answers": "kinds of answers",
+        "mismatches": "differences",
+    }
+    rows = [(text, of[name]) for name, text in texts.items()]
+    return f"{table(('', 'figure'), rows)}\n\nMeasured on {found['date']} in {of['builds']} builds."
+
+
+def flash_pieces(found: Any) -> str:
+    """Return the table of the computing time that diagnosis takes from control on the emulated board."""
+    of, facts = found["figures"], found["facts"]
+    clocks = next(iter(of.values()))
+    rows = [(what, *(f"{ms:.2f}" for ms in at.values())) for what, at in of.items() if max(at.values()) > _LONG_MS]
+    release = f"{facts['bundle']} ({facts['digest'][:12]})"
+    return f"""{table(("longest time, modelled, ms", *clocks), rows)}
+
+Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g} ms."""
+
+
+def flash_times(found: Any) -> str:
+    """Return the table of the durations of a transfer of the shipped release over the simulated bus."""
+    of = found["figures"]
+    buses = {"fd": "CAN FD, 500 kbit/s and 2 Mbit/s", "classic": "classic CAN, 500 kbit/s"}
+    rows = []
+    for row in of["flash_times"]:
+        lost, load = f"{100 * row['lost']:g} %", f"{100 * row['load']:.0f} %"
+        sent = (f"{row['seconds']:.1f}", row["diagnostic_frames"], load, row["unanswered"])
+        rows.append((buses[row["frames"]], lost, *sent))
+    heads = ("bus", "lost frames in each direction", "seconds", "frames of diagnosis", "bus load", "repeated requests")
+    return f"""{table(heads, rows)}
+
+An image of {of["flash_times"][0]["bytes"]} bytes is sent. Times are virtual, from the first request to the
+confirmation, a restart of the ECU (0.3 s) included. The ECU sends its usual frames, but does not control. Measured on
+{found["date"]} with commit {found["facts"]["commit"]}, which has the bench."""

@@ -15,17 +15,16 @@ from statistics import median
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
-from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, Parts, console, save, track
-from benchmarks.common.parts import part
+from benchmarks.common.command_line import JsonFile, Parts, Phases, Release, Workers, report
+from benchmarks.common.parts import kept_runs
+from benchmarks.release.loop_tables import drive as drive_table
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
-from contract.side_by_side import process_pool
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
@@ -70,9 +69,9 @@ def main(
     parts: Parts = Path("runs/drive"),
     quick: Annotated[bool, typer.Option("--quick", help="On the mesh of refine.*: a quarter of the time.")] = False,
     only: Annotated[list[str], typer.Option(help="Name of a row (repeatable); default: all.")] = [],  # noqa: B006
-    phases: Annotated[int, typer.Option(min=1, max=25, help="Starts, of whose figures a row has the median.")] = 1,
-    workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
-    bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
+    phases: Phases = 1,
+    workers: Workers = 1,
+    bundle: Release = BUNDLE,
 ) -> None:
     """Run every row from every start and print a table."""
     if unknown := set(only) - {case.name for case in CASES}:
@@ -81,18 +80,9 @@ def main(
     config = mesh_of(load_config()) if quick else load_config()
     cases = [case for case in CASES if not only or case.name in only]
     folder = parts / f"{release.digest[:12]}_{config.flow.refinement:g}_{phases}"
-    folder.mkdir(parents=True, exist_ok=True)
-    runs = [(case, phase) for case in cases for phase in range(phases)]
-    with process_pool(workers) as pool:
-        outcomes = list(
-            track(pool.map(partial(_kept, folder, bundle, config, phases), runs), "drive", "runs", len(runs))
-        )
+    runs = {folder / f"{case.name}_{phase}.json": (case, phase, phases) for case in cases for phase in range(phases)}
+    outcomes = kept_runs(partial(outcome, bundle, config), runs, workers=workers, label="drive")
     rows = [_row(case, outcomes[k * phases : (k + 1) * phases]) for k, case in enumerate(cases)]
-    shown = ("reduction_percent", "net_reduction_percent", "abs_Cl", "abs_Cl_without", "in_control_percent")
-    table = Table("drive", "less drag, %", "net, %", "mean |Cl|", "jets shut", "in control, %")
-    for row in rows:
-        table.add_row(row["name"], *("" if row[name] is None else f"{row[name]:.3g}" for name in shown))
-    console.print(table)
     facts = {
         "bundle": release.manifest.name,
         "digest": release.digest,
@@ -100,19 +90,14 @@ def main(
         **{"lead_in": LEAD_IN, "settle": SETTLE, "phases": phases},
         "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
     }
-    save(json_file, figures=rows, facts=facts)
+    report(json_file, rows, facts, drive_table)
 
 
 def _row(case: Case, runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the medians over the starts, the range of the reduction, and the texts about lost control in all runs."""
-    medians = {
-        name: None if None in (values := [run[name] for run in runs]) else median(values)
-        for name in runs[0]
-        if name not in ("name", "trouble")
-    }
+    medians = {name: median(run[name] for run in runs) for name in runs[0] if name not in ("name", "trouble")}
     percent = int(case.drive.removeprefix("steady-")) if case.drive.startswith("steady-") else None
     reductions = [run["reduction_percent"] for run in runs]
-    troubles = [run["trouble"] for run in runs if run["trouble"] is not None]
     return {
         "name": case.name,
         "speed_percent": percent,
@@ -120,19 +105,11 @@ def _row(case: Case, runs: list[dict[str, Any]]) -> dict[str, Any]:
         **medians,
         "reduction_least": min(reductions),
         "reduction_most": max(reductions),
-        "trouble": troubles,
+        "trouble": [run["trouble"] for run in runs if run["trouble"] is not None],
     }
 
 
-def _kept(folder: Path, bundle: Path, config: Config, phases: int, run: tuple[Case, int]) -> dict[str, Any]:
-    case, phase = run
-    made: dict[str, Any] = part(
-        folder / f"{case.name}_{phase}.json", lambda: outcome(bundle, config, case, phase, phases)
-    )
-    return made
-
-
-def outcome(bundle: Path, config: Config, case: Case, phase: int = 0, phases: int = 1) -> Mapping[str, Any]:
+def outcome(bundle: Path, config: Config, case: Case, phase: int, phases: int) -> Mapping[str, Any]:
     """Return the totals of the drive in one run."""
     release, point = bundles.load(bundle), config.operating_point
     drive = find_drive(case.drive, point)

@@ -19,13 +19,11 @@ from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 import typer
-from rich.table import Table
-from scipy.stats import sem
-from scipy.stats import t as student_t
 
-from benchmarks.common.command_line import JsonFile, Parts, console, save, track
-from benchmarks.common.parts import part
-from benchmarks.release.release_loop import SPANS, kept_starts
+from benchmarks.common.command_line import JsonFile, Parts, Release, Workers, report
+from benchmarks.common.parts import kept_runs
+from benchmarks.release import tables
+from benchmarks.release.release_loop import SPANS, half_width_95, kept_starts
 from contract.config.controller import CostWeights
 from contract.config.loading import load_config
 from contract.controller.calibration import Calibration
@@ -33,7 +31,6 @@ from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
-from contract.side_by_side import process_pool
 from ecu.calibrating import release_calibration
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.runs.statistics import NoAverages, averages
@@ -73,8 +70,8 @@ def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/iterations"),
     phases: Annotated[int, typer.Option(min=2, max=25, help="Number of starts, spread over a shedding cycle.")] = 3,
-    workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
-    bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
+    workers: Workers = 1,
+    bundle: Release = BUNDLE,
 ) -> None:
     """Run all pairs of runs and print a table."""
     release = bundles.load(bundle)
@@ -82,19 +79,17 @@ def main(
     kept = kept_starts(parts, release, phases, config)
     own = release_calibration(release, replace(config, mpc=release.manifest.mpc))
     acting = [case for case in CASES if calibrated(own, case, iterated=True) != calibrated(own, case, iterated=False)]
-    runs = [(case, phase, iterated) for case in acting for phase in range(phases) for iterated in (True, False)]
-    with process_pool(workers) as pool:
-        each = partial(_kept, kept.path, bundle, [kept.start(phase) for phase in range(phases)])
-        costs = list(track(pool.map(each, runs), "iterations", "runs", len(runs)))
+    runs = {
+        kept.path / f"{case.name}_{phase}_{'with' if iterated else 'without'}.json": (kept.start(phase), case, iterated)
+        for case in acting
+        for phase in range(phases)
+        for iterated in (True, False)
+    }
+    costs = kept_runs(partial(outcome, bundle), runs, workers=workers, label="iterations")
     changes: dict[str, list[float]] = {case.name: [] for case in acting}
-    for (case, _, _), with_them, without in zip(runs[::2], costs[::2], costs[1::2], strict=True):
+    for (_, case, _), with_them, without in zip(list(runs.values())[::2], costs[::2], costs[1::2], strict=True):
         changes[case.name].append(100.0 * (with_them["cost"] / without["cost"] - 1.0))
     figures = {case.name: _interval(changes.get(case.name, [0.0, 0.0])) for case in CASES}
-    table = Table("case", "pairs", "change of its cost, %", "95 % interval")
-    for name, found in figures.items():
-        interval = f"{found['lower']:.2f} .. {found['upper']:.2f}" if name in changes else "no iteration acts"
-        table.add_row(name, str(len(changes.get(name, ()))), f"{found['mean']:.2f}", interval)
-    console.print(table)
     facts = {
         "bundle": release.manifest.name,
         "digest": release.digest,
@@ -102,24 +97,13 @@ def main(
         "pairs": {case.name: len(changes.get(case.name, ())) for case in CASES},
         "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
     }
-    save(
-        json_file,
-        figures={"change_percent": figures, "change_percent_upper": figures[CASES[0].name]["upper"]},
-        facts=facts,
-    )
+    upper = figures[CASES[0].name]["upper"]
+    report(json_file, {"change_percent": figures, "change_percent_upper": upper}, facts, tables.iterations)
 
 
 def _interval(values: list[float]) -> dict[str, float]:
-    half = float(sem(values) * student_t.ppf(0.975, len(values) - 1))
-    mean = float(np.mean(values))
+    mean, half = float(np.mean(values)), half_width_95(values)
     return {"mean": mean, "lower": mean - half, "upper": mean + half}
-
-
-def _kept(folder: Path, bundle: Path, starts: list[Path], run: tuple[Case, int, bool]) -> dict[str, float]:
-    case, phase, iterated = run
-    file = folder / f"{case.name}_{phase}_{'with' if iterated else 'without'}.json"
-    made: dict[str, float] = part(file, lambda: outcome(bundle, starts[phase], case, iterated=iterated))
-    return made
 
 
 def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
@@ -131,7 +115,7 @@ def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
     return replace(own, weights=weights, action_limit=case.limit * own.action_limit, delay_steps=case.delay)
 
 
-def outcome(bundle: Path, start: Path, case: Case, *, iterated: bool) -> dict[str, float]:
+def outcome(bundle: Path, start: Path, case: Case, iterated: bool) -> dict[str, float]:
     """Return the cost, with the case's weights, of the averaged part of a run."""
     release = bundles.load(bundle)
     config = replace(load_config(), mpc=release.manifest.mpc)

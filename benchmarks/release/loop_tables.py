@@ -1,10 +1,12 @@
-"""The tables of the shipped release from several starting phases in the shedding cycle and at other speeds."""
+"""The tables of the shipped release from several starting phases in the shedding cycle, at other speeds, in the
+campaign, and beside other ways to reduce drag."""
 
 import re
 from collections import Counter
-from pathlib import Path
+from collections.abc import Mapping
+from typing import Any
 
-from benchmarks.common.markdown import read, table
+from benchmarks.common.markdown import table
 
 _HEADS = ("", "less drag, %", "mean abs Cl", "mean Cl", "rms action", "jet power", "less Cd_net, %", "less power, %")
 _NAMES = (
@@ -13,17 +15,8 @@ _NAMES = (
 )
 
 
-def tables(results: Path) -> dict[str, str]:
-    """Return the text of each table, by the table's name in the pages."""
-    return {
-        "release_loop": release_loop(results),
-        "drive": drive(results),
-    }
-
-
-def drive(results: Path) -> str:
+def drive(found: Any) -> str:
     """Return the table of the shipped release at other speeds."""
-    found = read(results / "drive.json")
     facts = found["facts"]
     rows = [
         (
@@ -35,15 +28,8 @@ def drive(results: Path) -> str:
         )
         for row in found["figures"]
     ]
-    heads = (
-        "drive",
-        "less drag, % (range of starts)",
-        "less Cd_net, %",
-        "mean abs Cl",
-        "without control",
-        "in control, % (latched fault, starts)",
-    )
-    return f"""{table(heads, rows)}
+    heads = ("drive", "less drag, % (range of starts)", "less Cd_net, %", "mean abs Cl", "without control")
+    return f"""{table((*heads, "in control, % (latched fault, starts)"), rows)}
 
 Measured on {found["date"]}: {facts["bundle"]} ({facts["digest"][:12]}), refinement {facts["mesh"]:g}, medians of
 {facts["phases"]} starts in one shedding cycle: {facts["lead_in"]:g} t_c at the design speed without control, then the
@@ -56,14 +42,13 @@ def _latched(troubles: list[str]) -> str:
     return ", ".join(f"{name} ({count})" for name, count in faults.items())
 
 
-def release_loop(results: Path) -> str:
+def release_loop(found: Any) -> str:
     """Return the table of the shipped release over several starting phases."""
-    found = read(results / "release_loop.json")
     figures, facts = found["figures"], found["facts"]
     spread = figures["over_phases"]
     rows = [
         (f"mean of {len(figures['phases'])} starts", *(spread[name]["mean"] for name in _NAMES)),
-        ("95 % confidence interval of the mean, +-", *(spread[name]["half_width_95"] for name in _NAMES)),
+        ("95 % confidence interval of the mean, +-", *(spread[name].get("half_width_95") for name in _NAMES)),
         ("smallest..largest", *(f"{spread[name]['least']:.4g}..{spread[name]['most']:.4g}" for name in _NAMES)),
     ]
     before, under = (spread[f"Cd_net_{name}"]["mean"] for name in ("uncontrolled", "controlled"))
@@ -72,3 +57,72 @@ def release_loop(results: Path) -> str:
 `Cd_net` is {before:.4f} without control and {under:.4f} with control.
 
 {table(_HEADS, rows)}"""
+
+
+def campaign(found: Any) -> str:
+    """Return the matrix with a row per scenario."""
+    rows = [
+        (
+            row["name"],
+            row["use"] if row["safe"] else f"**UNSAFE**, {row['use']}",
+            _with_range("..", *(_number(row[f"reduction_percent{end}"], ".1f") for end in ("", "_min", "_max"))),
+            _number(row["abs_Cl"], ".2f"),
+            _in_control(row),
+        )
+        for row in found["figures"]
+    ]
+    heads = ("scenario", "use", "less drag, %", "mean abs Cl", "in control, % (latched)")
+    facts, figures = found["facts"], found["figures"]
+    safe = sum(row["safe"] for row in figures)
+    return f"""{table(heads, rows)}
+
+Measured on {found["date"]} with {facts["bundle_name"]}: means of {facts["phases"]} starting phases, with the smallest
+and largest value. If the last column is empty, the ECU was always in control; brackets contain the number of starts in
+which a fault latched. Control lasts {facts["controlled"]:g} t_c; averages are over the last
+{facts["controlled"] - facts["settle"]:g} t_c. {safe} of {len(figures)} scenarios are safe."""
+
+
+def _in_control(row: Mapping[str, Any]) -> str:
+    """Return the percentage of periods in control, or "" if it is 100, and the number of latched faults unless it is
+    0."""
+    share = _number(row["in_control_percent"], ".0f")
+    return f"{share} ({row['latches']})" if row["latches"] else "" if share == "100" else share
+
+
+def _with_range(to: str, mean: str, least: str, most: str) -> str:
+    return mean if least == most else f"{mean} ({least}{to}{most})"
+
+
+def _number(value: float | None, style: str) -> str:
+    return "-" if value is None else f"{value:{style}}"
+
+
+_DEFAULT_MESH = (443, 164)
+
+
+def roads(found: Any, phases: Any) -> str:
+    """Return the table that compares several ways to reduce drag."""
+    rows = []
+    for row in found["figures"]:
+        loop = "bus" if row["loop"] == "CAN" else "no bus"
+        rows.append(
+            (
+                row["title"],
+                _with_range(" to ", *(f"{row[f'{name}reduction_percent']:.1f}" for name in ("", "least_", "most_"))),
+                *(f"{row['abs_Cl']:.3f}", f"{row['jet_power']:.3f}", f"{row['net_reduction_percent']:.1f}"),
+                *(f"{row['interactions']:,}", loop if tuple(row["mesh"]) == _DEFAULT_MESH else f"{loop}, coarse"),
+                row["phases"],
+            )
+        )
+    spread = phases["figures"]["over_phases"]
+    drag, lift, power, net = (spread[name] for name in (_NAMES[0], _NAMES[1], _NAMES[4], _NAMES[5]))
+    rows.append(
+        (
+            f"the shipped release ({phases['facts']['bundle']})",
+            f"{drag['mean']:.1f} ({drag['least']:.1f} to {drag['most']:.1f})",
+            *(f"{lift['mean']:.3f}", f"{power['mean']:.3f}", f"{net['mean']:.1f}", "", "bus"),
+            len(phases["figures"]["phases"]),
+        )
+    )
+    heads = ("road", "less drag, %", "mean abs Cl", "jet power", "less net drag, %", "steps", "loop", "starts")
+    return table(heads, rows)

@@ -1,5 +1,6 @@
 """The pictures of a release in the loop: errors of its forecasts, distributions, Cp along the body, and mean flows."""
 
+import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -62,6 +63,38 @@ def distributions(figures: Mapping[str, Any]) -> Figure:
     along.legend(fontsize=8)
     along.grid(color="0.92")
     return figure
+
+
+def weights(figures: Mapping[str, Any]) -> dict[str, Figure]:
+    """Draw the picture of `docs/explanation/through-the-flow.md`: the figures that a weight is meant to reduce, and the
+    drag, against the weight."""
+    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
+    shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
+    for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):
+        runs = [row for row in figures["runs"] if row["weight"] == weight]
+        averaged = means(figures["runs"], weight)
+        axes.plot([run["value"] for run in runs], [run[name] for run in runs], ".", color="tab:blue", alpha=0.5)
+        axes.plot(list(averaged), [found[name] for found in averaged.values()], "-", color="tab:blue")
+        axes.set(xlabel=f"weight on {weight}", ylabel=label)
+        axes.set_ylim(bottom=0.0)
+        drag = axes.twinx()
+        drag.plot(
+            list(averaged), [found["reduction_percent"] for found in averaged.values()], "s--", color="tab:orange"
+        )
+        drag.set(ylabel="less drag, %", ylim=(0.0, 40.0))
+        drag.yaxis.label.set_color("tab:orange")
+        axes.yaxis.label.set_color("tab:blue")
+    return {"weights": figure}
+
+
+def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[str, float]]:
+    """Return, for each value of the weight, every figure's mean over the starts."""
+    found: dict[float, dict[str, float]] = {}
+    for value in dict.fromkeys(row["value"] for row in rows if row["weight"] == weight):
+        runs = [row for row in rows if (row["weight"], row["value"]) == (weight, value)]
+        names = (name for name, figure in runs[0].items() if isinstance(figure, float) and name != "value")
+        found[value] = {name: statistics.mean(run[name] for run in runs) for name in names}
+    return found
 
 
 def _histogram(axes: Axes, found: Mapping[str, Any], label: str) -> None:

@@ -11,7 +11,6 @@ the flow's forces at t_{k+h}.
 """
 
 from contextlib import nullcontext
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -43,21 +42,12 @@ _QUANTILES: Final = (0.1, 0.9)
 CASES: Final = ("uncontrolled", "controlled")
 
 
-@dataclass(kw_only=True)
 class Listening:
-    """A controller that passes every call to an inner controller and stores the result of the latest step.
+    """A controller that passes every call to an inner controller and stores the result of the latest step."""
 
-    Attributes:
-        inner: controller that computes the steps.
-        latest: result of the latest step; None after `taken` has returned it.
-    """
-
-    inner: RunnableController
-    latest: ControlStep | None = None
-    description: str = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.description = self.inner.description
+    def __init__(self, inner: RunnableController) -> None:
+        self.inner, self.description = inner, inner.description
+        self.latest: ControlStep | None = None
 
     def warm_up(self, steps: int) -> None:
         self.inner.warm_up(steps)
@@ -85,7 +75,7 @@ def main(
     """Run the closed loop once, and write figures and pictures."""
     release, config = open_release(bundle, trust), load_config()
     horizon, period = release.manifest.mpc.horizon, config.flow.control_period
-    listening = Listening(inner=OnnxController.of(release))
+    listening = Listening(OnnxController.of(release))
     forecasts: list[Array] = []
     first, settled = round(lead_in / period), round((lead_in + settle) / period)
     with open_plant("wake", run, config) as wake, progress("periods", console=bars) as shown:

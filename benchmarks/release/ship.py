@@ -14,7 +14,7 @@ from datetime import date
 from pathlib import Path
 from typing import Final
 
-from benchmarks.common.commands import ROOT
+from benchmarks.common.command_line import ROOT
 from contract.atomic import replacing
 from contract.errors import BundleError
 from contract.model.model_folder import DESCRIPTION, MODEL_WEIGHTS, read

@@ -1,24 +1,10 @@
 """The tables of the shipped release in the closed loop, from the results of `stillwake run` and `develop --steady`."""
 
 from collections.abc import Mapping
-from pathlib import Path
+from itertools import chain
 from typing import Any
 
-from benchmarks.common.markdown import read, table
-
-
-def tables(results: Path) -> dict[str, str]:
-    """Return the text of each table, by the table's name in the pages."""
-    return {
-        "summary": summary(results),
-        "demo": demo(results),
-        "limits": limits(results),
-        "steady": steady(results),
-        "bundle_fuzz": bundle_fuzz(results),
-        "iterations": iterations(read(results / "iterations.json")),
-        "release_forecasts": release_forecasts(read(results / "release_figures.json")),
-        "release_distributions": release_distributions(read(results / "release_figures.json")),
-    }
+from benchmarks.common.markdown import table
 
 
 def iterations(found: Any) -> str:
@@ -36,18 +22,11 @@ def release_forecasts(found: Any) -> str:
     """Return the table of the errors of the controller's forecasts in the closed loop."""
     figures = found["figures"]
     sigma = figures["sigma"]["uncontrolled"]
-    rows = [
-        (
-            row["h"],
-            *(
-                cell
-                for name in ("drag", "lift")
-                for cell in (row[name]["mean"], f"{row[name]['p10']:.4f}..{row[name]['p90']:.4f}")
-            ),
-        )
-        for row in figures["forecast"]
-        if row["h"] == 1 or row["h"] % 5 == 0
-    ]
+    rows = []
+    for row in figures["forecast"]:
+        if row["h"] == 1 or row["h"] % 5 == 0:
+            spans = ((one["mean"], f"{one['p10']:.4f}..{one['p90']:.4f}") for one in (row["drag"], row["lift"]))
+            rows.append((row["h"], *chain.from_iterable(spans)))
     heads = ("h", "mean error of Cd", "10 to 90 %", "mean error of Cl", "10 to 90 %")
     return f"""{table(heads, rows)}
 
@@ -70,9 +49,8 @@ def release_distributions(found: Any) -> str:
     return table(("", "uncontrolled", "controlled", "paper, uncontrolled", "paper, controlled"), rows)
 
 
-def bundle_fuzz(results: Path) -> str:
+def bundle_fuzz(found: Any) -> str:
     """Return the table of damaged bundles, graphs and C headers, and of how many of them were accepted."""
-    found = read(results / "bundle_fuzz.json")
     figures = found["figures"]
     rows = [
         (kind, row["cases"], row["accepted"], sum(row["refused"].values()), f"{1e3 * row['slowest_s']:.0f}")
@@ -88,37 +66,42 @@ accepted cases are valid unsigned bundles with another content.
 """
 
 
-def summary(results: Path) -> str:
+def summary(demo: Any, openfoam: Any, sines: Any, phases: Any, roads: Any, drives: Any) -> str:
     """Return the table of the uncontrolled wake, the best sinusoidal forcing, and the closed loop on both plants."""
-    loop = read(results / "demo.json")["figures"]
-    openfoam = read(results / "openfoam_loop.json")
-    second, of = openfoam["figures"], openfoam["facts"]["controller"].partition(" ")[0]
-    sines = [row for row in read(results / "open_loop.json")["figures"] if row["frequency"] > 0]
-    sine = min(sines, key=lambda row: float(row["Cd"]))
+    loop, second, spread = demo["figures"], openfoam["figures"], phases["figures"]["over_phases"]
+    sine = min((row for row in sines["figures"] if row["frequency"] > 0), key=lambda row: float(row["Cd"]))
+    linear = next(row for row in roads["figures"] if row["road"] == "linear-under-release")
     names = ("Cd", "base_Cp", "abs_Cl", "Cd_net")
-    start = loop["Cd_uncontrolled"]
+    averaged = ("abs_Cl_controlled", "Cd_net_controlled", "rms_action", "jet_power_controlled")
+    drag, starts = spread["reduction_percent"], len(phases["figures"]["phases"])
     rows: list[tuple[object, ...]] = [
         ("uncontrolled", *(loop[f"{name}_uncontrolled"] for name in names), 0.0, 0.0, ""),
         (
             f"best sine without feedback (frequency {sine['frequency']:.2f})",
             *(sine[name] for name in (*names, "rms_action", "jet_power")),
-            f"{100 * (1 - sine['Cd'] / start):.1f} %",
+            f"{100 * (1 - sine['Cd'] / loop['Cd_uncontrolled']):.1f} %",
         ),
         ("closed loop over CAN, 4 sensors, int8", *_under(loop, names), f"**{loop['reduction_percent']:.1f} %**"),
-        _from_phases(results),
         (
-            f"{of} on OpenFOAM's icoFoam (uncontrolled: {second['Cd_uncontrolled']:.3f})",
+            f"{phases['facts']['bundle']}, mean of {starts} starts with 95 % confidence interval",
+            *(spread["Cd_controlled"]["mean"], None, *(spread[name]["mean"] for name in averaged)),
+            f"{drag['mean']:.1f} +- {drag['half_width_95']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
+        ),
+        (
+            f"{openfoam['facts']['controller'].partition(' ')[0]} on OpenFOAM's icoFoam "
+            f"(uncontrolled: {second['Cd_uncontrolled']:.3f})",
             *_under(second, names),
             f"{second['reduction_percent']:.1f} %",
         ),
-        _linear(results),
+        (
+            f"linear controller (of version 1.0.0), mean of {len(linear['outcomes'])} starts",
+            *(linear["Cd"], None, *(linear[name] for name in ("abs_Cl", "Cd_net", "rms_action", "jet_power"))),
+            f"{linear['reduction_percent']:.1f} % ({linear['least_reduction_percent']:.1f} .. "
+            f"{linear['most_reduction_percent']:.1f})",
+        ),
     ]
-    drives = read(results / "drive.json")
-    speeds = {
-        row["speed_percent"]: row["reduction_percent"]
-        for row in drives["figures"]
-        if row["speed_percent"] and not row["disturbed"]
-    }
+    steady = (row for row in drives["figures"] if row["speed_percent"] and not row["disturbed"])
+    speeds = {row["speed_percent"]: row["reduction_percent"] for row in steady}
     served = ", ".join(
         f"{round(found)} % at {speed} %" for speed, found in speeds.items() if speed % 20 == 0 or speed == 130
     )
@@ -135,52 +118,14 @@ Mean Cl under control is {loop["mean_Cl_controlled"]:+.3f}. A control step takes
 """
 
 
-def _from_phases(results: Path) -> tuple[object, ...]:
-    """Return the row of the closed loop, with the means over several starting phases."""
-    found = read(results / "release_loop.json")
-    figures = found["figures"]
-    spread = figures["over_phases"]
-    names = ("Cd_controlled", "abs_Cl_controlled", "Cd_net_controlled", "rms_action", "jet_power_controlled")
-    Cd, *others = (spread[name]["mean"] for name in names)
-    drag = spread["reduction_percent"]
-    return (
-        f"{found['facts']['bundle']}, mean of {len(figures['phases'])} starts with 95 % confidence interval",
-        *(Cd, None, *others),
-        f"{drag['mean']:.1f} +- {drag['half_width_95']:.1f} % ({drag['least']:.1f} .. {drag['most']:.1f})",
-    )
-
-
-def _linear(results: Path) -> tuple[object, ...]:
-    """Return the row of the linear controller of version 1.0.0, with its means over the starting phases."""
-    row = next(row for row in read(results / "roads.json")["figures"] if row["road"] == "linear-under-release")
-    return (
-        f"linear controller (of version 1.0.0), mean of {len(row['outcomes'])} starts",
-        *(row["Cd"], None, *(row[name] for name in ("abs_Cl", "Cd_net", "rms_action", "jet_power"))),
-        f"{row['reduction_percent']:.1f} % ({row['least_reduction_percent']:.1f} .. "
-        f"{row['most_reduction_percent']:.1f})",
-    )
-
-
 def _under(loop: Mapping[str, Any], names: tuple[str, ...]) -> tuple[float, ...]:
     return (*(loop[f"{name}_controlled"] for name in names), loop["rms_action"], loop["jet_power_controlled"])
 
 
-def demo(results: Path) -> str:
+def demo(found: Any) -> str:
     """Return the table of the loop of `make demo`, without and with control."""
-    found = read(results / "demo.json")
     figures, facts = found["figures"], found["facts"]
     latency = "/".join(f"{figures[name]:.2f}" for name in ("mpc_ms_p50", "mpc_ms_p99", "mpc_ms_max"))
-    return f"""Measured on {found["date"]}: {figures["controller"]}, sensors {", ".join(figures["sensors"])},
-{facts["config"]["ecu"]["compute_time_ms"]:g} ms of virtual time for a control step. Control reduces wall drag by
-**{figures["reduction_percent"]:.1f} %**.
-
-{_before_and_under(figures)}
-
-A control step takes p50/p99/max {latency} ms of {figures["mpc_budget_ms"]:g} ms. Of
-{figures["frames_sent"]} frames {figures["frames_lost"]} were lost and {figures["frames_rejected"]} rejected."""
-
-
-def _before_and_under(figures: Mapping[str, Any]) -> str:
     rows = [
         ("mean Cd (wall)", figures["Cd_uncontrolled"], figures["Cd_controlled"]),
         ("mean base Cp", figures["base_Cp_uncontrolled"], figures["base_Cp_controlled"]),
@@ -190,35 +135,39 @@ def _before_and_under(figures: Mapping[str, Any]) -> str:
         ("mean Cd, wall + slots + jet momentum", figures["Cd_net_uncontrolled"], figures["Cd_net_controlled"]),
         ("mean jet power / (rho U_inf^3 W / 2)", 0.0, figures["jet_power_controlled"]),
     ]
-    return table(("", "uncontrolled", "controlled"), rows)
+    return f"""Measured on {found["date"]}: {figures["controller"]}, sensors {", ".join(figures["sensors"])},
+{facts["config"]["ecu"]["compute_time_ms"]:g} ms of virtual time for a control step. Control reduces wall drag by
+**{figures["reduction_percent"]:.1f} %**.
+
+{table(("", "uncontrolled", "controlled"), rows)}
+
+A control step takes p50/p99/max {latency} ms of {figures["mpc_budget_ms"]:g} ms. Of
+{figures["frames_sent"]} frames {figures["frames_lost"]} were lost and {figures["frames_rejected"]} rejected."""
 
 
-def limits(results: Path) -> str:
+def limits(*loops: Any) -> str:
     """Return the table that shows how computing time, planning ahead and the number of iterations affect drag and
     lift."""
     names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
-    rows = []
-    facts = read(results / "demo.json")["facts"]
+    facts = loops[0]["facts"]
     late, period = facts["config"]["ecu"]["compute_time_ms"], facts["budget_ms"]
-    for label, name in (
-        ("the release: plans a period ahead", "demo"),
-        (f"no planning ahead, {late:g} ms for computing", "limit_late_start"),
-        ("no planning ahead, no time for computing", "limit_latency"),
-        ("version 0.2.0: no planning ahead, 15 iterations", "limit_iterations"),
-    ):
-        figures = read(results / f"{name}.json")["figures"]
-        rows.append((label, *(figures[key] for key in names)))
+    labels = (
+        "the release: plans a period ahead",
+        f"no planning ahead, {late:g} ms for computing",
+        "no planning ahead, no time for computing",
+        "version 0.2.0: no planning ahead, 15 iterations",
+    )
+    rows = [(label, *(loop["figures"][key] for key in names)) for label, loop in zip(labels, loops, strict=True)]
     return f"""{table(("", "mean Cd (wall)", "less drag, %", "mean abs Cl", "mean Cl", "rms action"), rows)}
 
 The first three rows differ in the time from the sample to the jets' response: a period of {period:g} ms, for which the
 controller plans; {late:g} ms, which the controller's model does not contain; or none."""
 
 
-def steady(results: Path) -> str:
+def steady(found: Any, demo: Any) -> str:
     """Return the table of the wake that is kept symmetric and of the shedding wake, and of the bound on the reduction
     of wall drag that follows from their difference."""
-    found = read(results / "steady.json")
-    held, shedding = found["figures"], read(results / "demo.json")["figures"]
+    held, shedding = found["figures"], demo["figures"]
     rows = [
         ("shedding", shedding["Cd_uncontrolled"], shedding["Cd_net_uncontrolled"], shedding["base_Cp_uncontrolled"]),
         ("steady, symmetric", held["Cd"], held["Cd"] + held["Cd_slot"], held["base_Cp"]),

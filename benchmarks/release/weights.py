@@ -12,25 +12,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from statistics import mean
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-import typer
-from matplotlib.figure import Figure
 from rich.table import Table
 from scipy.stats import spearmanr
 
-from benchmarks.common.command_line import JsonFile, Parts, console, save, track
-from benchmarks.common.commands import LOOP
-from benchmarks.common.parts import part
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, Workers, console, save
+from benchmarks.common.parts import kept_runs
+from benchmarks.release.release_drawings import means
 from contract.config.loading import load_config
-from contract.controller.calibration import Calibration
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
 from contract.results import versions
 from contract.shipped import BUNDLE
-from contract.side_by_side import process_pool
 from ecu.calibrating import release_calibration
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
@@ -62,9 +57,9 @@ class Case(NamedTuple):
 def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/weights"),
-    phases: Annotated[int, typer.Option(min=1, max=25, help="Number of starts, spread over a shedding cycle.")] = 3,
-    workers: Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")] = 1,
-    bundle: Annotated[Path, typer.Option(help="Another release in place of the shipped one.")] = BUNDLE,
+    phases: Phases = 3,
+    workers: Workers = 1,
+    bundle: Release = BUNDLE,
 ) -> None:
     """Run the loop with every value of each weight from every start, and print a table."""
     release = bundles.load(bundle)
@@ -75,8 +70,11 @@ def main(
         for share in SHARES
         for phase in range(phases)
     ]
-    with process_pool(workers) as pool:
-        outcomes = list(track(pool.map(partial(_kept, folder, bundle), cases), "weights", "runs", len(cases)))
+    runs = {
+        folder / f"{case.weight}_{case.value:g}_{case.phase}.json": (folder / f"start_{case.phase}.npz", case)
+        for case in cases
+    }
+    outcomes = kept_runs(partial(outcome, bundle), runs, workers=workers, label="weights")
     rows = [{**case._asdict(), **outcome} for case, outcome in zip(cases, outcomes, strict=True)]
     figures = {"runs": rows, "spearman": _correlations(rows), "end_to_end": _end_to_end(rows)}
     table = Table("weight", "value", "less drag, %", "mean |Cl|", "rms action", "jet power")
@@ -111,31 +109,15 @@ def started(folder: Path, phases: int) -> Path:
     return folder
 
 
-def outcome(bundle: Path, start: Path, calibration: Calibration) -> dict[str, Any]:
-    """Return the figures of a run in which the ECU has this calibration."""
+def outcome(bundle: Path, start: Path, case: Case) -> dict[str, Any]:
+    """Return the figures of a run in which the ECU has the case's weight."""
     release, config = bundles.load(bundle), mesh_of(load_config())
+    own = release_calibration(release, config)
+    calibration = replace(own, weights=replace(own.weights, **{case.weight: case.value}))
     wake = TruckWake(config.flow, body=config.body)
     wake.reset(load_state(start))
     found = summary(Simulation(release, config, spans=SPANS, calibration=calibration).run(wake))
     return {key: found[key] for key in (*LOOP, "Cd_uncontrolled", "jet_power_controlled")}
-
-
-def _kept(folder: Path, bundle: Path, case: Case) -> dict[str, Any]:
-    own = release_calibration(bundles.load(bundle), mesh_of(load_config()))
-    other = replace(own, weights=replace(own.weights, **{case.weight: case.value}))
-    file = folder / f"{case.weight}_{case.value:g}_{case.phase}.json"
-    made: dict[str, Any] = part(file, lambda: outcome(bundle, folder / f"start_{case.phase}.npz", other))
-    return made
-
-
-def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[str, float]]:
-    """Return, for each value of the weight, every figure's mean over the starts."""
-    found: dict[float, dict[str, float]] = {}
-    for value in dict.fromkeys(row["value"] for row in rows if row["weight"] == weight):
-        runs = [row for row in rows if (row["weight"], row["value"]) == (weight, value)]
-        names = (name for name, figure in runs[0].items() if isinstance(figure, float) and name != "value")
-        found[value] = {name: mean(run[name] for run in runs) for name in names}
-    return found
 
 
 def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
@@ -159,25 +141,3 @@ def _end_to_end(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]
         first, *_, last = means(rows, weight).values()
         found[weight] = {name: 100.0 * (1.0 - last[name] / first[name]) for name in effects}
     return found
-
-
-def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """Draw the picture of `docs/explanation/through-the-flow.md`: each figure in `EFFECTS`, and the drag, against the
-    weight."""
-    figure = Figure(figsize=(8.0, 3.0), layout="constrained")
-    shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
-    for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):
-        runs = [row for row in figures["runs"] if row["weight"] == weight]
-        averaged = means(figures["runs"], weight)
-        axes.plot([run["value"] for run in runs], [run[name] for run in runs], ".", color="tab:blue", alpha=0.5)
-        axes.plot(list(averaged), [found[name] for found in averaged.values()], "-", color="tab:blue")
-        axes.set(xlabel=f"weight on {weight}", ylabel=label)
-        axes.set_ylim(bottom=0.0)
-        drag = axes.twinx()
-        drag.plot(
-            list(averaged), [found["reduction_percent"] for found in averaged.values()], "s--", color="tab:orange"
-        )
-        drag.set(ylabel="less drag, %", ylim=(0.0, 40.0))
-        drag.yaxis.label.set_color("tab:orange")
-        axes.yaxis.label.set_color("tab:blue")
-    return {"weights": figure}

@@ -20,7 +20,8 @@ from numba import njit
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.command_line import JsonFile, console, report, track
+from benchmarks.wake import tables
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.results import versions
@@ -62,16 +63,11 @@ def main(
         {"precision": name, **_row(wake, value, times)}
         for wake, (value, name), times in zip(plants, cases, spent, strict=True)
     ]
-    table = Table(*(name for name in rows[0] if name != "shares"))
     shares = Table("cells", *rows[0]["shares"])
     for row in rows:
-        table.add_row(
-            *(value if isinstance(value, str) else f"{value:.4g}" for name, value in row.items() if name != "shares")
-        )
         shares.add_row(str(row["cells"]), *(f"{100 * share:.0f} %" for share in row["shares"].values()))
-    console.print(table)
     console.print(shares)
-    save(json_file, figures=rows, facts={"rounds": rounds, "versions": versions("stillwake", "numpy", "numba")})
+    report(json_file, rows, {"rounds": rounds, "versions": versions("stillwake", "numpy", "numba")}, tables.steps)
 
 
 def _plant(refinement: float, precision: str) -> TruckWake:

@@ -1,32 +1,17 @@
 """The tables of the plant: time of a time step, and the second plant."""
 
-from pathlib import Path
+from typing import Any
 
-from benchmarks.common.markdown import read, table
-
-
-def tables(results: Path) -> dict[str, str]:
-    """Return the text of each table, by the table's name in the pages."""
-    return {
-        "steps": _steps(results),
-        "openfoam_loop": _openfoam_loop(results),
-    }
+from benchmarks.common.markdown import table
 
 
-def _steps(results: Path) -> str:
+def steps(found: Any) -> str:
+    """Return the table of the computing time of a time step, for each mesh and precision."""
+    names = ("cpu_s_per_t_c", "forced_cpu_s_per_t_c", "ns_per_cell_and_step", "floor_sweeps_ns", "floor_transforms_ns")
     rows = []
-    for row in read(results / "wake_speed.json")["figures"]:
-        rows.append(
-            (
-                f"{row['cells']:,}, {row['precision']}",
-                row["cpu_s_per_t_c"],
-                row["forced_cpu_s_per_t_c"],
-                row["ns_per_cell_and_step"],
-                row["floor_sweeps_ns"],
-                row["floor_transforms_ns"],
-                f"{100 * row['shares']['Poisson']:.0f}",
-            )
-        )
+    for row in found["figures"]:
+        poisson = f"{100 * row['shares']['Poisson']:.0f}"
+        rows.append((f"{row['cells']:,}, {row['precision']}", *(row[name] for name in names), poisson))
     heads = (
         "cells", "CPU s per t_c", "at full amplitude", "ns per cell and step", "floor: memory", "floor: transforms",
         "Poisson, %",
@@ -34,7 +19,8 @@ def _steps(results: Path) -> str:
     return table(heads, rows)
 
 
-def _openfoam_loop(results: Path) -> str:
+def openfoam_loop(*loops: Any) -> str:
+    """Return the table of the closed loop on each plant."""
     columns = {
         "Cd_uncontrolled": "Cd without control",
         "Cd_controlled": "Cd with control",
@@ -49,8 +35,7 @@ def _openfoam_loop(results: Path) -> str:
         "jet_power_controlled": "jet power",
     }
     rows, notes = [], []
-    for name in ("demo", "openfoam_loop"):
-        found = read(results / f"{name}.json")
+    for found in loops:
         figures, facts = found["figures"], found["facts"]
         rows.append(figures | {"case": facts["plant"]})
         notes.append(

@@ -15,7 +15,7 @@ from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
 from ecu.fail_safe import OperatingMode
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
-from firmware_sim.live.loop.messages import LIVE_SCHEMA, PERIOD_COLUMNS, Choice, LiveMessage
+from firmware_sim.live.loop.messages import LIVE_SCHEMA, PERIOD_COLUMNS, Choice, LiveMessage, periods_message
 from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
@@ -81,9 +81,7 @@ def hello(
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
     """Return the message about the new periods, with a list of values for each name in `PERIOD_COLUMNS`. `base` has the
     indices of the base sensors."""
-    rows = [[_number(value) for value in _values(period, base)] for period in new]
-    columns = [list(column) for column in zip(*rows, strict=True)]
-    return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
+    return periods_message(run, ([_number(value) for value in _values(period, base)] for period in new))
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:

@@ -84,7 +84,6 @@ class BlockCounter:
         for place, count, size in found:
             block = place, size
             if block not in self._modelled:
-                modelled = self._pipeline.block(self._origin + 2 * place, size)
-                self._modelled[block] = modelled.instructions, modelled.cycles
+                self._modelled[block] = self._pipeline.block(self._origin + 2 * place, size)
             instructions, cycles = self._modelled[block]
             yield self._origin + 2 * place, count * instructions, count * cycles

@@ -47,10 +47,7 @@ def compile_for_cortex_m7(
     folder = files("firmware_sim").joinpath("mcu/c")
     firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
     firmware["sw_board_libc.c"] = sources_in("board")["sw_board_libc.c"]
-    with tempfile.TemporaryDirectory() as place:
-        image = Path(place, "firmware.elf")
-        _compile(library_sources(sources) | firmware | dict(board or {}), image, _flags(LINKER_SCRIPT, core))
-        return image.read_bytes()
+    return _linked(library_sources(sources) | firmware | dict(board or {}), LINKER_SCRIPT, "mcu_reset", core)
 
 
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
@@ -61,11 +58,7 @@ def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None 
         sources: sources of a library with its ECU, and sources of the board, by their paths in the library's folder.
         own: files that replace sources of the same name, such as a header of equipment that enables the loader.
     """
-    contents = board_files(sources, own)
-    with tempfile.TemporaryDirectory() as place:
-        image = Path(place, "firmware.elf")
-        _compile(contents, image, _flags(BOARD_SCRIPT, CORTEX_M7))
-        return image.read_bytes()
+    return _linked(board_files(sources, own), BOARD_SCRIPT, "sw_board_start", CORTEX_M7)
 
 
 def board_files(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> dict[str, bytes]:
@@ -79,9 +72,9 @@ def board_files(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = 
     return library_sources(sources) | loader | board | {UDS_SETTINGS: uds_settings()} | dict(own or {})
 
 
-def _flags(script: str, core: Core) -> tuple[str, ...]:
-    entry = "sw_board_start" if script == BOARD_SCRIPT else "mcu_reset"
-    return (*COMMON, *BARE, script, f"-Wl,-e,{entry}", f"-mcpu={core.cpu}")
+def bus_key_header(secret: bytes) -> bytes:
+    """Return the header `BUS_KEY` with a key of the bus."""
+    return f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, secret))}}}\n".encode()
 
 
 def compile_block_counter(output: Path) -> None:
@@ -93,6 +86,13 @@ def compile_block_counter(output: Path) -> None:
 def compile_replay(sources: Mapping[str, bytes], program: Path) -> None:
     """Compile the example program for this machine; raises McuError in the same cases as `compile_for_cortex_m7`."""
     _compile(sources, program, (*COMMON, "-march=native"))
+
+
+def _linked(contents: Mapping[str, bytes], script: str, entry: str, core: Core) -> bytes:
+    with tempfile.TemporaryDirectory() as place:
+        image = Path(place, "firmware.elf")
+        _compile(contents, image, (*COMMON, *BARE, script, f"-Wl,-e,{entry}", f"-mcpu={core.cpu}"))
+        return image.read_bytes()
 
 
 def _compile(sources: Mapping[str, bytes], output: Path, flags: Sequence[str]) -> None:

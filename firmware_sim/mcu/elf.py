@@ -13,24 +13,16 @@ _BITS: Final = 32
 
 
 @dataclass(frozen=True, kw_only=True)
-class ElfSegment:
-    """Bytes of a program, and the address to which they are loaded."""
-
-    address: int
-    content: bytes
-
-
-@dataclass(frozen=True, kw_only=True)
 class Firmware:
     """A linked program.
 
     Attributes:
-        segments: contents of the flash when the program starts.
+        segments: contents of the flash when the program starts, each as an address and the bytes there.
         sections: size of each section in bytes, by the section's name.
         symbols: address of each symbol, by the symbol's name.
     """
 
-    segments: tuple[ElfSegment, ...]
+    segments: tuple[tuple[int, bytes], ...]
     sections: dict[str, int]
     symbols: dict[str, int]
 
@@ -46,7 +38,7 @@ def read_elf(image: bytes) -> Firmware:
         loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])
         tables = elf.iter_sections("SHT_SYMTAB")
         return Firmware(
-            segments=tuple(ElfSegment(address=item["p_paddr"], content=item.data()) for item in loaded),
+            segments=tuple((item["p_paddr"], item.data()) for item in loaded),
             sections={item.name: item["sh_size"] for item in elf.iter_sections()},
             symbols={item.name: item["st_value"] for table in tables for item in table.iter_symbols()},
         )

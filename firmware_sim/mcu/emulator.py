@@ -43,8 +43,8 @@ class EmulatedCore(NeverCopied):
         self._core.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M7)
         for start, size in ((FLASH, FLASH_BYTES), *memories):
             self._core.mem_map(start, size)
-        for segment in firmware.segments:
-            self._core.mem_write(segment.address, segment.content)
+        for address, content in firmware.segments:
+            self._core.mem_write(address, content)
         self.paint_stack()
 
     def symbol(self, name: str) -> int:

@@ -21,7 +21,6 @@ A Cortex-M4 issues one instruction per cycle, from memories without wait states 
 - A block that ends in a branch takes two more cycles.
 """
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 
@@ -34,14 +33,6 @@ _MANY: Final = ("ldm", "stm", "vldm", "vstm", "push", "pop", "vpush", "vpop", "s
 _DIVIDE: Final = ("vdiv", "vsqrt", "sdiv", "udiv")
 _DIVIDE_CYCLES: Final = 14
 _FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Block:
-    """The instructions of a basic block, and their modelled cycles."""
-
-    instructions: int
-    cycles: int
 
 
 class Pipeline:
@@ -58,11 +49,11 @@ class Pipeline:
         self._disassembler = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
         self._disassembler.detail = True
 
-    def block(self, address: int, size: int) -> Block:
-        """Model the block of `size` bytes at `address`."""
+    def block(self, address: int, size: int) -> tuple[int, int]:
+        """Return the number of instructions and the modelled cycles of the block of `size` bytes at `address`."""
         start = address - self._origin
         listing = list(self._disassembler.disasm(self._code[start : start + size], address))
-        return Block(instructions=len(listing), cycles=self._cycles(listing))
+        return len(listing), self._cycles(listing)
 
 
 def _cycles(listing: list[Any]) -> int:

@@ -10,7 +10,7 @@ from importlib import import_module
 import pytest
 
 import benchmarks.__main__ as door
-from benchmarks.common.commands import ROOT
+from benchmarks.common.command_line import ROOT
 from contract.results import machine, write_result
 
 
@@ -46,7 +46,7 @@ def test_the_list_names_all(capsys):
 def test_an_error_of_the_user_is_one_line(tmp_path, capsys):
     assert status_of("controller-loop", "--model", str(tmp_path)) == 1
     err = capsys.readouterr().err
-    assert err.startswith("error: ") and "model.json: No such file" in err and err.count("\n") == 1
+    assert err.startswith("error: ") and "model.json cannot be read" in err and err.count("\n") == 1
 
 
 def test_a_result_has_date_figures_facts_and_machine(tmp_path):

@@ -29,14 +29,12 @@ def of_sdist(path: Path) -> set[str]:
 
 
 def refuse(what: str, found: set[str], wanted: set[str]) -> None:
-    """Exit with one line where two sets of names differ."""
     if found != wanted:
         more, less = sorted(found - wanted), sorted(wanted - found)
         sys.exit(f"{what}: {len(more)} files too many {more[:5]}, {len(less)} too few {less[:5]}")
 
 
 def main(folder: Path, direct: Path) -> None:
-    """Compare, and exit with the first thing that is wrong."""
     sdists = sorted(folder.glob("*.tar.gz"))
     if not sdists:
         sys.exit(f"{folder}: no sdist")

@@ -33,7 +33,6 @@ NEEDED = (
 
 
 def main(folder: Path) -> None:
-    """Look, and exit with the first thing that is wrong."""
     (wheel,) = folder.glob("stillwake-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()

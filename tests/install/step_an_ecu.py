@@ -34,13 +34,11 @@ ELSEWHERE = ("contract.recording", "stillwake_data", "can_bridge.tester.transpor
 
 
 def modules(room: ModuleType) -> list[str]:
-    """Every module below a package, by name."""
     found = [found.name for found in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
     return [name for name in found if not name.startswith(ELSEWHERE)]
 
 
 def main() -> None:
-    """Import, step, check; exits with the first thing that is wrong."""
     present = [name for name in EXTRAS if importlib.util.find_spec(name) is not None]
     if present:
         sys.exit(f"{', '.join(present)}: installed here, so this is not the base package alone")

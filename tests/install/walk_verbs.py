@@ -115,7 +115,6 @@ CALLS = (
 
 
 def verbs(command: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """The names of every command in a group, and in the groups in it."""
     for name, inner in command.commands.items():
         if hasattr(inner, "commands"):
             yield from verbs(inner, (*above, name))
@@ -162,7 +161,6 @@ def wrong(one: Call, installed: Sequence[str], status: int, err: str) -> str | N
 
 
 def main(installed: Sequence[str]) -> None:
-    """Call every command; exits with the first one that ends otherwise than it should."""
     if "site-packages" not in Path(command_line.__file__).parts:
         sys.exit(f"{command_line.__file__}: a checkout; this is for an install")
     known = set(verbs(typer.main.get_command(command_line.app)))

@@ -12,8 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.common.command_line import track
-from benchmarks.common.commands import ROOT
+from benchmarks.common.command_line import ROOT, track
 from contract.atomic import replacing
 from contract.config.loading import load_config
 from contract.results import machine, versions

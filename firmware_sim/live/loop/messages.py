@@ -16,9 +16,12 @@ At `hello` a viewer discards all earlier data, which belong to another run or ar
 """
 
 import struct
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from wake.pictures.level_picture import Levels
+if TYPE_CHECKING:
+    # The server's process needs no flow solver, whose import takes seconds.
+    from wake.pictures.level_picture import Levels
 
 LIVE_SCHEMA: Final = "stillwake-live/1"
 _FIELD: Final = struct.Struct("<IfHH")
@@ -41,13 +44,19 @@ Choice = dict[str, Any]
 cannot be chosen."""
 
 
+def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMessage:
+    """Return the message `periods` with these rows, each of which has a value for each of `PERIOD_COLUMNS`."""
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
+
+
 class FieldPicture(NamedTuple):
     """The flow at the start of period k, at time t in t_c. `levels` has the shape (height, width); see
     `wake.pictures.level_picture.field_levels`."""
 
     k: int
     t: float
-    levels: Levels
+    levels: "Levels"
 
 
 def pack_field(picture: FieldPicture) -> bytes:

@@ -15,7 +15,7 @@ from threading import Lock
 from typing import Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer, LiveMessage
+from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer, LiveMessage, periods_message
 from firmware_sim.live.serving.process import LoopProcess, MakeSession
 
 PICTURE: Final = "picture"
@@ -53,7 +53,7 @@ class Hub:
         with self._lock:
             if stream == "periods":
                 rows, count = self._periods.after(count, MOST_ROWS)
-                return (_periods(self._run, rows) if rows else None), count
+                return (periods_message(self._run, rows) if rows else None), count
             if stream == "events":
                 items, count = self._events.after(count, MOST_ROWS)
                 return ({"type": "events", "run": self._run, "items": items} if items else None), count
@@ -130,11 +130,6 @@ class Ring:
         begin = max(count, first)
         end = min(begin + most, self._count)
         return [self._items[i - first] for i in range(begin, end)], max(end, count)
-
-
-def _periods(run: int, rows: list[tuple[float | None, ...]]) -> LiveMessage:
-    columns = [list(column) for column in zip(*rows, strict=True)]
-    return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
 
 
 SHORT_LIFE_S: Final = 20.0

@@ -20,7 +20,7 @@ from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board import BACKUP, BACKUP_BYTES, SRAM, SRAM_BYTES, Board
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.board.small_parts import SystemReset
-from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, compile_board
+from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, bus_key_header, compile_board
 from firmware_sim.mcu.elf import Firmware, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
@@ -72,7 +72,7 @@ class BoardEcu(CEcuState):
         )  # fmt: skip
         self._clock_mhz, self._times = clock_mhz, times
         if secret is not None:
-            own = {**(own or {}), BUS_KEY: f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, secret))}}}\n".encode()}
+            own = {**(own or {}), BUS_KEY: bus_key_header(secret)}
         self.firmware = firmware or read_elf(compile_board(sources, own))
         self.resets = self.waited_ns = self.instructions = self.cycles = 0
         self._left = list[Frame]()

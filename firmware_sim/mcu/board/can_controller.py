@@ -118,7 +118,27 @@ class CanController:
         """Read a register or a word of the message RAM; raises McuError for a register that is not modelled."""
         if offset >= MESSAGE_RAM:
             return int.from_bytes(self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4], "little")
-        return self._read(offset)
+        health, sending = self._health, self._sending
+        sending.progress(self._clock())
+        passive = max(health.tx_errors, health.rx_errors)
+        size = self._kept[_RXF0C] >> 16 & 127
+        put = (self._get + self._level) % size if size else 0
+        known = self._kept | {
+            _CCCR: self._control | (_INIT if self._late else 0),
+            _TSCV: self._time_stamp(self._clock()),
+            _ECR: min(health.tx_errors, 255) | min(health.rx_errors, 127) << 8 | (health.rx_errors > 127) << 15,
+            _PSR: self._is_off << 7 | (passive > 95) << 6 | (passive > 127) << 5,
+            _IR: self._interrupts,
+            _RXF0S: put << 16 | self._get << 8 | self._level,
+            _TXFQS: sending.put << 16 | sending.free,
+            _TXBRP: sending.pending,
+            _TXBTO: sending.transmitted,
+        }
+        if offset not in known:
+            raise McuError(f"CAN controller: no register to read at {offset:#x}")
+        if offset == _CCCR:
+            self._late = max(self._late - 1, 0)
+        return known[offset]
 
     def write(self, offset: int, value: int) -> None:
         """Write a register or a word of the message RAM; raises McuError for a register that is not modelled or is
@@ -146,29 +166,6 @@ class CanController:
             self._sending.cancel(value, self._clock())
         else:
             raise McuError(f"CAN controller: no register to write at {offset:#x}")
-
-    def _read(self, offset: int) -> int:
-        health, sending = self._health, self._sending
-        sending.progress(self._clock())
-        passive = max(health.tx_errors, health.rx_errors)
-        size = self._kept[_RXF0C] >> 16 & 127
-        put = (self._get + self._level) % size if size else 0
-        known = self._kept | {
-            _CCCR: self._control | (_INIT if self._late else 0),
-            _TSCV: self._time_stamp(self._clock()),
-            _ECR: min(health.tx_errors, 255) | min(health.rx_errors, 127) << 8 | (health.rx_errors > 127) << 15,
-            _PSR: self._is_off << 7 | (passive > 95) << 6 | (passive > 127) << 5,
-            _IR: self._interrupts,
-            _RXF0S: put << 16 | self._get << 8 | self._level,
-            _TXFQS: sending.put << 16 | sending.free,
-            _TXBRP: sending.pending,
-            _TXBTO: sending.transmitted,
-        }
-        if offset not in known:
-            raise McuError(f"CAN controller: no register to read at {offset:#x}")
-        if offset == _CCCR:
-            self._late = max(self._late - 1, 0)
-        return known[offset]
 
     @property
     def _is_off(self) -> bool:

@@ -7,13 +7,6 @@ from typing import NamedTuple
 from can_bridge.wire.frame import Frame, priority
 
 
-class Left(NamedTuple):
-    """A sent frame, stamped with the time at which its transmission was requested, and the end of the transmission."""
-
-    frame: Frame
-    end_ns: int
-
-
 class _OnWire(NamedTuple):
     element: int
     frame: Frame
@@ -34,7 +27,8 @@ class TransmitBuffers:
         transmitted: one bit per element that is set if the element was sent since the last request to send it.
         put: number of the FIFO's next free element.
         is_on: whether the controller takes part in the bus; if False, it starts no frame.
-        left: sent frames, in order.
+        left: sent frames in order, each stamped with the time at which its transmission was requested, and the end of
+            the transmission in ns.
     """
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:
@@ -42,7 +36,7 @@ class TransmitBuffers:
         self.dedicated = self.size = self.put = 0
         self.pending = self.transmitted = 0
         self.is_on = False
-        self.left = list[Left]()
+        self.left = list[tuple[Frame, int]]()
         self._asked = dict[int, Frame]()
         self._order = list[int]()
         self._wire: _OnWire | None = None
@@ -92,7 +86,7 @@ class TransmitBuffers:
                 index, frame, self._free_ns = self._wire
                 if self._free_ns > now_ns:
                     return
-                self.left.append(Left(frame, self._free_ns))
+                self.left.append((frame, self._free_ns))
                 self.transmitted |= 1 << index
                 self._wire = None
                 self._drop(1 << index)

@@ -31,7 +31,6 @@ CORTEX_M7 = (
 
 @pytest.fixture(scope="session")
 def image(folder, built_for, tmp_path_factory, shared_builds) -> Path:
-    """`systick.c` for the board."""
     path = tmp_path_factory.mktemp("systick") / "ecu.elf"
     contents = without(folder, "main_socketcan.c")
     shared_builds.compile_c(contents, path, compiler=ZIG, flags=CORTEX_M7)

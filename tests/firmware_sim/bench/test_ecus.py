@@ -2,11 +2,12 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.ecu.lockstep import Lockstep
+from benchmarks.ecu.ecu_loop import Lockstep
 from can_bridge.secoc.key import write_key
 from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.wire.frame import Frame
@@ -46,7 +47,7 @@ def host(sources) -> LoopEcu:
 def test_the_core_sends_and_keeps_what_the_host_does_in_its_own_time(release, sources):
     """Every frame and every number of the state, after every step; a step is charged as the core's cycles."""
     core = loop_ecu(MCU, sources, clock_mhz=480.0)
-    both = Lockstep(core.ecu, host(sources).ecu)
+    both: Any = Lockstep(core.ecu, host(sources).ecu)
     log, slower = run(release, replace(core, ecu=both)), run(release, host(sources))
     assert (both.differing_frames, both.differing_states, both.differences) == (0, 0, [])
     assert (both.steps, both.frames) == (25, 50)

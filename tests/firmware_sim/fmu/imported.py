@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pytest
 from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
@@ -49,12 +50,10 @@ class Imported:
         return getattr(self.fmu, verb + kind)(*arguments)
 
     def step(self, size: float) -> None:
-        """A communication step."""
         self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=size)
         self.time += size
 
     def saved(self) -> bytes:
-        """The state, serialised."""
         state = self.fmu.getFMUState()
         content = bytes(self.fmu.serializeFMUState(state))
         self.fmu.freeFMUState(state)
@@ -75,22 +74,23 @@ class Imported2(Imported):
         return getattr(self.fmu, verb + self.variables[name].type.replace("Enumeration", "Integer"))(*arguments)
 
 
+def refused(capsys: Any, words: str, call: Callable[[], object]) -> None:
+    """A refusal is fmi3Error (3) with a line."""
+    capsys.readouterr()
+    with pytest.raises(FMICallException) as caught:
+        call()
+    assert caught.value.status == 3, words
+    (line,) = capsys.readouterr().out.splitlines()
+    assert words in line
+
+
 def check_order_of_calls(path: Path, given: str, gives: str, capsys: Any) -> None:
-    """By FMI 3.0's state machine, each refusal is fmi3Error (3) with a sentence, and changes nothing."""
+    """By FMI 3.0's state machine; a refused call changes nothing."""
     imported = Imported(path)
     fmu, variables = imported.fmu, {name: item.valueReference for name, item in imported.variables.items()}
     fmu.reset()
     period = float(imported.description.coSimulation.fixedInternalStepSize)
-
-    def refused(words: str, call: Callable[[], object]) -> None:
-        capsys.readouterr()
-        try:
-            call()
-        except FMICallException as error:
-            assert error.status == 3, words
-        else:
-            raise AssertionError(f"taken: {words}")
-        assert words in capsys.readouterr().out
+    refuses = partial(refused, capsys)
 
     def step(at: float, size: float = period) -> Any:
         return fmu.doStep(currentCommunicationPoint=at, communicationStepSize=size)
@@ -98,34 +98,34 @@ def check_order_of_calls(path: Path, given: str, gives: str, capsys: Any) -> Non
     def enter(start: float, stop: float | None = None) -> None:
         fmu.enterInitializationMode(startTime=start, stopTime=stop)
 
-    refused("fmi3DoStep: only", lambda: step(0.0))
-    refused("fmi3ExitInitializationMode: only", fmu.exitInitializationMode)
-    refused("fmi3Terminate: only", fmu.terminate)
+    refuses("fmi3DoStep: only", lambda: step(0.0))
+    refuses("fmi3ExitInitializationMode: only", fmu.exitInitializationMode)
+    refuses("fmi3Terminate: only", fmu.terminate)
     for start in (math.nan, math.inf, -math.inf, 1e300):
-        refused("startTime", partial(enter, start))
+        refuses("startTime", partial(enter, start))
     for stop in (math.nan, 2.9):
-        refused("stopTime", partial(enter, 3.0, stop))
+        refuses("stopTime", partial(enter, 3.0, stop))
     fmu.setFloat64([variables[given]], [0.0])
     enter(3.0)
-    refused("fmi3EnterInitializationMode: only", lambda: enter(3.0))
-    refused("fmi3DoStep: only", lambda: step(3.0))
+    refuses("fmi3EnterInitializationMode: only", lambda: enter(3.0))
+    refuses("fmi3DoStep: only", lambda: step(3.0))
     fmu.exitInitializationMode()
-    refused("fmi3ExitInitializationMode: only", fmu.exitInitializationMode)
+    refuses("fmi3ExitInitializationMode: only", fmu.exitInitializationMode)
     for reference in (999, variables[gives], variables["time"]):
-        refused("no such input", partial(fmu.setFloat64, [variables[given], reference], [0.5, 0.0]))
-    refused("no such variable", lambda: fmu.getFloat64([999]))
+        refuses("no such input", partial(fmu.setFloat64, [variables[given], reference], [0.5, 0.0]))
+    refuses("no such variable", lambda: fmu.getFloat64([999]))
     for value in (math.nan, math.inf):
-        refused("not a finite number", partial(fmu.setFloat64, [variables[given]], [value]))
+        refuses("not a finite number", partial(fmu.setFloat64, [variables[given]], [value]))
     assert fmu.getFloat64([variables[given], variables["time"]]) == [0.0, 3.0]
     for at in (0.0, 5.0, 3.0 + period, math.nan):
-        refused("currentCommunicationPoint", partial(step, at))
-    for size in (-period, math.nan, math.inf):
-        refused("communicationStepSize", partial(step, 3.0, size))
+        refuses("currentCommunicationPoint", partial(step, at))
+    for size in (-period, math.nan, math.inf, 1e18):
+        refuses("communicationStepSize", partial(step, 3.0, size))
     step(3.0)
-    refused("currentCommunicationPoint", lambda: step(3.0))
+    refuses("currentCommunicationPoint", lambda: step(3.0))
     fmu.terminate()
-    refused("fmi3DoStep: only", lambda: step(3.0 + period))
-    refused("fmi3SetFloat64: only", lambda: fmu.setFloat64([variables[given]], [0.0]))
+    refuses("fmi3DoStep: only", lambda: step(3.0 + period))
+    refuses("fmi3SetFloat64: only", lambda: fmu.setFloat64([variables[given]], [0.0]))
     assert fmu.getFloat64([variables["time"]]) == [3.0 + period]
     fmu.reset()
     enter(0.0)

@@ -132,12 +132,6 @@ def test_a_step_of_any_length_has_the_control_periods_that_begin_in_it(fmu_of):
             pairs.step(2 * PERIOD_S)
     assert whole["mode"] == Mode.CONTROL
     assert whole["flow_command"] == parts["flow_command"] == pairs["flow_command"] != 0.0
-    for size in (-PERIOD_S, math.nan, 1e18):
-        with pytest.raises(FMICallException):
-            whole.step(size)
-    whole.time += PERIOD_S
-    with pytest.raises(FMICallException):
-        whole.step(PERIOD_S)
 
 
 def test_a_state_is_gone_back_to_in_memory_or_by_its_bytes_and_another_fmus_refused(fmu_of):
@@ -165,20 +159,15 @@ def test_a_state_is_gone_back_to_in_memory_or_by_its_bytes_and_another_fmus_refu
     assert imported.saved() == Imported(path).saved()
 
 
-def test_calls_out_of_order_are_refused_and_fmpys_own_step_is_served(fmu_of, capsys):
-    check_order_of_calls(fmu_of()[0], "pressure_age", "flow_command", capsys)
-
-
-def test_what_it_does_not_have_is_refused_and_nothing_is_unsafe_to_call(fmu_of):
+def test_calls_out_of_order_or_of_what_it_does_not_have_are_refused_and_fmpys_own_step_is_served(fmu_of, capsys):
     path, _ = fmu_of()
+    check_order_of_calls(path, "pressure_age", "flow_command", capsys)
     imported = Imported(path)
     outputs = [imported.variables["flow_command"].valueReference]
     calls: tuple[Callable[[], object], ...] = (
-        lambda: imported.fmu.setFloat64(outputs, [1.0]),
-        lambda: imported.fmu.getFloat64([10_000]),
         *(partial(getattr(imported.fmu, f"get{kind}"), outputs) for kind in OTHER_TYPES),
         *(partial(getattr(imported.fmu, f"set{kind}"), outputs, [1]) for kind in OTHER_TYPES[:-1]),
-        lambda: imported.fmu.enterEventMode(),
+        imported.fmu.enterEventMode,
     )
     for call in calls:
         with pytest.raises(FMICallException):

@@ -124,5 +124,4 @@ class Live:
 
 
 def make_shown(show: Callable[[str], None]) -> LiveSession:
-    """A session with a flow."""
     return Live(wake=shown).session

@@ -60,7 +60,6 @@ def server() -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def opened(server) -> Iterator[Callable[..., Visit]]:
-    """Opens the server's page."""
     with chromium() as browser:
 
         def opened(tail: str = "", **window: Any) -> Visit:
@@ -93,7 +92,6 @@ def wait_for(seen: Visit, selector: str) -> None:
 
 
 def wait_for_settings(seen: Visit, settings: LiveSettings) -> None:
-    """Until these are the loop's settings."""
     until(lambda: seen.page.evaluate("stillwake.page.settings") == asdict(settings))
 
 

@@ -53,7 +53,6 @@ class Built:
     def ecu(
         self, bank: FlashBank | None = None, firmware: Firmware | None = None, times: FlashTimes = STM32H743
     ) -> BoardEcu:
-        """A board just powered on."""
         return BoardEcu(self.sources, own=self.own, bank=bank, firmware=firmware, times=times)
 
     def image(self, name: str, version: int = 1) -> bytes:
@@ -89,11 +88,9 @@ class Traffic:
 
     @property
     def now_ns(self) -> int:
-        """Of the board."""
         return self.board.board.counter.now_ns
 
     def send(self, request: bytes) -> None:
-        """By the tester, with the looks that follow."""
         self._end.send(request)
 
     def look(self) -> list[bytes]:
@@ -109,7 +106,6 @@ class Traffic:
         return self._end.take()
 
     def run(self, seconds: float) -> None:
-        """Time without a tester."""
         until_ns = self.now_ns + round(seconds * 1e9)
         while self.now_ns < until_ns:
             self.look()
@@ -129,7 +125,6 @@ class Traffic:
         return answers
 
     def control_frames(self) -> list[list[int]]:
-        """Times of JetCommand and of EcuStatus."""
         messages = message_set(self.vehicle.config.bus)
         ids = [one.spec.frame_id for one in (messages.command, messages.status)]
         return [[frame.timestamp_ns for frame in self.sent if frame.frame_id == one] for one in ids]
@@ -167,7 +162,6 @@ class BoardLine(Line):
         """Nothing to be done: a reset is the firmware's own."""
 
     def request(self, _now_ns: int, payload: bytes) -> list[bytes]:
-        """Begin to send it."""
         self._end.send(payload)
         return []
 
@@ -180,10 +174,8 @@ class BoardLine(Line):
         return self._end.take()
 
     def provision(self, keys: bytes, image: bytes) -> None:
-        """A key list and a first release for a fresh board."""
         bring(Asking(Client(self), key=KEY.answer, clock=self.time.clock, sleep=self.time.sleep), keys)
         assert self.flash(image).end is End.CONFIRMED
 
     def flash(self, image: bytes) -> Flashed:
-        """The tester's whole sequence."""
         return flash_over(self, image)

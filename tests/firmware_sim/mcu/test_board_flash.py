@@ -27,8 +27,6 @@ def firmware(sources) -> Firmware:
 
 
 class Driven:
-    """A board whose functions a test calls."""
-
     def __init__(self, firmware: Firmware, bank: FlashBank | None = None, **facts: Any) -> None:
         self.board = Board(firmware, bank, **facts)
         self.board.run()
