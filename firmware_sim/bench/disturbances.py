@@ -3,7 +3,7 @@ run's start.
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s
-    ecu:drop:probability=0.3               on the frames of a node: `firmware_sim.bench.run_faults`
+    ecu:drop:probability=0.3               on the frames in a node's port: NODE:FAULT, see `can_bridge.bus.faults.text`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
     reset@4                                once, at 4 s of the run
     reynolds=700                           a Reynolds number other than in the training
@@ -20,19 +20,31 @@ from dataclasses import dataclass, field, replace
 from math import floor, inf
 from typing import Annotated, Final, Literal, Self, TypeVar
 
-from can_bridge.bus.faults.fault import Instant, Probability, Span
-from can_bridge.bus.faults.text import parse_described, text_of
+from can_bridge.bus.faults.fault import BusFault, Instant, Probability, Span
+from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt
+from can_bridge.bus.faults.node_faults import Disconnect
+from can_bridge.bus.faults.text import parse_described, parse_fault, text_of
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.rules import Finite, NonNegative, Positive, Rule, require
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from firmware_sim.bench.run_faults import NODES, NodeFault, check_faults, parse_node_fault
 from firmware_sim.bench.sensor_faults import Bias, Dead, Drift, Noise, Quantise, SensorDisturbance, Stuck, Swap
 
 T = TypeVar("T", int, float)
 
+NODES: Final = ("vehicle", "ecu")
+
 Below = Annotated[T, Rule(wording="above 0 and below 0.5", holds=lambda value: 0 < value < 0.5)]
 Share = Annotated[T, Rule(wording="above 0 and at most 1", holds=lambda value: 0 < value <= 1)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeFault:
+    """A fault in the port of one node."""
+
+    text: str
+    node: str
+    fault: BusFault
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,10 +220,13 @@ Disturbance = NodeFault | Span
 
 def parse_disturbance(text: str) -> Disturbance:
     """Return the disturbance that a text describes. Raises ConfigError, which states the text and its faulty part."""
-    node, colon, _ = text.partition(":")
-    if colon and node in NODES:
-        return parse_node_fault(text)
-    return parse_described(text, KINDS, "disturbance")
+    node, colon, rest = text.partition(":")
+    if not colon or node not in NODES:
+        return parse_described(text, KINDS, "disturbance")
+    fault = parse_fault(rest)
+    if isinstance(fault, Disconnect) and fault.kind == "device_gone":
+        raise ConfigError(f"fault {text!r}: would end the run with an error; an open wire is `{node}:disconnect`")
+    return NodeFault(text=text, node=node, fault=fault)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,12 +266,15 @@ class Disturbances:
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
         """Check the disturbances. Raises ConfigError for a disturbance that could not act in this run with these
         sensors."""
-        check_faults([one for one in self.items if isinstance(one, NodeFault)], config.bus, duration_s=duration_s)
         for one, text in zip(self.items, self.texts, strict=True):
-            if isinstance(one, NodeFault):
-                continue
-            if one.start_s >= duration_s:
-                raise ConfigError(f"disturbance {text!r}: begins after the end of the run, at {duration_s:g} s")
+            noun, span = ("fault", one.fault) if isinstance(one, NodeFault) else ("disturbance", one)
+            if span.start_s >= duration_s:
+                raise ConfigError(f"{noun} {text!r}: begins after the end of the run, at {duration_s:g} s")
+            remakes = (isinstance(span, FlipBits) and span.before_crc) or (
+                isinstance(span, StuckAt) and span.counter_runs
+            )
+            if remakes and config.bus.key:
+                raise ConfigError(f"fault {text!r}: computes new frames, which needs the nodes' key if bus.key is set")
             for name in one.named if isinstance(one, SensorDisturbance) else ():
                 if name not in sensors:
                     raise ConfigError(

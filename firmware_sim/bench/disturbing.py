@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 from typing import Final, TypeVar
 
 import numpy as np
 
-from can_bridge.bus.faults.fault import NS, Span
+from can_bridge.bus.faults.fault import NS, FaultyBus, Span, WrappedBus, wrap
 from can_bridge.bus.faults.frame_faults import WireErrors
-from can_bridge.bus.faults.node_faults import ClockDrift
+from can_bridge.bus.faults.node_faults import Babble, ClockDrift
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from can_bridge.wire.frame import Frame
@@ -19,9 +20,8 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from firmware_sim.bench import disturbances as kinds
-from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.run_faults import NONE_BEFORE, NodeFault, NodeFaults
-from firmware_sim.bench.sensor_faults import SensorDisturbance, SensorFault
+from firmware_sim.bench.disturbances import NODES, Disturbances, NodeFault
+from firmware_sim.bench.sensor_faults import SensorDisturbance
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
@@ -32,6 +32,74 @@ S = TypeVar("S", bound=Span)
 
 PORT_NAMES: Final = {"vehicle": "vehicle", "ecu": "ECU"}
 """Names of the nodes on the simulated bus."""
+LOOK_NS: Final = 1_000_000
+"""Time in ns between two events that port faults add to the bus, so that ports release delayed frames in time."""
+
+
+class NodeFaults:
+    """Applies the faults of a run in the ports.
+
+    Args:
+        faults: faults of all nodes; of the faults of one node, the first is closest to the bus.
+        bus: bus of the run, at time 0.
+        before: number of random sequences that each node's port already uses before these faults.
+    """
+
+    def __init__(self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int, before: Mapping[str, int]) -> None:
+        self._faults, self._bus, self._seed, self._before = faults, bus, seed, before
+        self._ended = False
+        self._ports: dict[str, FaultyBus] = {}
+        self._babbling: list[_Babbling] = []
+        if faults:
+            self._look()
+
+    def around(self, node: str, port: Bus) -> Bus:
+        """Return the node's port with the node's faults added; return the port itself if the node has no faults."""
+        mine = [one.fault for one in self._faults if one.node == node]
+        if not mine:
+            return port
+        # Equal faults in both nodes must not affect the same frames, so the seed depends on the node.
+        seed = len(NODES) * self._seed + NODES.index(node)
+        first = self._before.get(node, 0)
+        faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)
+        if not any(isinstance(one, Babble) for one in mine):
+            return faulty
+        self._babbling.append(_Babbling(faulty))
+        return self._babbling[-1]
+
+    def acted(self) -> list[int]:
+        """Return the number of times that each fault has acted so far."""
+        injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
+        return [next(injectors[one.node]).acted for one in self._faults]
+
+    def end(self) -> None:
+        """Stop the periodic calls of the ports, whose faults then act only when a node uses its port."""
+        self._ended = True
+
+    def _look(self) -> None:
+        if self._ended:
+            return
+        # Each call is also an event of the bus, after which the loop checks whether the ECU has received pressures.
+        for port in self._babbling:
+            port.look()
+        self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
+
+
+class _Babbling(WrappedBus):
+    """A port with a babbling fault, which also sends between the node's calls. Frames received meanwhile are stored for
+    the node's next call."""
+
+    def __init__(self, port: Bus) -> None:
+        super().__init__(port)
+        self._kept: list[Frame] = []
+
+    def look(self) -> None:
+        self._kept += self._bus.receive_all()
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        frames, self._kept = [*self._kept, *self._bus.receive_all()], []
+        return frames
 
 
 class Disturbing:
@@ -50,24 +118,27 @@ class Disturbing:
         config: Config,
         sensors: Sequence[str],
         seed: int,
-        before: Mapping[str, int] = NONE_BEFORE,
+        before: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
         self._items = disturbances.items
         self._texts = disturbances.texts
-        self._config = config
-        self._seed = seed
-        self._before = before
+        self._config, self._seed, self._before = config, seed, before
         self._acted: Counter[int] = Counter()
-        self._transducers = [
-            (place, one, self._sensor_fault(place, one, sensors))
-            for place, one in enumerate(self._items)
-            if isinstance(one, SensorDisturbance)
-        ]
+        self._transducers = []
+        for place, sensed in self._each(SensorDisturbance):
+            drawn = np.random.SeedSequence([seed, before.get("all", 0) + place])
+            at = [list(sensors).index(name) for name in sensed.named]
+            self._transducers.append((place, sensed, sensed.begun(at, config, int(drawn.generate_state(1)[0]))))
         self._clocks = {
             place: ClockDrift(start_s=one.start_s, end_s=one.end_s, ppm=one.ppm, offset_s=one.offset_s)
-            for place, one in enumerate(self._items)
-            if isinstance(one, kinds.WrongClock)
+            for place, one in self._each(kinds.WrongClock)
         }
+        self._in_ports: dict[int, NodeFault] = {}  # by the index in the order given
+        for place, item in enumerate(self._items):
+            if place in self._clocks:
+                self._in_ports[place] = NodeFault(text=self._texts[place], node="ecu", fault=self._clocks[place])
+            elif isinstance(item, NodeFault):
+                self._in_ports[place] = item
         self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
         self._frozen: dict[int, float] = {}
         self._ports: NodeFaults | None = None
@@ -88,20 +159,13 @@ class Disturbing:
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
         """Start the port faults on this bus. Returns a function that adds a node's faults to the node's port."""
-        faults = [one for one in map(self._in_port, range(len(self._items))) if one is not None]
-        self._ports = NodeFaults(faults, bus, self._seed, self._before)
+        self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
         return self._ports.around
 
     def end(self) -> None:
         """Stop the periodic actions of port faults; the faults then act only when a node uses its port."""
         if self._ports is not None:
             self._ports.end()
-
-    def _in_port(self, place: int) -> NodeFault | None:
-        one = self._items[place]
-        if place in self._clocks:
-            return NodeFault(text=self._texts[place], node="ecu", fault=self._clocks[place])
-        return one if isinstance(one, NodeFault) else None
 
     def _wire(self, at: str) -> Corrupts | None:
         hooks = []
@@ -129,11 +193,6 @@ class Disturbing:
                 cp = fault(cp)
                 self._acted[place] += 1
         return cp
-
-    def _sensor_fault(self, place: int, one: SensorDisturbance, sensors: Sequence[str]) -> SensorFault:
-        drawn = np.random.SeedSequence([self._seed, self._before.get("all", 0) + place])
-        at = [list(sensors).index(name) for name in one.named]
-        return one.begun(at, self._config, int(drawn.generate_state(1)[0]))
 
     # The following methods handle the ECU.
 
@@ -234,13 +293,9 @@ class Disturbing:
 
     def injected(self) -> tuple[InjectedFault, ...]:
         """Return each disturbance with the number of times it has acted so far, in the order given."""
-        in_ports = iter(() if self._ports is None else self._ports.injected())
-        faults = []
-        for place, text in enumerate(self._texts):
-            ported = self._in_port(place) is not None
-            acted = next(in_ports).acted if ported else self._acted[place]
-            faults.append(InjectedFault(text=text, acted=acted))
-        return tuple(faults)
+        in_ports = () if self._ports is None else zip(self._in_ports, self._ports.acted(), strict=True)
+        acted = Counter(self._acted) | Counter(dict(in_ports))
+        return tuple(InjectedFault(text=text, acted=acted[place]) for place, text in enumerate(self._texts))
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
         """Return the disturbances of a kind, each with its index in the order given."""

@@ -44,9 +44,7 @@ from can_bridge.wire.message_sets import Message, message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
-from firmware_sim.bench.disturbances import Disturbances, StuckJets
-from firmware_sim.bench.observer import SeenFrame
-from firmware_sim.bench.run_faults import NodeFault
+from firmware_sim.bench.disturbances import Disturbances, NodeFault, StuckJets
 from wake.plant.sample import Sample
 
 T = TypeVar("T")
@@ -100,13 +98,11 @@ class _Period(NamedTuple):
         drives: whether at least one command may drive the jets.
         old: whether at least one command would drive the jets if its pressures were not too old.
         shuts: whether the vehicle certainly accepted the last command, and no command may drive the jets.
-        believed: whether the vehicle certainly accepted the last command, because it continues a stream without errors.
     """
 
     drives: bool
     old: bool
     shuts: bool
-    believed: bool
 
 
 class Commands:
@@ -130,10 +126,8 @@ class Commands:
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
         if (enable and not drives) or (not enable and flow != 0.0):
-            yield (
-                "bus_shut",
-                f"{flow:g} m2/s, enable {enable}, in a mode that {'drives' if drives else 'does not drive'}",
-            )
+            what = "drives" if drives else "does not drive"
+            yield "bus_shut", f"{flow:g} m2/s, enable {enable}, in a mode that {what}"
         if enable and abs(flow - before) > self.reach(share) + ROUNDING:
             yield "bus_rate", f"{before:g} to {flow:g} m2/s, at most {self.reach(share):g}"
 
@@ -180,7 +174,7 @@ class Jets:
         # The E2E state depends only on the latest frames. If these had no errors, the vehicle accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
-        self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))
+        self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives))
         self._requested.append(requested)
         if not requested or any(not command.wanted for command in known):
             self._silent.clear()
@@ -228,10 +222,9 @@ class Invariants:
     """
 
     def __init__(self, config: Config, *, hidden_ns: int = 0, jets_follow: bool = True) -> None:
-        self._config, self._jets_follow = config, jets_follow
+        self._config, self._jets_follow, self._hidden_ns = config, jets_follow, hidden_ns
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure, messages.command
-        self._hidden_ns = hidden_ns
         self.violations: list[Violation] = []
         self._period = 0
         # The next fields are the state of the ECU's checks.
@@ -258,52 +251,44 @@ class Invariants:
         for one in disturbances.items:
             if not isinstance(one, NodeFault):
                 continue
-            if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
+            fault = one.fault
+            if isinstance(fault, StuckAt) and not fault.counter_runs:
                 # A repeated transmit buffer matters only if it contains pressures. The vehicle sends pressures and the
                 # ECU receives them, so only faults in the vehicle's sending and in the ECU's reception count here.
-                if (one.node == "vehicle") == (one.fault.at == "send"):
-                    hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
-            elif one.node == "ecu":
-                if isinstance(one.fault, Delay) and one.fault.restamp:
-                    hidden_s += one.fault.delay_s + one.fault.jitter_s
-                elif isinstance(one.fault, ClockDrift):
-                    hidden_s += max(0.0, one.fault.offset_s)
+                if (one.node == "vehicle") == (fault.at == "send"):
+                    hidden_s += min(fault.end_s - fault.start_s, _LONGEST_S)
+            elif one.node == "ecu" and isinstance(fault, Delay) and fault.restamp:
+                hidden_s += fault.delay_s + fault.jitter_s
+            elif one.node == "ecu" and isinstance(fault, ClockDrift):
+                hidden_s += max(0.0, fault.offset_s)
         jets_follow = not any(isinstance(one, StuckJets) for one in disturbances.items)
         return cls(config, hidden_ns=round(hidden_s * NS), jets_follow=jets_follow)
 
-    def frame(self, seen: SeenFrame) -> None:
+    def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
         """See `Observer.frame`."""
-        if seen.node == "vehicle" and seen.sent and self._pressure.spec.names(seen.frame):
-            counter = profile_of(self._pressure.spec).counter_of(seen.frame.data)
-            self._sampled[counter] = self._period, seen.now_ns
-        elif seen.node == "vehicle" and not seen.sent and self._command.spec.names(seen.frame):
-            self._arrived.append(seen.frame)
-        elif seen.node == "ecu" and seen.sent:
-            command = parsed(self._command, seen.frame)
-            if command is not None:
-                self._judge_command(command, profile_of(self._command.spec).counter_of(seen.frame.data), seen.now_ns)
-        elif seen.node == "ecu" and not seen.sent:
-            pressure = parsed(self._pressure, seen.frame)
-            if pressure is not None:
-                self._edge_heard |= self._low_heard and pressure.enable_request
-                self._low_heard |= not pressure.enable_request
+        if node == "vehicle":
+            if sent and self._pressure.spec.names(frame):
+                counter = profile_of(self._pressure.spec).counter_of(frame.data)
+                self._sampled[counter] = self._period, now_ns
+            elif not sent and self._command.spec.names(frame):
+                self._arrived.append(frame)
+        elif sent:
+            if (command := parsed(self._command, frame)) is not None:
+                self._judge_command(command, profile_of(self._command.spec).counter_of(frame.data), now_ns)
+        elif (pressure := parsed(self._pressure, frame)) is not None:
+            self._edge_heard |= self._low_heard and pressure.enable_request
+            self._low_heard |= not pressure.enable_request
 
     def period(self, sample: Sample, *, requested: bool) -> None:
         """See `Observer.period`."""
-        self._judge_action(sample.action)
+        self.finished(sample)
         frames, self._arrived = self._arrived, []
         self._jets.heard([self._read(frame) for frame in frames], requested=requested)
         self._period += 1
 
     def finished(self, sample: Sample) -> None:
-        """See `Observer.finished`."""
-        self._judge_action(sample.action)
-
-    def _judge_action(self, action: float) -> None:
         """Check the action at the end of the latest period whose frames have all been observed."""
-        if not self._jets_follow:
-            return
-        for invariant, detail in self._jets.broken(action):
+        for invariant, detail in self._jets.broken(sample.action) if self._jets_follow else ():
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
     def _read(self, frame: Frame) -> HeardCommand | None:

@@ -31,10 +31,9 @@ from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.driven import driving, without_control
-from firmware_sim.bench.observer import Observer
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.virtual_loop import check_bit_rates
-from firmware_sim.bench.wiring import wire
+from firmware_sim.bench.wiring import Observer, wire
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
 from wake.plant.drive import Drive

@@ -95,11 +95,10 @@ class VehicleNode:
         self._speed_sender = E2eSender(self._messages.speed.spec)
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
         self._key = key_of(authentication, config.bus)
-        self._freshness, self._verifier = Freshness(), VerifierState()
+        self._freshness = Freshness() if authentication is None else authentication.freshness
         self._speed_freshness = self._freshness  # each message has its own freshness value
-        if authentication is not None:
-            self._freshness = self._speed_freshness = authentication.freshness
-            self._verifier = authentication.verifier(self._receiver.spec)
+        spec = self._receiver.spec
+        self._verifier = VerifierState() if authentication is None else authentication.verifier(spec)
         self._losses = CommandLosses.of(config.vehicle)
         self._misses = 0
         self._requested = False  # request in the latest Pressure frame
@@ -162,8 +161,7 @@ class VehicleNode:
         jets shut. The jets shut immediately if the vehicle no longer wants control, or if it gives up control because
         too many commands were missing. A command for the next period acts in the next period.
         """
-        before = self._action
-        spec = self._receiver.spec
+        before, spec = self._action, self._receiver.spec
         self._verifier, frames, _ = verified(self._verifier, frames, spec=spec, key=self._key)
         frame = self._receiver.tick(frames).live
         command = None if frame is None else self._messages.command.parse(frame.data[: spec.protected])
@@ -201,8 +199,7 @@ class VehicleNode:
         if not _drives(command) or self._is_too_old(command):
             return 0.0
         wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
-        limit = self.action_limit
-        return float(np.clip(self._in_reach_of(self._action, wanted), -limit, limit))
+        return float(np.clip(self._in_reach_of(self._action, wanted), -self.action_limit, self.action_limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
         """Return the action after one period of moving from `action` to `wanted` by at most the driver's step."""

@@ -16,10 +16,17 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
 from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
 from firmware_sim.campaign.outcome import RunOutcome
-from firmware_sim.campaign.running import check_run, flow_disturbances, run_task
+from firmware_sim.campaign.running import (
+    RunTask,
+    check_run,
+    flow_disturbances,
+    plant_of,
+    run_task,
+    seed_of,
+    settings_of,
+)
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
 from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
-from firmware_sim.campaign.task import RunTask, plant_of, seed_of, settings_of
 
 
 @dataclass(frozen=True, kw_only=True)

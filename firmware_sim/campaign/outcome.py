@@ -1,19 +1,13 @@
 """The outcome of one run of a campaign: its figures, its violated invariants, and short series."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any, Final
+from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from contract.arrays import Array
-from contract.atomic import replacing
-from contract.errors import ConfigError
-from contract.typed import typed
 
-_SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
@@ -106,21 +100,3 @@ class RunOutcome:
     course: KeptCourse | None = None
     service: RunService | None = None
     failure: str = ""
-
-
-def save(path: Path, outcome: RunOutcome) -> None:
-    """Write the outcome as JSON, completely or not at all; equal outcomes give equal bytes."""
-    content = {"schema": _SCHEMA, **asdict(outcome)}
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(content, sort_keys=True) + "\n", encoding="utf-8")
-
-
-def load(path: Path) -> RunOutcome | None:
-    """Read a file written by `save`; None if it is missing, damaged or of another version."""
-    try:
-        tree: Any = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(tree, dict) or tree.pop("schema", None) != _SCHEMA:
-            return None
-        return typed(tree, RunOutcome)
-    except (OSError, ValueError, RecursionError, ConfigError):
-        return None

@@ -158,6 +158,5 @@ class MeasuredRun:
 
 
 def _ms(quantiles: Quantiles) -> dict[str, Any]:
-    values = quantiles._asdict()
-    del values["number"]
-    return {f"{name}_ms": value if value is not None and isfinite(value) else None for name, value in values.items()}
+    values = zip(Quantiles._fields, quantiles[:-1], strict=False)
+    return {f"{name}_ms": value if value is not None and isfinite(value) else None for name, value in values}

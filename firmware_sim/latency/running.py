@@ -31,7 +31,6 @@ START_S: Final = 60.0
 
 
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
-STAGE_TIMES: Final = "{}_times.npz"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,16 +75,14 @@ def recorded(
         periods: number of periods of the vehicle's run.
         progress: called with the number of periods done, about twice a second.
     """
-    tables = {name: folder / STAGE_TIMES.format(name) for name in (ECU, VEHICLE, IDLE)}
+    tables = {name: folder / f"{name}_times.npz" for name in (ECU, VEHICLE, IDLE)}
     with ExitStack() as stack:
         address, notified = stack.enter_context(_notify_socket())
-        running_ecu = stack.enter_context(
-            _Child(ECU, [*ecu, "--stage-times", str(tables[ECU])], folder, notify=address)
-        )
+        command = [*ecu, "--stage-times", str(tables[ECU])]
+        running_ecu = stack.enter_context(_Child(ECU, command, folder, notify=address))
         _wait_until_ready(notified, running_ecu)
-        running_vehicle = stack.enter_context(
-            _Child(VEHICLE, [*vehicle, "--stage-times", str(tables[VEHICLE])], folder)
-        )
+        command = [*vehicle, "--stage-times", str(tables[VEHICLE])]
+        running_vehicle = stack.enter_context(_Child(VEHICLE, command, folder))
         length = str(longest_run(periods, period_ns))
         baseline = [sys.executable, "-m", "firmware_sim.latency.idle_loop", str(tables[IDLE]), str(period_ns), length]
         idle = stack.enter_context(_Child(IDLE, baseline, folder))
@@ -102,12 +99,7 @@ def recorded(
 
 
 def _wait(
-    vehicle: "_Child",
-    others: Sequence["_Child"],
-    *,
-    periods: int,
-    period_ns: int,
-    progress: Callable[[int], None],
+    vehicle: "_Child", others: Sequence["_Child"], *, periods: int, period_ns: int, progress: Callable[[int], None]
 ) -> None:
     began = time.monotonic()
     longest_s = START_S + OVERTIME * periods * period_ns / 1e9
@@ -170,9 +162,8 @@ class _Child:
 
     def __exit__(self, *_: object) -> None:
         if self.process.poll() is None:
-            self.process.terminate()
-            with suppress(subprocess.TimeoutExpired):
-                self.process.wait(END_S)
+            with suppress(BusError):
+                self.end()
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()

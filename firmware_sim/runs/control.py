@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -70,6 +71,14 @@ def mode_names(log: RunLog) -> list[str]:
     return [SKIPPED if left_out else Mode(mode).name for mode, left_out in modes]
 
 
+def mode_spans(log: RunLog) -> list[tuple[str, int, int]]:
+    """Return (mode, first period, period after the last) of every span with a constant mode, in order of time; SKIPPED
+    is a mode."""
+    names = np.array(mode_names(log))
+    edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
+    return [(str(names[first]), first, after) for first, after in pairwise(edges) if after > first]
+
+
 def control(log: RunLog) -> RunControl:
     """Evaluate control in a run, from the period in which control is first requested."""
     modes, names = log.series["mode"][log.enabled_at :], mode_names(log)[log.enabled_at :]
@@ -78,11 +87,17 @@ def control(log: RunLog) -> RunControl:
     still = log.series["action"][log.enabled_at :] == 0.0
     # The first sample is left out, because the jets cannot have moved before the first command.
     shut = float(still[1:].mean()) if len(still) > 1 else 1.0
+    fault = None
+    if len(faulted):
+        after_enable = int(faulted[0])
+        period = log.enabled_at + after_enable
+        reason = Reason(int(log.series["reason"][period])).name
+        fault = LatchedFault(reason=reason, t=float(log.series["t"][period]), period=period, after_enable=after_enable)
     return RunControl(
         requested=len(names),
         modes={name: names.count(name) for name in (*Mode.__members__, SKIPPED) if name in names},
         warm_up=int(warm[0]) if len(warm) else len(names),
-        fault=_fault(log, int(faulted[0])) if len(faulted) else None,
+        fault=fault,
         shut=shut,
     )
 
@@ -100,11 +115,11 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 def trouble(log: RunLog) -> str | None:
     """Return a sentence on why the controller was not always in control, to be shown before all figures; None if it was
     always in control."""
-    held = control(log)
-    if held.held:
+    found = control(log)
+    if found.held:
         return None
     refused = bool((log.series["reason"][log.enabled_at :] == Reason.NOT_AUTHENTIC).any())
-    return f"{_not_held(log, held)} {KEYS_DIFFER}" if refused else _not_held(log, held)
+    return f"{_not_held(log, found)} {KEYS_DIFFER}" if refused else _not_held(log, found)
 
 
 def _not_held(log: RunLog, found: RunControl) -> str:
@@ -131,16 +146,6 @@ def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
     """Return whether the controller planned in all averaged periods under control, and no fault latched in the run.
     `averaged` marks these periods, shape (n,) for n periods of the run."""
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
-
-
-def _fault(log: RunLog, after_enable: int) -> LatchedFault:
-    period = log.enabled_at + after_enable
-    return LatchedFault(
-        reason=Reason(int(log.series["reason"][period])).name,
-        t=float(log.series["t"][period]),
-        period=period,
-        after_enable=after_enable,
-    )
 
 
 def _periods(count: int) -> str:

@@ -74,8 +74,8 @@ class RunEcu:
         """Create the record from the compute times of all steps in which the controller planned."""
         if clock_mhz is None or not planned_ns:
             return cls(kind=kind, clock_mhz=clock_mhz)
-        milliseconds = [item / 1e6 for item in planned_ns]
-        return cls(kind=kind, clock_mhz=clock_mhz, modelled_ms=median(milliseconds), modelled_ms_max=max(milliseconds))
+        times_ms = [item / 1e6 for item in planned_ns]
+        return cls(kind=kind, clock_mhz=clock_mhz, modelled_ms=median(times_ms), modelled_ms_max=max(times_ms))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +123,7 @@ class RunMetadata:
         the run; its weights and bounds are recorded. `others` are the remaining attributes."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
-        ran = with_calibration(replace(config, mpc=mpc), calibration)
+        own = {"python": platform.python_version(), "machine": platform.machine()}
         return cls(
             controller=f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
             digest=bundle.digest,
@@ -132,12 +132,8 @@ class RunMetadata:
             mpc=manifest.mpc,
             weights=calibration.weights,
             budget_ms=manifest.budget_ms,
-            config=ran,
-            versions={
-                "python": platform.python_version(),
-                "machine": platform.machine(),
-                **{name: version(name) for name in _PACKAGES},
-            },
+            config=with_calibration(replace(config, mpc=mpc), calibration),
+            versions=own | {name: version(name) for name in _PACKAGES},
             **others,
         )
 
@@ -167,17 +163,8 @@ _UNUSED: Final = ("forcing", "model", "train", "mpc")
 def settings_of(run: RunMetadata) -> dict[str, str]:
     """Return a run's settings by their dotted TOML names; those of `mpc` are the bundle's, with the run's weights."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
-    tree = run.to_tree()
-    built = tree["mpc"] | {"weights": tree["weights"]}
-    return {name: str(value) for name, value in (*leaves(used), *leaves({"mpc": built}))}
-
-
-def settings_lines(run: RunMetadata) -> list[str]:
-    """Return the lines of settings and versions for a page."""
-    return [
-        *(f"{name} = {value}" for name, value in settings_of(run).items()),
-        *(f"{name} {value}" for name, value in run.versions.items()),
-    ]
+    built = asdict(run.mpc) | {"weights": asdict(run.weights)}
+    return {name: str(value) for name, value in leaves(used | {"mpc": built})}
 
 
 def leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

@@ -10,13 +10,12 @@ The computing time of a control period on this machine is measured before the st
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from statistics import median
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -29,8 +28,6 @@ from ecu.real_time.privileges import stay_ordinary
 from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 
-_PERIODS: Final = 20
-"""Number of control periods whose computing time is measured before the start."""
 _ROOM: Final = 0.9
 """Largest share of a control period that the solver may take; the transfer of pressures and other processes need the
 remaining time."""
@@ -39,22 +36,23 @@ COARSE: Final = (0.75, 15)
 acts as on the default grid (docs/explanation/solver.md)."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Speed:
-    """Computing time that a plant needs on this machine.
-
-    Attributes:
-        typical_ms: median wall time of a control period.
-        worst_ms: longest wall time of a control period.
-    """
+class Speed(NamedTuple):
+    """Computing time that a plant needs on this machine: median and longest wall time of a control period."""
 
     typical_ms: float
     worst_ms: float
 
     @classmethod
-    def of(cls, times_ms: Sequence[float]) -> "Speed":
-        """Compute the median and the maximum of measured times."""
-        return cls(typical_ms=median(times_ms), worst_ms=max(times_ms))
+    def of(cls, wake: TruckWake, periods: int = 20, clock: Callable[[], float] = time.perf_counter) -> "Speed":
+        """Measure control periods with the jets shut, including the sampling of pressures; then restore the wake's
+        state."""
+        begin, times = wake.state(), []
+        for _ in range(periods):
+            began = clock()
+            wake.advance(0.0)
+            times.append((clock() - began) * 1e3)
+        wake.reset(begin)
+        return cls(median(times), max(times))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:
         """Return None if the plant is fast enough, or a warning if it is only just fast enough. If the plant is too
@@ -74,21 +72,6 @@ class Speed:
                 f"period of {period_ms:g} ms: periods without pressures are to be expected"
             )
         return None
-
-
-def measured(
-    wake: TruckWake, periods: int = _PERIODS, clock: Callable[[], float] = time.perf_counter
-) -> tuple[float, ...]:
-    """Measure the wall time in ms of each of `periods` control periods with the jets shut, including the sampling of
-    pressures; then restore the wake's state."""
-    begin = wake.state()
-    times = []
-    for _ in range(periods):
-        began = clock()
-        wake.advance(0.0)
-        times.append((clock() - began) * 1e3)
-    wake.reset(begin)
-    return tuple(times)
 
 
 _LONGEST_END_S: Final = 5.0
@@ -189,7 +172,6 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
     stay_ordinary()
     from firmware_sim.bench.driven import driving
     from wake.plants import open_plant
-    from wake.truck.truck_wake import TruckWake
 
     def send(*word: object) -> None:
         pipe.send(word)
@@ -198,7 +180,7 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
         with open_plant("wake", Path(), config, progress=lambda *at: send("settling", *at), start=start) as wake:
             assert isinstance(wake, TruckWake)
             wake.advance(0.0)
-            speed = Speed.of(measured(wake))
+            speed = Speed.of(wake)
             with nullcontext() if drive is None else driving(wake, drive, config):
                 send("ready", speed, wake.description, wake.sample().Cp)
                 while True:

@@ -92,7 +92,7 @@ def run_vehicle(
         receiving = stack.enter_context(ReceiveThread(bus, inbox.put))
         first_ns = clock.now_ns() + LEAD_IN_NS
         deadlines = Deadlines(period_ns=config.period_ns, due_ns=first_ns, grace_ns=config.period_ns // 2)
-        loop = VehicleLoop(config, node, pressures, bus, inbox, deadlines, stage_times=times)
+        loop = VehicleLoop(config, node, pressures, bus.send, inbox, deadlines, stage_times=times)
         messages = message_set(config.bus)
         silence = Silence(messages.command.spec, messages, "ECU", report)
         figures, begun, has_given_up = loop.figures, 0, False

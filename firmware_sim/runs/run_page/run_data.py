@@ -10,8 +10,7 @@ import numpy as np
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, JET_WIDTH
-from firmware_sim.runs.control import SKIPPED, set_aside
-from firmware_sim.runs.pictures import mode_spans
+from firmware_sim.runs.control import SKIPPED, mode_spans, set_aside
 from firmware_sim.runs.reasons import BECAUSE, DOES
 from firmware_sim.runs.run_log import WALL, RunLog
 from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, rounded, sample_to_jets_ms

@@ -19,7 +19,7 @@ from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
+from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.run_log import WALL, RunLog
 from tests.ecu.conftest import RecordingController, make_bundle
 from wake.plant.sample import Sample
@@ -107,13 +107,11 @@ class Harness:
         self.captured: list[Frame] = []
         self.bus = bus = SimulatedBus(config.bus, self.captured.append, corrupts=corrupts)
         self.ports = {name: bus.port(name) for name in wrapped}
-        ports = BusPorts(
-            **{name: wrap(self.ports[name]) for name, wrap in wrapped.items()}, ecu_health=self.ports["ecu"].health
-        )
+        at_vehicle, at_ecu = (wrapped[name](self.ports[name]) for name in ("vehicle", "ecu"))
         ticks = iter(range(10**6))
-        self.loop = VirtualLoop(
-            self.plant, VehicleNode(NAMES, config), self.ecu, bus, ports, config, clock=lambda: 0.001 * next(ticks)
-        )
+        around: dict[str, Any] = {"ecu_health": self.ports["ecu"].health, "clock": lambda: 0.001 * next(ticks)}
+        node = VehicleNode(NAMES, config)
+        self.loop = VirtualLoop(self.plant, node, self.ecu, bus, at_vehicle, at_ecu, config, **around)
 
     def run(self, periods: int) -> list:
         # Raised once: a request that stands at power-on is none.

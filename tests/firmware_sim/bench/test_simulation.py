@@ -6,10 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
+from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError, StillwakeError
+from firmware_sim.bench.disturbances import parse_disturbance
+from firmware_sim.bench.disturbing import LOOK_NS, NodeFaults
 from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
 from firmware_sim.bench.spans import Spans
 from firmware_sim.runs.run_log import RunLog
@@ -173,6 +178,29 @@ def test_a_delay_that_looks_like_fresh_frames_shows_in_the_echo_and_one_that_doe
             assert set(run.modes[33:]) == {Mode.FAULT}
             assert run.reasons[-1] == Reason.STALE
             assert not run.log.series["action"][36:].any()
+
+
+def test_port_faults_act_between_the_calls_of_their_node():
+    bus = SimulatedBus(BusConfig())
+    vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
+    port = NodeFaults([parse_disturbance("ecu:delay:delay_s=0.002")], bus, 0, {}).around("ecu", ecu)
+    vehicle.send(Frame(frame_id=1, data=b"", is_fd=True))
+    # On a bus that is quiet no other event would let the loop look: within one look of the 2 ms.
+    assert bus.advance_until(10_000_000, lambda: bool(port.receive_all()))
+    assert 2_000_000 < bus.now_ns <= 2_000_000 + 200_000 + LOOK_NS
+    bus = SimulatedBus(BusConfig())
+    vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
+    port = NodeFaults([parse_disturbance("vehicle:babble@0..0.1")], bus, 0, {}).around("vehicle", vehicle)
+    bus.advance_to(1_000_000)
+    ecu.send(Frame(frame_id=1, data=b"", is_fd=True))
+    bus.advance_to(100_000_000)
+    babbled = ecu.receive_all()
+    # 4,504 classic frames of eight bytes a second are the most that 500 kbit/s carry, and the others wait for ever.
+    assert 0.1 * 3_500 < len(babbled) < 0.1 * 4_504
+    assert {frame.frame_id for frame in babbled} == {0}
+    assert port.receive_all() == []
+    bus.advance_to(200_000_000)
+    assert [frame.frame_id for frame in port.receive_all()] == [1]
 
 
 # Flow.

@@ -13,8 +13,7 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
 from firmware_sim.campaign.outcome import KeptCourse, RunOutcome, RunService
-from firmware_sim.campaign.running import flow_disturbances, run_task
-from firmware_sim.campaign.task import RunTask
+from firmware_sim.campaign.running import RunTask, flow_disturbances, run_task
 from wake.truck.develop import start_from_rest
 from wake.truck.truck_wake import TruckWake
 

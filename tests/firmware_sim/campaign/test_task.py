@@ -9,8 +9,8 @@ from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
 from firmware_sim.bench.spans import Spans
+from firmware_sim.campaign.running import RunTask, seed_of, settings_of
 from firmware_sim.campaign.starts import phases_apart
-from firmware_sim.campaign.task import RunTask, seed_of, settings_of
 from tests.firmware_sim.campaign.conftest import scenario_of
 
 TASK = RunTask(

@@ -77,7 +77,7 @@ class MadeUpTime:
             config,
             self.node,
             self.flow,
-            self,
+            self.send,
             self.inbox,
             Deadlines(period_ns=config.period_ns, due_ns=FIRST_NS, grace_ns=config.period_ns // 2),
             stage_times=stage_times,
