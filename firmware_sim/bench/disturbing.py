@@ -25,7 +25,7 @@ from firmware_sim.bench.sensor_faults import SensorDisturbance
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
-from wake.plant.drive import Gust, Wind
+from wake.plant.drive import Gust
 from wake.plant.protocol import Disturbable, Plant
 
 S = TypeVar("S", bound=Span)
@@ -144,21 +144,18 @@ class Disturbing:
         self._ports: NodeFaults | None = None
         self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
 
-    # The following methods handle bus errors and faults in the ports.
-
     @property
     def corrupts(self) -> Corrupts | None:
-        """Function for `SimulatedBus` that makes the bit errors that all nodes see; None without such errors."""
+        """See `firmware_sim.bench.wiring.Disturbs`."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """Function for `SimulatedBus` that makes the bit errors that only one receiver sees; None without such
-        errors."""
+        """See `Disturbs`."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """Start the port faults on this bus. Returns a function that adds a node's faults to the node's port."""
+        """See `Disturbs`."""
         self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
         return self._ports.around
 
@@ -168,36 +165,32 @@ class Disturbing:
             self._ports.end()
 
     def _wire(self, at: str) -> Corrupts | None:
-        hooks = []
+        hooks = {}
         for place, one in self._each(kinds.WireNoise):
             if one.at == at:
                 nodes = () if one.node == "all" else (PORT_NAMES[one.node],)
-                errors = WireErrors(
-                    bit_error_rate=one.bit_error_rate, nodes=nodes, start_s=one.start_s, end_s=one.end_s
-                )
+                span = {"start_s": one.start_s, "end_s": one.end_s}
                 # The hook's random numbers depend only on this seed, so the seed includes the disturbance's index.
-                hooks.append((place, errors.hook(len(self._items) * self._seed + place)))
-        return partial(self._first_wrong_bit, hooks) if hooks else None
+                seed = len(self._items) * self._seed + place
+                hooks[place] = WireErrors(bit_error_rate=one.bit_error_rate, nodes=nodes, **span).hook(seed)
 
-    def _first_wrong_bit(self, hooks: list[tuple[int, Corrupts]], frame: Frame, node: str, begin_ns: int) -> int | None:
-        wrong = {place: bit for place, hook in hooks if (bit := hook(frame, node, begin_ns)) is not None}
-        self._acted.update(wrong.keys())
-        return min(wrong.values(), default=None)
+        def first_wrong_bit(frame: Frame, node: str, begin_ns: int) -> int | None:
+            wrong = {place: bit for place, hook in hooks.items() if (bit := hook(frame, node, begin_ns)) is not None}
+            self._acted.update(wrong.keys())
+            return min(wrong.values(), default=None)
 
-    # The following method handles the transducers.
+        return first_wrong_bit if hooks else None
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""
+        """See `Disturbs`."""
         for place, one, fault in self._transducers:
             if one.is_active(now_ns):
                 cp = fault(cp)
                 self._acted[place] += 1
         return cp
 
-    # The following methods handle the ECU.
-
     def ecu_clock(self, now_ns: int) -> int:
-        """Return the time on the ECU's clock at a time of the run."""
+        """See `Disturbs`."""
         for drift in self._clocks.values():
             now_ns = drift.local_ns(now_ns)
         return now_ns
@@ -212,23 +205,17 @@ class Disturbing:
         for place, one in self._each(kinds.Reset):
             bus.call_at(round(one.start_s * NS), partial(reset, place, round(one.boot_s * NS)))
 
-    # The following methods are called in every period.
-
     def requests(self, enable_request: bool, now_ns: int) -> bool:
         """Return the vehicle's request for control: `enable_request`, unless a disturbance withdraws it."""
         return enable_request and not list(self._acting(kinds.NoRequest, now_ns))
 
     def before_period(self, now_ns: int, node: VehicleNode) -> None:
         """Set the properties of the vehicle that are disturbed in the period that starts now."""
-        design, full = self._config.operating_point, self._config.flow.action_limit
-        point, limit, stuck_at = design, full, None
+        full = self._config.flow.action_limit
+        point, limit, stuck_at = self._config.operating_point, full, None
         for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
-            speed, density = vehicle.speed, vehicle.density
-            point = replace(
-                design,
-                speed=point.speed if speed is None else speed,
-                density=point.density if density is None else density,
-            )
+            given = {"speed": vehicle.speed, "density": vehicle.density}
+            point = replace(point, **{name: value for name, value in given.items() if value is not None})
         for _, saturated in self._acting(kinds.ActionLimit, now_ns):
             limit = saturated.action_limit * full
         for _, stuck in self._acting(kinds.StuckJets, now_ns):
@@ -239,10 +226,7 @@ class Disturbing:
         node.operating_point, node.action_limit, node.stuck_at = point, limit, stuck_at
         node.stated_density = stated_density
         list(self._acting(kinds.OtherBody, now_ns))
-        self._state_speed(now_ns, node)
-
-    def _state_speed(self, now_ns: int, node: VehicleNode) -> None:
-        """Set the speed that the vehicle sends. Disturbances act in this order: late, frozen, scaled, absent."""
+        # Disturbances of the sent speed act in this order: late, frozen, scaled, absent.
         self._speeds.append(node.speed)
         stated = node.speed
         for _, late in self._acting(kinds.SpeedLate, now_ns):
@@ -275,15 +259,16 @@ class Disturbing:
             raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need stillwake's solver")
         t_c, gusts = self._config.operating_point.convective_time, []
         for _, one in self._each(kinds.GustyWind):
-            cycles = kinds.whole_cycles(one, t_c)
-            start = plant.t + one.start_s / t_c
+            cycles, start = kinds.whole_cycles(one, t_c), plant.t + one.start_s / t_c
             gusts.append(Gust(amplitude=one.amplitude, period=one.period, start=start, cycles=cycles))
         before, wind = plant.config.reynolds, plant.wind
         self._flow = plant, before
-        if gusts:
-            # The gust is added to the plant's wind, because a drive may already vary the vehicle's speed through the
-            # wind.
-            plant.wind = partial(_blown, wind, tuple(gusts))
+
+        def blown(t: float) -> float:
+            return (0.0 if wind is None else wind(t)) + sum(gust(t) for gust in gusts)
+
+        if gusts:  # a drive may already vary the vehicle's speed through the plant's wind
+            plant.wind = blown
         try:
             yield
         finally:
@@ -307,7 +292,3 @@ class Disturbing:
             if one.is_active(now_ns):
                 self._acted[place] += 1
                 yield place, one
-
-
-def _blown(wind: Wind | None, gusts: tuple[Gust, ...], t: float) -> float:
-    return (0.0 if wind is None else wind(t)) + sum(one(t) for one in gusts)

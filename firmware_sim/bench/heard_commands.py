@@ -21,8 +21,8 @@ from contract.config.vehicle import VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo, the counter of a frame that a command repeats.
-    The first frame's number is its counter. From frame to frame, the number increases by the counters' difference.
+    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; from
+    frame to frame the number increases by the counters' difference.
 
     Attributes:
         kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
@@ -61,8 +61,7 @@ class EchoTracker:
 
     @property
     def sampled_ns(self) -> int | None:
-        """Sending time in ns of the frame echoed last; None without an echo, or if this frame is no longer among the
-        stored frames."""
+        """Sending time in ns of the frame echoed last; None without an echo, or if the frame is no longer stored."""
         age = self.age
         return self.kept[-1 - age] if age is not None and age < len(self.kept) else None
 
@@ -72,11 +71,9 @@ _NO_CONTROL: Final = (Mode.OFF, Mode.FAULT)
 
 @dataclass(frozen=True, kw_only=True)
 class CommandLosses:
-    """A count of missed commands while the ECU is in control; at the limit the count latches.
+    """A count of missed commands while the ECU is in control. It latches at `limit` missed periods within `window`.
 
     Attributes:
-        window: number of latest periods that are counted.
-        limit: number of missed periods within the window at which the vehicle gives up control.
         missed: whether the command was missed in each of the latest periods in which the ECU was in control, at most
             `window` periods, oldest first; empty while the ECU is not in control.
     """
@@ -88,7 +85,7 @@ class CommandLosses:
 
     @classmethod
     def of(cls, config: VehicleConfig) -> "CommandLosses":
-        """Return a count at zero, with the vehicle's window and limit of missed commands."""
+        """Return a count at zero."""
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
@@ -103,5 +100,5 @@ class CommandLosses:
         return replace(self, missed=missed, is_latched=self.is_latched or sum(missed) >= self.limit)
 
     def cleared(self) -> "CommandLosses":
-        """Clear the count and its latch, because the vehicle does not request control at present."""
+        """Clear the count and its latch, because the vehicle does not request control."""
         return replace(self, missed=(), is_latched=False)

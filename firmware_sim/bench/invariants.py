@@ -64,12 +64,7 @@ ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Violation:
-    """One violation of an invariant.
-
-    Attributes:
-        period: number of the period in the run, from 0.
-        detail: description of the violation, with the values that violate the invariant.
-    """
+    """One violation of an invariant: `period` counts from 0, `detail` has the values that violate the invariant."""
 
     period: int
     invariant: str
@@ -120,8 +115,8 @@ class Commands:
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the next command violates, with the violating values. `share` is the
-        time since the previous command, as a share of a period, at most 1."""
+        """Yield the name of every invariant that the next command violates, with values. `share` is the time since the
+        previous command, as a share of a period, at most 1."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -133,9 +128,8 @@ class Commands:
 
 
 class Jets:
-    """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in
-    this period. `oldest` is the largest age, in periods, that the pressures of a command may have if the command drives
-    the jets."""
+    """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in it.
+    `oldest` is the largest age, in periods, of the pressures of a command that drives the jets."""
 
     def __init__(self, config: Config) -> None:
         vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window
@@ -158,8 +152,7 @@ class Jets:
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
-        """Record the commands of a period (None for a command with errors), and whether the vehicle requested
-        control."""
+        """Record the commands of a period, None for a command with errors."""
         last = None
         for command in commands:
             if command is None:
@@ -184,8 +177,7 @@ class Jets:
         self._gave_up.append(requested and (self._gave_up[-1] or too_many))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the action at the end of the latest period violates, with the
-        violating values. Call `heard` before."""
+        """Yield the name of every invariant that the action at the end of the latest period violates, with values."""
         before, self._action = self._action, action
         if not self._heard:
             return
@@ -227,12 +219,10 @@ class Invariants:
         self._pressure, self._command = messages.pressure, messages.command
         self.violations: list[Violation] = []
         self._period = 0
-        # The next fields are the state of the ECU's checks.
         self._commands = Commands(config)
         self._counters = profile_of(self._command.spec).counter_period
         self._last_counter: int | None = None  # counter of the ECU's latest command
         self._was_wanted = self._low_heard = self._edge_heard = False
-        # The next fields are the state of the vehicle's checks.
         self._jets = Jets(config)
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
         self._arrived: list[Frame] = []
@@ -292,8 +282,7 @@ class Invariants:
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
     def _read(self, frame: Frame) -> HeardCommand | None:
-        """Return a frame's command as the vehicle receives it; None if the frame is not a valid command. A command is
-        in time if its pressures were sampled recently enough."""
+        """Return a frame's command as the vehicle receives it; None if the frame is not a valid command."""
         command = parsed(self._command, frame)
         if command is None:
             return None
@@ -304,8 +293,6 @@ class Invariants:
             drives=command.enable and command.mode in DRIVING,
             in_time=sampled is not None and self._period - sampled[0] <= self._jets.oldest,
         )
-
-    # The following methods check commands on the bus.
 
     def _judge_command(self, command: JetCommand, counter: int, now_ns: int) -> None:
         flow, drives = command.flow_m2_per_s, command.mode in DRIVING
@@ -328,7 +315,7 @@ class Invariants:
         held = 1 + ecu.hold_periods + ecu.decay_periods
         oldest = min(ecu.pressure_age, held) if command.mode is Mode.CONTROL else held
         counter = command.pressure_counter
-        sampled = None if counter is None else self._sampled.get(counter)
+        sampled = self._sampled.get(-1 if counter is None else counter)
         if sampled is None:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that were not sent (counter {counter})")
             return

@@ -38,24 +38,20 @@ class Spans:
         least = CYCLES * SHEDDING_TIME
         remedy = f"must be at least {least:g} t_c, {CYCLES} shedding cycles, for averages; without them: --no-averages"
         if self.lead_in < least:
-            raise StillwakeError(f"{_option('lead_in')} = {self.lead_in:g}: {remedy}")
-        if round(self.controlled - self.settle, 9) < least:
-            raise StillwakeError(
-                f"{_option('controlled')} = {self.controlled:g} less {_option('settle')} = {self.settle:g} leaves "
-                f"{self.controlled - self.settle:g} t_c: {remedy}"
-            )
+            raise StillwakeError(f"--lead-in = {self.lead_in:g}: {remedy}")
+        if round(left := self.controlled - self.settle, 9) < least:
+            spans = f"--controlled = {self.controlled:g} less --settle = {self.settle:g}"
+            raise StillwakeError(f"{spans} leaves {left:g} t_c: {remedy}")
 
     def periods(self, control_period: float) -> tuple[int, int]:
         """Return the number of periods without control, and the total number of periods. Raises StillwakeError if
         `lead_in` or `controlled` is shorter than a period."""
-        counts = []
-        for name in ("lead_in", "controlled"):
-            counts.append(round(getattr(self, name) / control_period))
-            if counts[-1] < 1:
-                raise StillwakeError(
-                    f"{_option(name)} = {getattr(self, name):g}: shorter than a control period of {control_period:g}"
-                )
-        return counts[0], sum(counts)
+        lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
+        for name, count in (("lead_in", lead_in), ("controlled", controlled)):
+            if count < 1:
+                too_short = f"{_option(name)} = {getattr(self, name):g}"
+                raise StillwakeError(f"{too_short}: shorter than a control period of {control_period:g}")
+        return lead_in, lead_in + controlled
 
 
 def _option(name: str) -> str:

@@ -66,9 +66,8 @@ class VehicleNode:
         stuck_at: action at which the actuator is stuck, in U_inf W; None for an actuator that moves.
         speed: speed of the vehicle in m/s; initially the speed in `config`. Pressures and jets scale with the speed in
             `operating_point`, not with this speed.
-        stated_speed: speed that the vehicle sends, in m/s; None if it is not known. A speed outside the signal's range
-            is sent as unknown.
-        stated_density: density that the vehicle sends, in kg/m3; None if it is not known.
+        stated_speed, stated_density: values that the vehicle sends, in m/s and kg/m3; None, or a value outside the
+            signal's range, is sent as unknown.
         sends_speed: whether the vehicle sends VehicleSpeed frames.
     """
 
@@ -113,12 +112,11 @@ class VehicleNode:
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
-        """Return the Pressure frame of the instant `now_ns`. `cp` has the wall pressures Cp of all n sensors of the
-        plant, shape (n,).
+        """Return the Pressure frame of the instant `now_ns`, which states that its pressures are `age_ns` old. `cp` has
+        the wall pressures Cp of all n sensors of the plant, shape (n,).
 
-        The frame states that its pressures are `age_ns` old. A pressure beyond the transducer's range saturates and is
-        marked invalid; NaN is sent as 0. After the vehicle has given up control, its frames request no control until
-        `enable_request` has been False once.
+        A pressure beyond the transducer's range saturates and is marked invalid; NaN is sent as 0. After the vehicle
+        has given up control, its frames request no control until `enable_request` has been False once.
         """
         losses = self._losses if enable_request else self._losses.cleared()
         requested = enable_request and not losses.is_latched
@@ -139,8 +137,7 @@ class VehicleNode:
         return frame
 
     def speed_frame(self, *, now_ns: int, age_ns: int = 0) -> Frame | None:
-        """Return the VehicleSpeed frame of the instant `now_ns`, which states an age of `age_ns`; None while the
-        vehicle sends no speed."""
+        """Return the VehicleSpeed frame as `sample` does; None while the vehicle sends no speed."""
         if not self.sends_speed:
             return None
         message = VehicleSpeed(
@@ -158,8 +155,7 @@ class VehicleNode:
         """Return the jets' action that follows from the frames received in one control period.
 
         Without a valid command the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the
-        jets shut. The jets shut immediately if the vehicle no longer wants control, or if it gives up control because
-        too many commands were missing. A command for the next period acts in the next period.
+        jets shut. They shut immediately if the vehicle no longer wants control or gives up control.
         """
         before, spec = self._action, self._receiver.spec
         self._verifier, frames, _ = verified(self._verifier, frames, spec=spec, key=self._key)
@@ -195,7 +191,6 @@ class VehicleNode:
         )
 
     def _driven(self, command: JetCommand) -> float:
-        """Return the action, in U_inf W, to which the driver moves the jets for a command."""
         if not _drives(command) or self._is_too_old(command):
             return 0.0
         wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
@@ -207,7 +202,6 @@ class VehicleNode:
         return float(np.clip(wanted, action - step, action + step))
 
     def _is_too_old(self, command: JetCommand) -> bool:
-        """Return whether a command would drive the jets but its pressures are too old."""
         age = self._echo.age
         return _drives(command) and (age is None or age > self._oldest_echo)
 
@@ -231,8 +225,7 @@ class VehicleNode:
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:
-        """Identifier of the jet commands, and the freshness value of the newest accepted command; 0 without
-        authentication."""
+        """Identifier of the jet commands, and the newest accepted freshness value; 0 without authentication."""
         return self._receiver.spec.frame_id, self._verifier.freshness
 
     @property

@@ -83,12 +83,8 @@ class WatchedBus:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wired:
-    """A loop that is ready for its first period.
-
-    Attributes:
-        ports: ports of the simulated bus by their nodes' names, without faults.
-        waits: times for which the loop's own frames wait until the bus is free.
-    """
+    """A loop that is ready for its first period. `ports` are those of the simulated bus, without faults, by their
+    nodes' names."""
 
     bus: SimulatedBus
     ports: dict[str, SimulatedPort]
@@ -101,7 +97,7 @@ class Wired:
         return self.waits.traffic(self.bus.activity(), self.errors())
 
     def errors(self) -> dict[str, NodeErrors]:
-        """Return the error counters of each node, by the node's name."""
+        """Return the error counters of each node by its name."""
         return {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
 
 
@@ -117,8 +113,7 @@ def wire(
     observe: Callable[[Transmission], None] = lambda transmission: None,
     observer: Observer | None = None,
 ) -> Wired:
-    """Assemble a loop. Raises BusError if a pressure frame takes a whole control period or longer; ConfigError if the
-    wake lacks a sensor, or settings of the bus contradict each other.
+    """Assemble a loop. Raises ConfigError if the wake lacks a sensor, or settings of the bus contradict each other.
 
     Args:
         wake: a plant at the start of a control period.

@@ -31,19 +31,13 @@ class CampaignFolder:
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
-        """Return the file of the flow state from which the runs of a starting phase start. With `scenario`, the state
-        belongs to the plant of that scenario; without it, to the plant of all other scenarios."""
+        """Return the file of a starting phase's flow state, in the plant of one scenario or of all others."""
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Check, without changes, whether this campaign can run in this folder. Raises OutputError if the folder
-        contains another campaign or other files; StillwakeError if the folder cannot be written.
-
-        Args:
-            label: the data that identify the campaign, as plain JSON.
-            overwrite: whether another campaign may be replaced; files that do not belong to a campaign are never
-                replaced.
-        """
+        """Check, without changes, whether the campaign with this label can run in this folder. Raises OutputError if it
+        contains files that are not a campaign's, or, without `overwrite`, another campaign; StillwakeError if it cannot
+        be written."""
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
             return

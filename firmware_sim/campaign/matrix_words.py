@@ -49,9 +49,9 @@ def cells(row: ScenarioRow) -> tuple[str, ...]:
         "safe" if row.safe else "UNSAFE",  # in capitals, because the terminal may have no colour
         row.use.value,
         spread(row.reduction, ".1f"),
-        spread(row.abs_Cl, ".2f"),
+        spread(row.spread("abs_Cl"), ".2f"),
         number(row.in_control, ".0f"),
-        str(row.latches) if row.latches else "",
+        str(row.total("latches") or ""),
     )
 
 

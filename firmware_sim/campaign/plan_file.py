@@ -51,8 +51,7 @@ class _ScenarioForm:
 
 @dataclass(frozen=True, kw_only=True)
 class _GroupForm:
-    """The format of a group in a file. Each scenario is parsed separately, so that an error can state the scenario's
-    name."""
+    """The format of a group. Each scenario is parsed separately, so that an error can state the scenario's name."""
 
     title: str
     scenario: list[dict[str, Any]]
@@ -79,7 +78,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """Read the scenarios of one file; raises ConfigError for an invalid entry, as `whole_plan` does."""
+    """Read the scenarios of one file, with the errors of `whole_plan`."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)
@@ -124,7 +123,7 @@ def _words(place: Place, value: int | float | str) -> dict[str, object]:
 
 
 class _Time:
-    """A value for `str.format`: the format specification is a time in t_c, and the result is this time in s."""
+    """A value for `str.format`, whose format specification is a time in t_c, and whose text is this time in s."""
 
     def __init__(self, seconds: Callable[[float], float]) -> None:
         self._seconds = seconds

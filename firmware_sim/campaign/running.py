@@ -45,7 +45,7 @@ class RunTask:
     """The data of one run.
 
     Attributes:
-        name: name of the run's file, formed from scenario and phase.
+        name: name of the run's file.
         controlled: whether control is requested; otherwise the flow runs without the loop.
         config: settings, with the plant's body, which may differ from the body of the release.
         phase: index of the starting phase.
@@ -85,9 +85,8 @@ def plant_of(config: Config) -> PlantKey:
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """Return the campaign's settings, overridden by the scenario's settings, with the body of the scenario's plant.
-    Raises ConfigError if a setting of the scenario is unknown, wrong, or not allowed in a scenario; the error states
-    the scenario."""
+    """Return the campaign's settings with those of the scenario and the body of its plant. Raises ConfigError, which
+    states the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)
@@ -108,11 +107,8 @@ def seed_of(seed: int, name: str, phase: int) -> int:
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run a task from a starting state. The outcome depends only on the arguments; the caller must set the outcome's
-    key.
-
-    An exception in a run does not end the campaign: the outcome records the exception as a result.
-    """
+    """Run a task from a starting state. The outcome depends only on the arguments, and records an exception; the caller
+    must set its key."""
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
     except StillwakeError as error:
@@ -124,7 +120,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Check a scenario. Raises ConfigError if no run of the scenario is possible; the error states the scenario."""
+    """Raise ConfigError, which states the scenario, if no run of the scenario is possible."""
     try:
         disturbances = Disturbances.parse(scenario.disturb)
         Simulation(bundle, config, spans=timing, controller=controller, disturbances=disturbances)

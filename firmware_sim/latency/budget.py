@@ -41,13 +41,7 @@ _Budget = Mapping[str, float]
 
 
 class KeptLimit(NamedTuple):
-    """One limit, compared with the measured value.
-
-    Attributes:
-        name: name of the figure, such as `all.p99_ms`.
-        allowed: largest allowed value.
-        measured: measured value; None if the stage did not occur.
-    """
+    """The limit of a figure such as `all.p99_ms`, and its measured value; None if the stage did not occur."""
 
     name: str
     allowed: float
@@ -55,13 +49,12 @@ class KeptLimit(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """Whether the measured value is within the limit; False for a stage that did not occur."""
+        """Whether the measured value is within the limit."""
         return self.measured is not None and self.measured <= self.allowed
 
 
 def read_budget(path: Path) -> _Budget:
-    """Read the budget from a file. Raises ConfigError if the file cannot be read, or if a limit is invalid or all
-    limits are missing."""
+    """Read the budget from a file. Raises ConfigError if it cannot be read, has no limit, or an invalid limit."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)

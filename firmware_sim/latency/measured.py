@@ -46,12 +46,7 @@ class Quantiles(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredRun:
-    """The evaluated run of one controller.
-
-    Attributes:
-        name: name of the controller in tables: "onnx" or "c".
-        idle: rows of the idle loop's table (`IdleStage`) during the run.
-    """
+    """The evaluated run of one controller, with the rows of the idle loop's table (`IdleStage`) during the run."""
 
     name: str
     about: str
@@ -79,7 +74,7 @@ class MeasuredRun:
 
     @property
     def without_plan(self) -> int:
-        """Number of periods whose command arrived by the end of the period, but was computed without a plan."""
+        """Number of periods whose command arrived in time, but was computed without a plan."""
         return int(self._without_plan.sum())
 
     @property
@@ -118,7 +113,7 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether the idle loop was once later than the slack: even a loop without work would have missed a command."""
+        """Whether even a loop without work would have missed a command."""
         return self.idle_misses > 0
 
     @property

@@ -19,8 +19,7 @@ from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Times
 
 READY_S: Final = 120.0
-"""Longest time in s that the ECU may take to open the bundle, compile a library and warm up; a busy machine needs 30
-s."""
+"""Longest time in s that the ECU may take to open the bundle, compile and warm up; a busy machine needs 30 s."""
 END_S: Final = 30.0
 """Longest time in s that a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
@@ -35,13 +34,8 @@ ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """The tables and messages of one run.
-
-    Attributes:
-        vehicle, ecu, idle: tables with the columns `VehicleStage`, `EcuStage` and `IdleStage`.
-        privileges: text that states the privileges granted to the idle loop.
-        fault: line of the ECU's log that states its last fault.
-    """
+    """The tables of one run (columns `VehicleStage`, `EcuStage` and `IdleStage`), the privileges of the idle loop as
+    text, and the line of the ECU's log on its last fault."""
 
     vehicle: Times
     ecu: Times
@@ -51,8 +45,7 @@ class Recorded:
 
 
 def longest_run(periods: int, period_ns: int) -> int:
-    """Return the number of periods after which the ECU and the idle loop end by themselves, if no process has ended
-    them before."""
+    """Return the number of periods after which the ECU and the idle loop end by themselves."""
     return round(OVERTIME * periods + (START_S + END_S) * 1e9 / period_ns)
 
 
@@ -145,7 +138,7 @@ class _Child:
         return self.last_line_with("") or "it printed nothing"
 
     def last_line_with(self, word: str) -> str:
-        """Return the last printed line that contains this word; empty if there is none."""
+        """Return the last printed line that contains this word, or an empty text."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip() and word in line), "")
 
@@ -171,8 +164,7 @@ class _Child:
 
 @contextmanager
 def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
-    """Open the socket on which the ECU reports that it is ready (sd_notify(3)); yield the socket's address and the
-    receiving end."""
+    """Open the socket on which the ECU reports that it is ready (sd_notify(3)); yield its address and itself."""
     with (
         tempfile.TemporaryDirectory(prefix="stillwake-") as folder,
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours,

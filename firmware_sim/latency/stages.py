@@ -56,7 +56,6 @@ class Periods:
     `origin_ns`.
 
     Attributes:
-        period_ns: time from one sampling instant to the next.
         first: number of the first period in the vehicle's numbering.
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, shape (n,).
@@ -65,7 +64,7 @@ class Periods:
         stages: latencies of each stage, shape (n,); NaN where the stage did not occur.
         stalls: for a stage whose node left out m periods, the time from each of these periods to the next occurrence of
             the stage, shape (m,).
-        planned: number of periods in which a plan was computed from the period's pressures.
+        planned: number of periods with a plan from the period's pressures.
     """
 
     period_ns: int
@@ -170,8 +169,7 @@ def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_perio
 def _fill(
     stages: Mapping[Stage, Array], own: Index, sent: Times, scheduled: Times, took: Times, step: Index, period_ns: int
 ) -> None:
-    """Fill in the stages of the periods at the indices `own`, from the vehicle's rows and the ECU's steps (-1 for no
-    step)."""
+    """Fill in the periods at the indices `own`, from the vehicle's rows and the ECU's steps (-1 for no step)."""
     stages[Stage.SAMPLE][own] = sent[:, VehicleStage.SAMPLED] - scheduled
     acted = sent[:, VehicleStage.ACTUATED] > 0
     stages[Stage.ACTUATE][own[acted]] = (sent[:, VehicleStage.ACTUATED] - scheduled - period_ns)[acted]
@@ -187,8 +185,7 @@ def _fill(
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """Return the time in ns from the deadline of each of the m periods that the ECU left out to the ECU's next step,
-    shape (m,)."""
+    """Return the time in ns from the deadline of each of the m periods that the ECU left out to its next step, (m,)."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     stalls = []

@@ -27,7 +27,7 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """Create the record from the controller's health report and the number of refused frames."""
+        """Create the record from the controller's health report."""
         return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
@@ -67,10 +67,5 @@ class WaitingTimes:
         """Combine the waits with the counts of the bus and the nodes."""
         sent = (spec for spec in self.messages.specs if spec.frame_id in self._longest_ns)
         longest = {spec.name: self._longest_ns[spec.frame_id] / 1e6 for spec in sent}
-        return BusTraffic(
-            load=activity.load,
-            frames=activity.frames,
-            error_frames=activity.error_frames,
-            longest_wait_ms=longest,
-            nodes=dict(nodes),
-        )
+        counts = {name: getattr(activity, name) for name in ("load", "frames", "error_frames")}
+        return BusTraffic(**counts, longest_wait_ms=longest, nodes=dict(nodes))

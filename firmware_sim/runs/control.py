@@ -24,8 +24,7 @@ class LatchedFault:
 
     Attributes:
         reason: name of a `can_bridge.wire.messages.Reason`.
-        t: start of the period of the fault, in t_c.
-        period: index of the period of the fault in the run's series.
+        t, period: start in t_c, and index in the run's series, of the period of the fault.
         after_enable: number of control periods from the request for control to the fault.
     """
 
@@ -113,8 +112,7 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why the controller was not always in control, to be shown before all figures; None if it was
-    always in control."""
+    """Return a sentence on why the controller was not always in control, to be shown before all figures, or None."""
     found = control(log)
     if found.held:
         return None
@@ -132,13 +130,12 @@ def _not_held(log: RunLog, found: RunControl) -> str:
         return "NOT IN CONTROL: control was not requested."
     share = f"in control {found.in_control} of {_periods(found.requested)}"
     reasons = log.series["reason"][log.enabled_at :]
-    off = int((reasons == Reason.OFF_SPEED).sum())
+    waited = {reason: int((reasons == reason).sum()) for reason in (Reason.OFF_SPEED, Reason.NOT_HELPING)}
     if found.warm_up == found.requested:
-        why = BECAUSE[Reason.OFF_SPEED] if off else "the controller's window was still filling at the end"
-        return f"NOT IN CONTROL: {share}; {why}."
+        filling = "the controller's window was still filling at the end"
+        return f"NOT IN CONTROL: {share}; {BECAUSE[Reason.OFF_SPEED] if waited[Reason.OFF_SPEED] else filling}."
     others = [f"{name} {count}" for name, count in found.modes.items() if name != Mode.CONTROL.name]
-    waited = {reason.name: int((reasons == reason).sum()) for reason in (Reason.OFF_SPEED, Reason.NOT_HELPING)}
-    others += [f"of these {name} {count}" for name, count in waited.items() if count]
+    others += [f"of these {reason.name} {count}" for reason, count in waited.items() if count]
     return f"CONTROL NOT HELD: {share} ({', '.join(others)})."
 
 

@@ -24,13 +24,7 @@ _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
 
 @dataclass(frozen=True, kw_only=True)
 class RunOrigin:
-    """The date and origin of a run.
-
-    Attributes:
-        day: date of the run, YYYY-MM-DD.
-        command: words of the command line that started the run; empty if no command line started it.
-        flow: initial state of the plant.
-    """
+    """The date of a run (YYYY-MM-DD), the words of the command line that started it, and the plant's initial state."""
 
     day: str
     command: tuple[str, ...] = ()
@@ -44,9 +38,8 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance of a run. `acted` is the number of times that it acted. For a fault in a port, this is the number
-    that the fault itself counted; for bit errors, the number of disturbed attempts to send; for every other
-    disturbance, the number of periods in which it acted."""
+    """A disturbance of a run, and how often it acted: as a fault in a port counts itself, or the number of disturbed
+    attempts to send for bit errors, or the number of periods for every other disturbance."""
 
     text: str
     acted: int
@@ -59,9 +52,8 @@ class RunEcu:
     Attributes:
         kind: python, c or mcu.
         clock_mhz: clock of the emulated core; None if the computing time is `ecu.compute_time_ms`.
-        modelled_ms: median of the modelled times of the emulated core for a step with a plan; None without an emulated
-            core.
-        modelled_ms_max: largest of these times.
+        modelled_ms, modelled_ms_max: median and maximum of the emulated core's times for a step with a plan; None
+            without an emulated core.
     """
 
     kind: str = "python"
@@ -120,7 +112,7 @@ class RunMetadata:
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
         """Create the metadata of a run that was computed in this process. `calibration` is the ECU's calibration after
-        the run; its weights and bounds are recorded. `others` are the remaining attributes."""
+        the run; `others` are the remaining attributes."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
         own = {"python": platform.python_version(), "machine": platform.machine()}
@@ -139,8 +131,7 @@ class RunMetadata:
 
     @property
     def changed_weights(self) -> dict[str, tuple[float, float]]:
-        """Cost weights that differ from the bundle's weights: (value in the run, value in the bundle) by the weight's
-        name."""
+        """Cost weights that differ from the bundle's: (value in the run, value in the bundle) by the weight's name."""
         ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
         return {name: (ours[name], bundles[name]) for name in ours if ours[name] != as_float32(bundles[name])}
 

@@ -41,7 +41,7 @@ def _rows(log: RunLog) -> Iterator[list[str]]:
     yield [*(f"{name} [{COLUMN_UNITS[name]}]" for name in COLUMNS), *names]
     for k in range(len(log.series["t"])):
         row = [_text(name, float(log.series[name][k])) for name in COLUMNS]
-        yield row if wall is None else [*row, *(_text("Cp", float(value)) for value in wall[k])]
+        yield row + [_text("Cp", float(value)) for value in (() if wall is None else wall[k])]
 
 
 def _text(name: str, value: float) -> str:

@@ -17,6 +17,9 @@ def summary(log: RunLog) -> dict[str, Any]:
     `reduction_percent` is null unless the controller was in control in all averaged periods.
     """
     metadata, held, drive = log.metadata, control(log), drive_totals(log)
+    names = ("overruns", "missed", "crc_errors", "not_authentic", "bus_off")
+    counted = {name: getattr(metadata.status, name) for name in names}
+    waits = {name: rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
     return {
         "headline": headline(log),
         "trouble": trouble(log),
@@ -29,8 +32,8 @@ def summary(log: RunLog) -> dict[str, Any]:
         **_averaged(log),
         "drive": None if drive is None else drive.rounded(),
         **_timed(log),
-        "counters": _counters(log),
-        "bus": _bus(log),
+        "counters": {**counted, "frames_lost": log.bus.lost, "frames_rejected": log.bus.rejected},
+        "bus": {**asdict(log.traffic), "load": rounded(log.traffic.load), "longest_wait_ms": waits},
         "injected_faults": [asdict(one) for one in metadata.faults],
         "fault_seed": metadata.fault_seed,
         "frames_sent": log.bus.sent,
@@ -90,14 +93,3 @@ def _timed(log: RunLog) -> dict[str, float | None]:
         "compute_time_ms": log.metadata.config.ecu.compute_time_ms,
         "sample_to_jets_ms_max": rounded(sample_to_jets_ms(log)),
     }
-
-
-def _counters(log: RunLog) -> dict[str, int]:
-    names = ("overruns", "missed", "crc_errors", "not_authentic", "bus_off")
-    counted = {name: getattr(log.metadata.status, name) for name in names}
-    return {**counted, "frames_lost": log.bus.lost, "frames_rejected": log.bus.rejected}
-
-
-def _bus(log: RunLog) -> dict[str, Any]:
-    waits = {name: rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
-    return {**asdict(log.traffic), "load": rounded(log.traffic.load), "longest_wait_ms": waits}

@@ -46,7 +46,6 @@ def test_every_plan_can_be_driven():
 def test_a_constant_of_the_gate_that_is_changed_is_seen_in_python(monkeypatch):
     periods, of = read(DRIVE).periods, GateLimits.from_config
     before = open_loop(python_ecu(load_config()), periods)
-    assert not judging.verdict("", "python", before, open_loop(python_ecu(load_config()), periods)).periods
     monkeypatch.setattr(
         GateLimits, "from_config", lambda config: replace(of(config), step_m2_per_s=0.01 * of(config).step_m2_per_s)
     )

@@ -80,18 +80,13 @@ _LONGEST_END_S: Final = 5.0
 
 class LiveWake(NeverCopied):
     """A live wake in a separate process, used as a context manager; entering it takes seconds. Raises StillwakeError if
-    the plant cannot be opened.
+    the plant cannot be opened. `speed` is the computing time of a control period, measured before the start.
 
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
         progress: called with (time done, total time) in t_c while the flow develops from the initial state.
         drive: speeds of the inflow from the first period on; the time steps in `config.flow` must be short enough for
             these speeds.
-
-    Attributes:
-        layout: sensors of the body.
-        description: solver, grid and time step.
-        speed: computing time of a control period, measured before the start.
     """
 
     INSTEAD: ClassVar = "its solver is a process; start another wake"
@@ -121,8 +116,8 @@ class LiveWake(NeverCopied):
         self._is_busy = False
 
     def sampled(self) -> Array | None:
-        """Return Cp at the end of the latest period; None while that period is being computed. Raises PlantError if the
-        flow diverged or the process ended."""
+        """Return Cp at the end of the latest period; None while it is computed. Raises PlantError if the flow diverged
+        or the process ended."""
         if self._is_busy and not self._pipe.poll():
             return None
         if self._is_busy:
@@ -165,8 +160,7 @@ class LiveWake(NeverCopied):
 
 def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
     """Run in the solver's process: let the flow develop, then compute one control period for each received action."""
-    # A terminal or a service manager may send a signal to all processes of the vehicle. This process ignores the
-    # signal, because the vehicle ends it after its own last frames.
+    # A terminal or a service manager may signal all processes of the vehicle, which itself ends this process.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     stay_ordinary()

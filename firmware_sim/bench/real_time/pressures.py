@@ -18,8 +18,7 @@ class Pressures(Protocol):
     description: str
 
     def sampled(self) -> Array | None:
-        """Return Cp, shape (sensors,), at the present sampling instant; None if the flow has not reached this instant
-        yet."""
+        """Return Cp, shape (sensors,), at the present sampling instant; None if the flow has not reached it yet."""
 
     def drive(self, action: float) -> None:
         """Ramp the jets from their action at this sampling instant to `action`, in U_inf W, at the next sampling
@@ -28,14 +27,10 @@ class Pressures(Protocol):
 
 class Replay:
     """Recorded pressures, one row per period, which do not respond to the jets. Raises DatasetError if the episode does
-    not exist.
+    not exist. `rounds` counts how often the recording started again; the pressures jump each time.
 
     Args:
         episode: name of the episode; if None, the first episode without a controller, preferably without jets.
-
-    Attributes:
-        layout, description: sensors and description of the recording; see `Pressures`.
-        rounds: number of times that the recording started again; the pressures jump each time.
     """
 
     def __init__(self, dataset: Dataset, episode: str | None = None) -> None:
@@ -49,7 +44,7 @@ class Replay:
         self.rounds = 0
 
     def sampled(self) -> Array:
-        """Return the recorded row of this period; after the last row the first row follows."""
+        """Return the recorded row of this period; the first row follows the last row."""
         if self._next == len(self._cp):
             self._next = 0
             self.rounds += 1

@@ -23,13 +23,12 @@ class Durations:
         self._total = 0
 
     def add(self, duration_ns: int) -> None:
-        """Count one time."""
         self._counts[min(max(duration_ns, 0), LONGEST_NS) // RESOLUTION_NS] += 1
         self._total += 1
 
     def quantile_ms(self, share: float) -> float:
         """Return the nearest-rank quantile in ms, rounded down to 10 us: the smallest counted time that the given share
-        of the times does not exceed. A share of 1.0 gives the largest time; NaN is returned if no times were added."""
+        of the times does not exceed; NaN if there are no times."""
         if self._total == 0:
             return nan
         # In binary, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 in place of 7.
@@ -75,7 +74,7 @@ class VehicleFigures:
 
     @property
     def rms_action(self) -> float:
-        """Root mean square of the action over all ended periods, in U_inf W; NaN before the first period has ended."""
+        """Root mean square of the action over all ended periods, in U_inf W; NaN before the first has ended."""
         return sqrt(self.squares / self.ended) if self.ended else nan
 
     def acted(self, action: float) -> None:

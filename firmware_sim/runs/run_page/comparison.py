@@ -45,8 +45,7 @@ _FIGURES: Final = (
 
 
 class Cell(NamedTuple):
-    """A figure of one run as text, and its difference from the first run's figure. The difference is `_SAME` for zero,
-    and empty for the first run or if a figure is missing."""
+    """A figure of one run as text, and its difference from the first run's figure; no difference is empty."""
 
     value: str
     difference: str

@@ -22,6 +22,7 @@ from contract import sensors
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
+from firmware_sim.bench.heard_commands import EchoTracker
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.each import each
 from tests.examples import examples
@@ -83,25 +84,22 @@ def test_pressures_are_the_named_sensors_in_pascal(node):
     assert node.frames_sent == 2
 
 
-@each("pressure_pa", [3276.8, -3276.8, 1e6, float("inf"), float("nan")])
-def test_a_pressure_out_of_range_saturates_and_is_marked(pressure_pa):
-    cp = np.full(sensors.COUNT, 0.3)
-    cp[sensors.NAMES.index("upper_00")] = pressure_pa / Q
-    message = parsed(VehicleNode(NAMES, CONFIG).sample(cp, enable_request=True, now_ns=0))
-    assert message.valid == (True, False, True, True)
-    # One that is no number is sent as 0; half a step.
-    sent = 0.0 if np.isnan(pressure_pa) else np.sign(pressure_pa) * 3276.7
-    assert message.pressure_pa == pytest.approx([0.3 * Q, sent, 0.3 * Q, 0.3 * Q], abs=0.0501)
-
-
-@each("sign", [1.0, -1.0])
-def test_the_very_end_of_the_range_is_valid_and_what_is_next_to_it_is_not(sign):
-    """At a dynamic pressure of 512 Pa, a power of two, products and quotients are exact."""
-    config = replace(CONFIG, operating_point=OperatingPoint(speed=32.0, density=1.0))
-    node, limit = VehicleNode(NAMES, config), sign * message_set(config.bus).pressure_limit_pa
-    for pressure_pa, valid in ((limit, True), (np.nextafter(limit, sign * np.inf), False)):
-        cp = np.full(sensors.COUNT, pressure_pa / 512.0)
-        assert parsed(node.sample(cp, enable_request=True, now_ns=0)).valid == (valid,) * 4
+def test_a_pressure_out_of_range_saturates_and_is_marked_from_the_very_end_of_the_range_on(node):
+    for pressure_pa in (3276.8, -3276.8, 1e6, float("inf"), float("nan")):
+        cp = np.full(sensors.COUNT, 0.3)
+        cp[sensors.NAMES.index("upper_00")] = pressure_pa / Q
+        message = parsed(node.sample(cp, enable_request=True, now_ns=0))
+        assert message.valid == (True, False, True, True), pressure_pa
+        # One that is no number is sent as 0; half a step.
+        sent = 0.0 if np.isnan(pressure_pa) else np.sign(pressure_pa) * 3276.7
+        assert message.pressure_pa == pytest.approx([0.3 * Q, sent, 0.3 * Q, 0.3 * Q], abs=0.0501)
+    # At a dynamic pressure of 512 Pa, a power of two, products and quotients are exact.
+    node = VehicleNode(NAMES, replace(CONFIG, operating_point=OperatingPoint(speed=32.0, density=1.0)))
+    limit = message_set(CONFIG.bus).pressure_limit_pa
+    for sign in (1.0, -1.0):
+        for pressure_pa, valid in ((sign * limit, True), (sign * np.nextafter(limit, np.inf), False)):
+            cp = np.full(sensors.COUNT, pressure_pa / 512.0)
+            assert parsed(node.sample(cp, enable_request=True, now_ns=0)).valid == (valid,) * 4
 
 
 @each("hold", [0, 1, 2])
@@ -113,6 +111,24 @@ def test_missing_commands_hold_and_then_shut(hold):
     driven = [node.apply_commands([]) for _ in range(4)]
     assert [item.action for item in driven] == [full] * hold + [0.0] * (4 - hold)
     assert all(item.command is None and item.sampled_ns is None for item in driven)
+
+
+@given(st.sampled_from([16, 256]), st.lists(st.tuples(st.integers(1, 3), st.integers(0, 3)), max_size=400))
+def test_every_honest_echo_has_its_frames_age_and_one_of_a_frame_that_was_not_sent_has_none(period, events):
+    """As if numbered without end: an ECU that echoes the newest frames, some of them late, none twice out of order."""
+    tracker, number, echoed = EchoTracker(counter_period=period), -1, -1
+    assert tracker.received(0).age is None
+    for frames, late in events:
+        for _ in range(frames):
+            number += 1
+            tracker = tracker.sent(number % period, 1000 * number)
+        echoed = max(echoed, number - late, 0)
+        tracker = tracker.received(echoed % period)
+        assert (tracker.age, tracker.sampled_ns) == (number - echoed, 1000 * echoed)
+        ahead = tracker.received((number + 1) % period)
+        assert (ahead.age, ahead.sampled_ns) == (None, None)
+        # From the next one on it is followed again.
+        assert ahead.received(number % period).age == 0
 
 
 def test_the_age_behind_a_command_is_read_off_its_echo(node, trusted):

@@ -86,6 +86,7 @@ class Worker:
         self.started: dict[str, State] = {}
         self.drag, self.stop_after, self.failing, self.unsafe = drag, 10**6, "", ""
         start = developed_state()
+        start = replace(start, flat=start.flat[:100])  # a small file
         monkeypatch.setattr(conducting, "spread", self)
         # Of another body's wake, as far as a hash can tell.
         other = replace(start, flat=2.0 * start.flat)

@@ -10,7 +10,6 @@ from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.running import RunTask, seed_of, settings_of
-from firmware_sim.campaign.starts import phases_apart
 from tests.firmware_sim.campaign.conftest import scenario_of
 
 TASK = RunTask(
@@ -51,8 +50,3 @@ def test_whatever_decides_a_run_is_in_its_key_and_its_name_is_not() -> None:
     assert replace(TASK, name="other").key("b", "s", "1") == keys[0]
     seeds = {seed_of(seed, name, phase) for seed in (0, 1) for name in ("a", "b") for phase in range(3)}
     assert len(seeds) == 12 and all(0 <= seed < 2**32 for seed in seeds)
-
-
-def test_phases_are_equal_parts_of_a_cycle() -> None:
-    for phases, expected in ((1, [0]), (3, [0, 8, 17]), (25, list(range(25)))):
-        assert phases_apart(phases, Config()) == expected

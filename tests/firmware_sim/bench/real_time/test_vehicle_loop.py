@@ -4,14 +4,18 @@ from math import cos
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.errors import BusError
 from ecu.ecu import Ecu
 from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
+from firmware_sim.bench.real_time.vehicle_counts import LONGEST_NS, RESOLUTION_NS, Durations
 from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT
 from tests.each import each
+from tests.examples import examples
 from tests.firmware_sim.bench.real_time.in_made_up_time import FIRST_NS, MadeUpTime, pressure_in
 
 PERIOD_NS = Config().period_ns
@@ -27,6 +31,20 @@ def made(bundle_of, recording_controller):
         )
 
     return make
+
+
+@examples(100)
+@given(
+    times=st.lists(st.integers(-5, 60_000_000) | st.just(10**15), min_size=1, max_size=60),
+    share=st.sampled_from([0.01, 0.5, 0.99, 1.0]),
+)
+def test_quantiles_of_times_are_numpys_to_the_resolution(times: list[int], share: float) -> None:
+    durations = Durations()
+    for time in times:
+        durations.add(time)
+    # What is beyond the ends is kept at them.
+    exact = np.quantile(np.clip(times, 0, LONGEST_NS), share, method="inverted_cdf") / 1e6
+    assert exact - RESOLUTION_NS / 1e6 < durations.quantile_ms(share) <= exact
 
 
 def test_it_is_the_loop_in_virtual_time_to_the_bit(harness, made) -> None:
