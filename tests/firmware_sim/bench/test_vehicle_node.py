@@ -147,17 +147,10 @@ def test_a_command_drives_enabled_in_a_mode_that_does_and_on_pressures_alone(nod
         assert node.apply_commands([trusted(0.05, mode=mode, enable=False)]).action == 0.0, mode
     assert node.apply_commands([trusted(0.05)]).action != 0.0
     assert node.apply_commands([trusted(0.05, echo=None)]).action == 0.0
-
-
-def test_without_a_request_of_its_own_the_vehicle_drives_nothing(node, trusted):
+    # Nor without a request of its own; then it does not hold either.
     assert node.apply_commands([trusted(0.05)]).action != 0.0
     request(node, wanted=False)
-    assert node.apply_commands([trusted(0.05)]).action == 0.0
-    assert node.apply_commands([]).action == 0.0  # nor does it hold
-    request(node)
-    assert node.apply_commands([trusted(0.05)]).action != 0.0
-    fresh, commands = VehicleNode(NAMES, CONFIG), Commands()
-    assert [fresh.apply_commands([commands(0.05)]).action for _ in range(3)] == [0.0] * 3
+    assert [node.apply_commands(frames).action for frames in ([trusted(0.05)], [])] == [0.0, 0.0]
 
 
 @each("frames", ["fd", "classic"])
@@ -232,36 +225,25 @@ def test_commands_missing_while_the_ecu_has_no_control_do_not_count():
     assert not node.has_given_up
 
 
-def test_a_reversal_takes_as_many_periods_as_the_jets_own_limit_allows():
-    config = replace(CONFIG, vehicle=VehicleConfig(action_step=0.04))
-    node, commands = VehicleNode(NAMES, config), Commands()
-    request(node)
-    wanted = [0.0, 0.0, 0.07, 0.07, -0.07, -0.07, -0.07, -0.07]
-    driven = [node.apply_commands([commands(action)]).action for action in wanted]
-    # Flows have steps of 0.0002 m2/s on the wire.
-    assert driven == pytest.approx([0.0, 0.0, 0.04, 0.07, 0.03, -0.01, -0.05, -0.07], abs=2e-6)
-    # Shutting is never slowed down.
-    assert node.apply_commands([commands(-0.07, enable=False)]).action == 0.0
-
-
-def test_a_command_for_this_period_after_one_for_the_next_does_not_leap():
-    config = replace(CONFIG, vehicle=VehicleConfig(action_step=0.04))
-    node, commands = VehicleNode(NAMES, config), Commands()
-    request(node)
-    wanted = [(0.0, True)] * 3 + [(0.04, True), (0.04, True), (0.0, True), (-0.04, False), (-0.04, True), (-0.07, True)]
-    driven = [node.apply_commands([commands(action, next_period=ahead)]).action for action, ahead in wanted]
-    # In the third last period 0.0 was to be reached, and -0.04 is wanted at once: both would be a step of 0.08.
-    assert driven == pytest.approx([0.0] * 4 + [0.04, 0.04, 0.0, 0.0, -0.04], abs=2e-6)
-
-
-def test_late_jets_follow_every_command_so_many_periods_later():
-    late = replace(CONFIG, vehicle=VehicleConfig(actuator_delay=2))
-    node, commands = VehicleNode(NAMES, late), Commands()
-    request(node)
-    wanted = [0.0, 0.01, -0.02, 0.03, 0.0]
-    followed = [node.apply_commands([commands(action)]).action for action in wanted]
-    # The first frame only makes the stream known.
-    assert followed == pytest.approx([0.0, 0.0, 0.0, 0.01, -0.02], abs=1e-5)
+def test_the_jets_follow_within_their_step_and_after_their_delay():
+    slow, late = VehicleConfig(action_step=0.04), VehicleConfig(actuator_delay=2)
+    ahead = [(0.0, True)] * 3 + [(0.04, True), (0.04, True), (0.0, True), (-0.04, False), (-0.04, True), (-0.07, True)]
+    for vehicle, wanted, expected in (
+        (slow, [0.0, 0.0, 0.07, 0.07, *[-0.07] * 4], [0.0, 0.0, 0.04, 0.07, 0.03, -0.01, -0.05, -0.07]),
+        # Planned ahead: in the third last period 0.0 was to be reached, and -0.04 is wanted at once: both would be a
+        # step of 0.08.
+        (slow, ahead, [0.0] * 4 + [0.04, 0.04, 0.0, 0.0, -0.04]),
+        # The first frame only makes the stream known.
+        (late, [0.0, 0.01, -0.02, 0.03, 0.0], [0.0, 0.0, 0.0, 0.01, -0.02]),
+    ):
+        node, commands = VehicleNode(NAMES, replace(CONFIG, vehicle=vehicle)), Commands()
+        request(node)
+        pairs = [one if isinstance(one, tuple) else (one, False) for one in wanted]
+        driven = [node.apply_commands([commands(action, next_period=after)]).action for action, after in pairs]
+        # Flows have steps of 0.0002 m2/s on the wire.
+        assert driven == pytest.approx(expected, abs=2e-6), expected
+        if vehicle is slow:  # shutting is never slowed down
+            assert node.apply_commands([commands(-0.07, enable=False)]).action == 0.0
 
 
 def test_with_a_key_forged_and_replayed_commands_drive_nothing():
