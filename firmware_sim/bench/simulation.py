@@ -77,7 +77,17 @@ class Simulation:
         self._disturbances = Disturbances() if disturbances is None else disturbances
         config = self._disturbances.plant(config)
         self.periods = lead_in, total = spans.periods(config.flow.control_period)
-        _check_vehicle(config, total - lead_in)
+        if config.bus.interface != SIMULATED:
+            raise BusError(
+                f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on the simulated bus; only "
+                f"{SIMULATED!r} is possible"
+            )
+        check_bit_rates(config)
+        if config.vehicle.actuator_delay >= total - lead_in:
+            raise StillwakeError(
+                f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {total - lead_in} "
+                "periods, so the jets would never move; the delay must be shorter"
+            )
         sensors = bundle.manifest.sensors
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
@@ -177,18 +187,3 @@ class Simulation:
             drive=None if drive is None else drive.name,
         )
         return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic(), without=without)
-
-
-def _check_vehicle(config: Config, requested: int) -> None:
-    """Raise StillwakeError if the bus is not simulated, or the bus or the jets' actuator is too slow."""
-    if config.bus.interface != SIMULATED:
-        raise BusError(
-            f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on the simulated bus; only "
-            f"{SIMULATED!r} is possible"
-        )
-    check_bit_rates(config)
-    if config.vehicle.actuator_delay >= requested:
-        raise StillwakeError(
-            f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {requested} periods, "
-            "so the jets would never move; the delay must be shorter"
-        )

@@ -32,7 +32,8 @@ class Spans:
         for name in ("lead_in", "controlled", "settle"):
             value = getattr(self, name)
             if not 0.0 <= value <= _LONGEST:
-                raise StillwakeError(f"{_option(name)} = {value}: must be a number of t_c in 0..{_LONGEST:g}")
+                option = name.replace("_", "-")
+                raise StillwakeError(f"--{option} = {value}: must be a number of t_c in 0..{_LONGEST:g}")
         if not self.averages:
             return
         least = CYCLES * SHEDDING_TIME
@@ -47,12 +48,8 @@ class Spans:
         """Return the number of periods without control, and the total number of periods. Raises StillwakeError if
         `lead_in` or `controlled` is shorter than a period."""
         lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
-        for name, count in (("lead_in", lead_in), ("controlled", controlled)):
+        for name, count in (("lead-in", lead_in), ("controlled", controlled)):
             if count < 1:
-                too_short = f"{_option(name)} = {getattr(self, name):g}"
-                raise StillwakeError(f"{too_short}: shorter than a control period of {control_period:g}")
+                span = f"--{name} = {getattr(self, name.replace('-', '_')):g}"
+                raise StillwakeError(f"{span}: shorter than a control period of {control_period:g}")
         return lead_in, lead_in + controlled
-
-
-def _option(name: str) -> str:
-    return "--" + name.replace("_", "-")

@@ -143,7 +143,17 @@ class ScenarioRow:
 def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOutcomes]]) -> tuple[ScenarioRow, ...]:
     """Return the rows in the plan's order. `phases` has the outcomes of each scenario by its name."""
     undisturbed = Spread.of([phase.reduction for phase in phases[UNDISTURBED]]).mean
-    return tuple(_row(one, tuple(phases[one.name]), undisturbed) for one in scenarios)
+    rows = []
+    for scenario in scenarios:
+        found = tuple(phases[scenario.name])
+        reduction = Spread.of([phase.reduction for phase in found])
+        safe, lost = bool(found) and all(phase.safe for phase in found), undisturbed - reduction.mean
+        row = ScenarioRow(scenario=scenario, phases=found, safe=safe, use=Use.NONE, reduction=reduction, lost=lost)
+        free = row.spread("abs_Cl", free=True).mean
+        side_force = row.spread("abs_Cl").mean / free if free > 0 else inf
+        use = use_of(reduction.mean, undisturbed, side_force, scenario.criteria)
+        rows.append(replace(row, use=use))
+    return tuple(rows)
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
@@ -154,18 +164,3 @@ def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Cr
     if share >= criteria.useful and side_force <= criteria.abs_Cl:
         return Use.USEFUL
     return Use.MARGINAL if share > criteria.marginal else Use.NONE
-
-
-def _row(scenario: Scenario, phases: tuple[PhaseOutcomes, ...], undisturbed: float) -> ScenarioRow:
-    reduction = Spread.of([phase.reduction for phase in phases])
-    row = ScenarioRow(
-        scenario=scenario,
-        phases=phases,
-        safe=bool(phases) and all(phase.safe for phase in phases),
-        use=Use.NONE,
-        reduction=reduction,
-        lost=undisturbed - reduction.mean,
-    )
-    free = row.spread("abs_Cl", free=True).mean
-    side_force = row.spread("abs_Cl").mean / free if free > 0 else inf
-    return replace(row, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria))

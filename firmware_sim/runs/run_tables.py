@@ -31,6 +31,7 @@ _DRAG_ROWS: Final = (
 )
 """Label, field of `Regime`, and number format of each row. {probe} in a label is the position of the wake probe."""
 
+_ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
 _STILL: Final = 0.01
@@ -72,6 +73,9 @@ def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """Return (quantity, value) as text for each row about the bus and the ECU."""
     run, longest, delay = log.metadata, sample_to_jets_ms(log), actuator_delay_ms(log)
+    changed = run.changed_weights.items()
+    weights = ", ".join(f"{name} {ours:g} (bundle {bundles:g})" for name, (ours, bundles) in changed)
+    clock = "" if run.ecu.clock_mhz is None else f" at {run.ecu.clock_mhz:g} MHz"
     of_actuator = f", {delay:g} ms of it the actuator's delay" if delay else ""
     actuator = run.config.vehicle.actuator_delay
     return [
@@ -81,9 +85,9 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
             for one in run.faults
         ),
         ("plant", run.plant),
-        ("ECU", _ecu(run)),
+        ("ECU", _ECUS.get(run.ecu.kind, run.ecu.kind) + clock),
         ("control step computed by", run.computed_by),
-        ("cost weights", _weights(run)),
+        ("cost weights", f"not the bundle's: {weights}" if weights else "the bundle's"),
         ("virtual compute time", _charged(run)),
         ("periods left out by the ECU (overruns)", str(run.status.overruns)),
         *_on_this_machine(run, latency(log)),
@@ -177,18 +181,6 @@ def _bus_rows(log: RunLog) -> list[tuple[str, str]]:
         ("CAN controllers: state, TEC / REC / times bus-off", ", ".join(errors)),
         ("frames that the bus refused", str(sum(node.refused for node in traffic.nodes.values()))),
     ]
-
-
-def _weights(run: RunMetadata) -> str:
-    changed = run.changed_weights
-    words = (f"{name} {ours:g} (bundle {bundles:g})" for name, (ours, bundles) in changed.items())
-    return f"not the bundle's: {', '.join(words)}" if changed else "the bundle's"
-
-
-def _ecu(run: RunMetadata) -> str:
-    kinds = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
-    clock = "" if run.ecu.clock_mhz is None else f" at {run.ecu.clock_mhz:g} MHz"
-    return kinds.get(run.ecu.kind, run.ecu.kind) + clock
 
 
 def _charged(run: RunMetadata) -> str:

@@ -139,8 +139,7 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
         raise ValueError("the stills' times are not the series'")
     for still in wake.stills:
         try:
-            with Image.open(io.BytesIO(still), formats=("WEBP",)) as image:
-                size = image.size
+            size = Image.open(io.BytesIO(still), formats=("WEBP",)).size
         except (UnidentifiedImageError, OSError):
             raise ValueError("a still is not a WebP picture") from None
         if size != wake.scene.size:

@@ -77,12 +77,6 @@ class VehicleFigures:
         """Root mean square of the action over all ended periods, in U_inf W; NaN before the first has ended."""
         return sqrt(self.squares / self.ended) if self.ended else nan
 
-    def acted(self, action: float) -> None:
-        """Count the action of a period that has ended."""
-        self.ended += 1
-        self.squares += action * action
-        self.largest = max(self.largest, abs(action))
-
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for a results file; a figure without measurements is None."""
         counted = ("periods", "left_out", "unsampled", "commands", "misses", "unsent")

@@ -113,8 +113,10 @@ class VehicleLoop:
         frames = self._inbox.before(due_ns)
         self.heard.add(frames)
         actuation = self._node.apply_commands([frame for frame in frames if self._spec.names(frame)])
-        figures = self.figures
-        figures.acted(actuation.action)
+        figures, action = self.figures, actuation.action
+        figures.ended += 1
+        figures.squares += action * action
+        figures.largest = max(figures.largest, abs(action))
         if actuation.command is None:
             figures.misses += figures.commands > 0
             return
