@@ -15,8 +15,8 @@ CYCLES: Final = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Spans:
-    """Lengths of a run's spans in t_c, checked at construction. Raises StillwakeError if a span is negative, not finite
-    or longer than 10^6 t_c, or, with `averages`, too short for averages.
+    """Lengths of a run's spans in t_c. Raises StillwakeError if a span is negative, not finite or longer than 10^6 t_c,
+    or, with `averages`, too short for averages.
 
     Attributes:
         lead_in: time without control, in which the controller's window fills.
@@ -45,8 +45,8 @@ class Spans:
             raise StillwakeError(f"{spans} leaves {left:g} t_c: {remedy}")
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Return the number of periods without control, and the total number of periods. Raises StillwakeError if
-        `lead_in` or `controlled` is shorter than a period."""
+        """Return the number of periods without control, and the total. Raises StillwakeError for a span shorter than a
+        period."""
         lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
         for name, count in (("lead-in", lead_in), ("controlled", controlled)):
             if count < 1:

@@ -35,12 +35,6 @@ class PhaseOutcomes:
             return nan
         return 100.0 * (1.0 - self.under.figures.Cd / self.free.figures.Cd)
 
-    @property
-    def safe(self) -> bool:
-        """Whether the run under control finished and no invariant was violated."""
-        service = self.under.service
-        return service is not None and service.violations == 0
-
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
@@ -147,7 +141,8 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
     for scenario in scenarios:
         found = tuple(phases[scenario.name])
         reduction = Spread.of([phase.reduction for phase in found])
-        safe, lost = bool(found) and all(phase.safe for phase in found), undisturbed - reduction.mean
+        services, lost = [phase.under.service for phase in found], undisturbed - reduction.mean
+        safe = bool(found) and all(service is not None and service.violations == 0 for service in services)
         row = ScenarioRow(scenario=scenario, phases=found, safe=safe, use=Use.NONE, reduction=reduction, lost=lost)
         free = row.spread("abs_Cl", free=True).mean
         side_force = row.spread("abs_Cl").mean / free if free > 0 else inf

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contract.arrays import Array
 from contract.errors import StillwakeError
-from firmware_sim.latency.idle_loop import between, lateness
+from firmware_sim.latency.idle_loop import IdleStage, lateness
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
@@ -23,8 +23,7 @@ NEEDED_FOR_P99_9: Final = 1_000
 
 
 class Quantiles(NamedTuple):
-    """Percentiles of one stage's latency in ms. Each percentile is one of the measured values, without interpolation;
-    None if there are no values."""
+    """Percentiles of one stage's latency in ms, each of them a measured value; None if there are no values."""
 
     p50: float | None
     p99: float | None
@@ -59,9 +58,10 @@ class MeasuredRun:
     def of(cls, recorded: Recorded, *, name: str, about: str, period_ns: int, counter_period: int) -> Self:
         """Evaluate a run; raises StillwakeError if its tables contain no usable periods."""
         periods = joined(recorded.vehicle, recorded.ecu, period_ns=period_ns, counter_period=counter_period)
-        begin = periods.origin_ns
         # One more period is included on each side, because the idle loop may sleep through the first or last instant.
-        idle = between(recorded.idle, begin - period_ns, begin + int(periods.scheduled[-1]) + period_ns)
+        begin, end = periods.origin_ns - period_ns, periods.origin_ns + int(periods.scheduled[-1]) + period_ns
+        scheduled = recorded.idle[:, IdleStage.SCHEDULED]
+        idle = recorded.idle[(scheduled >= begin) & (scheduled <= end)]
         if not len(idle):
             raise StillwakeError("the idle loop did not run at the same time: there is no baseline")
         latencies = {stage: Quantiles.of(periods.values(stage)) for stage in Stage}
@@ -79,7 +79,7 @@ class MeasuredRun:
 
     @property
     def left_control(self) -> bool:
-        """Whether the ECU lost control for several periods in a row; such a run does not measure the controller."""
+        """Whether the ECU lost control, so that the run does not measure the controller."""
         gaps = np.flatnonzero(np.diff(np.concatenate([[0], self._without_plan.astype(int), [0]]))).reshape(-1, 2)
         return bool(len(gaps)) and int((gaps[:, 1] - gaps[:, 0]).max()) >= LEFT_CONTROL
 

@@ -7,8 +7,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -70,7 +70,10 @@ def recorded(
     """
     tables = {name: folder / f"{name}_times.npz" for name in (ECU, VEHICLE, IDLE)}
     with ExitStack() as stack:
-        address, notified = stack.enter_context(_notify_socket())
+        # The ECU reports on this socket that it is ready (sd_notify(3)).
+        place = stack.enter_context(tempfile.TemporaryDirectory(prefix="stillwake-"))
+        notified = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+        notified.bind(address := str(Path(place) / "notify"))
         command = [*ecu, "--stage-times", str(tables[ECU])]
         running_ecu = stack.enter_context(_Child(ECU, command, folder, notify=address))
         _wait_until_ready(notified, running_ecu)
@@ -160,18 +163,6 @@ class _Child:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
-
-
-@contextmanager
-def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
-    """Open the socket on which the ECU reports that it is ready (sd_notify(3)); yield its address and itself."""
-    with (
-        tempfile.TemporaryDirectory(prefix="stillwake-") as folder,
-        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours,
-    ):
-        address = str(Path(folder) / "notify")
-        ours.bind(address)
-        yield address, ours
 
 
 def _wait_until_ready(notified: socket.socket, child: _Child) -> None:

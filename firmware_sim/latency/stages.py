@@ -152,8 +152,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return, for each counter, the index of the vehicle's latest row that has this counter and was sent before the
-    arrival time; -1 if there is no such row."""
+    """Return, for each counter, the index of the latest row with it that was sent before its arrival, or -1."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period

@@ -14,7 +14,6 @@ class NodeErrors:
 
     Attributes:
         state: name of a `can_bridge.bus.interface.BusState`.
-        tx_errors, rx_errors: transmit and receive error counters of the controller.
         bus_off: number of times that the controller went bus-off.
         refused: number of frames that the controller could not send, because its queue was full or it was bus-off.
     """
@@ -37,10 +36,9 @@ class BusTraffic:
 
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
-        frames: number of all frames on the bus.
         error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
-        longest_wait_ms: for each of the project's messages that was sent, the longest wait of a frame. The wait lasts
-            from the frame's entry into the send queue to the start of its successful transmission.
+        longest_wait_ms: for each of the project's messages that was sent, the longest time from a frame's entry into
+            the send queue to the start of its successful transmission.
     """
 
     load: float

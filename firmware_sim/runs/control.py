@@ -39,7 +39,6 @@ class RunControl:
     """Counts of the control periods in which control was requested.
 
     Attributes:
-        requested: number of these periods.
         modes: number of these periods in each mode of the ECU, by the mode's name or SKIPPED.
         warm_up: number of periods from the request on in which the controller's window was still filling.
         fault: first latched fault; None if there was none.
@@ -140,8 +139,7 @@ def _not_held(log: RunLog, found: RunControl) -> str:
 
 
 def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
-    """Return whether the controller planned in all averaged periods under control, and no fault latched in the run.
-    `averaged` marks these periods, shape (n,) for n periods of the run."""
+    """Return whether the controller planned in all periods that `averaged` marks, shape (n,), and no fault latched."""
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
 
 

@@ -80,12 +80,9 @@ class RunMetadata:
         computed_by: runtime that computes the control step.
         signer: fingerprint of the key that signed the bundle; None for an unsigned bundle.
         sensors: names of the sensors, in the order of the Pressure message.
-        mpc: settings of the optimiser in the bundle.
-        weights: cost weights that the ECU used.
+        mpc, weights: settings of the optimiser in the bundle, and cost weights that the ECU used.
         budget_ms: longest allowed time from a pressure frame to the ECU's command.
-        averages: whether averages were requested.
-        settle: time in t_c after the request for control that the averages under control leave out.
-        faults: disturbances in the order given; empty for an undisturbed run.
+        averages, settle: see `firmware_sim.bench.spans.Spans`.
         drive: name of the vehicle's drive; None for a run at a constant speed.
     """
 

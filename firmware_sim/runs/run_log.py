@@ -26,7 +26,7 @@ from wake.plant.sample import Sample
 _SCHEMA: Final = "stillwake-run/3"
 
 WALL: Final = "wall_Cp"
-"""Name of the series of Cp at the bundle's S sensors, in the bundle's order, with the shape (n, S) for n periods."""
+"""Name of the series of Cp at the bundle's S sensors, shape (n, S) for n periods."""
 
 WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
 """Names of the series of a drive's flow with the jets shut, for comparison; each has the shape (n,) for n periods."""
@@ -87,8 +87,8 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: arrays for the n periods of the run: each name in `COLUMNS`, shape (n,); `WALL`, shape (n, S) for S
-            sensors, if the sensors were recorded; each name in `WITHOUT`, shape (n,), for a drive.
+        series: arrays for the n periods of the run: the names in `COLUMNS`, shape (n,); `WALL`, if the sensors were
+            recorded; for a drive the names in `WITHOUT`.
         enabled_at: index of the first row in which control is requested.
     """
 

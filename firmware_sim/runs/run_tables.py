@@ -72,7 +72,15 @@ def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
 
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """Return (quantity, value) as text for each row about the bus and the ECU."""
-    run, longest, delay = log.metadata, sample_to_jets_ms(log), actuator_delay_ms(log)
+    run, timing, longest, delay = log.metadata, latency(log), sample_to_jets_ms(log), actuator_delay_ms(log)
+    # The time of the emulator is not compared with the core's budget.
+    on_this_machine = [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
+    if run.ecu.clock_mhz is None:
+        within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"
+        on_this_machine = [
+            ("control step on this machine, p50 / p90 / p99 / max", _measured(timing)),
+            ("the same against the budget", f"{within} of {timing.steps} steps; holds for this machine only"),
+        ]
     changed = run.changed_weights.items()
     weights = ", ".join(f"{name} {ours:g} (bundle {bundles:g})" for name, (ours, bundles) in changed)
     clock = "" if run.ecu.clock_mhz is None else f" at {run.ecu.clock_mhz:g} MHz"
@@ -90,7 +98,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
         ("cost weights", f"not the bundle's: {weights}" if weights else "the bundle's"),
         ("virtual compute time", _charged(run)),
         ("periods left out by the ECU (overruns)", str(run.status.overruns)),
-        *_on_this_machine(run, latency(log)),
+        *on_this_machine,
         (
             "sample to jets in virtual time, max",
             "no command arrived" if isnan(longest) else f"{longest:.2f} ms{of_actuator}",
@@ -194,16 +202,6 @@ def _charged(run: RunMetadata) -> str:
         longest = ecu.modelled_ms_max
         times = f"by the core's modelled cycles, with a plan {ecu.modelled_ms:.2f} / {longest:.2f} ms (median / max)"
     return f"{times} of a period of {period:g} ms: {'fits' if longest <= period else 'does not fit'}"
-
-
-def _on_this_machine(run: RunMetadata, timing: Latency) -> list[tuple[str, str]]:
-    if run.ecu.clock_mhz is not None:  # the time of the emulator is not compared with the core's budget
-        return [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
-    within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"
-    return [
-        ("control step on this machine, p50 / p90 / p99 / max", _measured(timing)),
-        ("the same against the budget", f"{within} of {timing.steps} steps; holds for this machine only"),
-    ]
 
 
 def _measured(timing: Latency) -> str:

@@ -7,7 +7,6 @@ import numpy as np
 from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.dataset import Dataset
-from contract.recording.episode import Episode
 from contract.sensor_layout import SensorLayout
 
 
@@ -34,7 +33,13 @@ class Replay:
     """
 
     def __init__(self, dataset: Dataset, episode: str | None = None) -> None:
-        chosen = _episode(dataset, episode)
+        known = {item.name: item for item in dataset.episodes}
+        if episode is None:
+            chosen = min(known.values(), key=lambda one: (one.role == "controlled", bool(one.series["action"].any())))
+        elif episode in known:
+            chosen = known[episode]
+        else:
+            raise DatasetError(f"episode {episode!r}: the data set has {', '.join(known)}")
         self.layout, self._cp = dataset.layout, chosen.series["Cp"]
         self.description = (
             f"open loop: recorded episode {chosen.name}, {len(chosen)} periods; the pressures do not respond to the "
@@ -54,12 +59,3 @@ class Replay:
 
     def drive(self, action: float) -> None:
         """Ignore the action: a recording does not respond."""
-
-
-def _episode(dataset: Dataset, name: str | None) -> Episode:
-    if name is None:
-        return min(dataset.episodes, key=lambda one: (one.role == "controlled", bool(one.series["action"].any())))
-    for item in dataset.episodes:
-        if item.name == name:
-            return item
-    raise DatasetError(f"episode {name!r}: the data set has {', '.join(item.name for item in dataset.episodes)}")

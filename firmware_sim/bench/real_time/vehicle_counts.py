@@ -41,17 +41,14 @@ class VehicleFigures:
     """Counts of one run.
 
     Attributes:
-        periods: number of periods that were started.
         left_out: number of periods that the vehicle did not start, because it was late by at least half a period.
         unsampled: number of periods without pressures, because the live wake was late.
-        commands: number of valid jet commands received.
+        commands: number of valid jet commands.
         misses: number of periods without a valid command, counted from the first valid command on.
         at_once: number of commands that act in the period in which they arrived.
         unsent: number of pressure frames that the bus did not accept.
         ages: times from the sampling of a command's pressures to the command's arrival.
         lateness: delays of the sampling after its scheduled instant.
-        modes: number of commands in each mode.
-        latest_mode: mode of the newest command.
         ended: number of periods that have ended; the commands of these periods are known.
         squares: sum of the squared actions of the ended periods, in (U_inf W)^2.
         largest: largest magnitude of an action, in U_inf W.

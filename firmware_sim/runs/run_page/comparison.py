@@ -74,7 +74,7 @@ def figure_rows(logs: Sequence[RunLog]) -> list[tuple[str, list[Cell]]]:
 
 
 def differing(logs: Sequence[RunLog]) -> list[tuple[str, list[str]]]:
-    """Return (property, one text per run) for every property that differs between the runs."""
+    """Return (property, one text per run) for every property that differs."""
     made = [_made_with(log) for log in logs]
     names = list(dict.fromkeys(name for one in made for name in one))
     rows = [(name, [one.get(name, NONE) for one in made]) for name in names]

@@ -26,8 +26,8 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 
 class Inlined(NamedTuple):
-    """The scripts and styles that a template puts into a page. `policy` is the page's content security policy: it
-    permits only these scripts, and no request to another address."""
+    """The scripts and styles of a page, and its content security policy, which permits only these scripts, and no
+    request to another address."""
 
     policy: str
     styles: Markup
@@ -35,8 +35,7 @@ class Inlined(NamedTuple):
 
 
 def inlined(main: str) -> Inlined:
-    """Return the styles and scripts of the live page's widgets, with the script `main` from this package's folder
-    `page`."""
+    """Return the styles and scripts of the live page's widgets, with the script `main` from the folder `page`."""
     scripts = [_text(*place) for place in (*_WIDGETS, (*_OWN, main))]
     digests = (base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts)
     hashes = " ".join(f"'sha256-{digest}'" for digest in digests)

@@ -22,8 +22,7 @@ from contract import sensors
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
-from firmware_sim.bench.heard_commands import EchoTracker
-from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.vehicle_node import EchoTracker, VehicleNode
 from tests.each import each
 from tests.examples import examples
 
