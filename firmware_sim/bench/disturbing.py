@@ -125,10 +125,11 @@ class Disturbing:
         self._config, self._seed, self._before = config, seed, before
         self._acted: Counter[int] = Counter()
         self._transducers = []
-        for place, sensed in self._each(SensorDisturbance):
-            drawn = np.random.SeedSequence([seed, before.get("all", 0) + place])
-            at = [list(sensors).index(name) for name in sensed.named]
-            self._transducers.append((place, sensed, sensed.begun(at, config, int(drawn.generate_state(1)[0]))))
+        for place, item in enumerate(self._items):
+            if isinstance(item, SensorDisturbance):
+                drawn = np.random.SeedSequence([seed, before.get("all", 0) + place])
+                at = [list(sensors).index(name) for name in item.named]
+                self._transducers.append((place, item, item.begun(at, config, int(drawn.generate_state(1)[0]))))
         self._clocks = {
             place: ClockDrift(start_s=one.start_s, end_s=one.end_s, ppm=one.ppm, offset_s=one.offset_s)
             for place, one in self._each(kinds.WrongClock)
@@ -169,10 +170,11 @@ class Disturbing:
         for place, one in self._each(kinds.WireNoise):
             if one.at == at:
                 nodes = () if one.node == "all" else (PORT_NAMES[one.node],)
-                span = {"start_s": one.start_s, "end_s": one.end_s}
+                errors = WireErrors(
+                    bit_error_rate=one.bit_error_rate, nodes=nodes, start_s=one.start_s, end_s=one.end_s
+                )
                 # The hook's random numbers depend only on this seed, so the seed includes the disturbance's index.
-                seed = len(self._items) * self._seed + place
-                hooks[place] = WireErrors(bit_error_rate=one.bit_error_rate, nodes=nodes, **span).hook(seed)
+                hooks[place] = errors.hook(len(self._items) * self._seed + place)
 
         def first_wrong_bit(frame: Frame, node: str, begin_ns: int) -> int | None:
             wrong = {place: bit for place, hook in hooks.items() if (bit := hook(frame, node, begin_ns)) is not None}

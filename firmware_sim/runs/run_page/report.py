@@ -89,7 +89,7 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
     from can_bridge.tools.raw_bus import id_text
     from can_bridge.tools.summary import Summary
 
-    found, rows = Summary(config=log.metadata.config.bus), []
+    found, rows = Summary(config=log.metadata.config.bus), list[tuple[str, ...]]()
     for message in CanLog(folder.frames):
         found.add(message)
     for _, one in sorted(found.messages.items()):

@@ -1,5 +1,7 @@
 """Runs at speeds that vary: what the vehicle sends, what lies about it, and the flow that the jets act on."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -48,10 +50,8 @@ class DrivenOscillator(LiveOscillator):
 def driven(*texts: str, drive: Drive = UP) -> tuple[RunLog, list, DrivenOscillator]:
     """The log, the vehicle's speeds by cantools, and the plant."""
     frames, plant = list[Frame](), DrivenOscillator(CONFIG)
-    made = Simulation(
-        make_bundle(), CONFIG, spans=SPANS, controller=Waves(), disturbances=Disturbances.parse(texts), drive=drive
-    )
-    log = made.run(plant, capture=frames.append)
+    around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), "drive": drive}
+    log = Simulation(make_bundle(), CONFIG, spans=SPANS, **around).run(plant, capture=frames.append)
     message = DBC.get_message_by_name("VehicleSpeed")
     return log, [message.decode(one.data, decode_choices=False) for one in frames if VEHICLE_SPEED.names(one)], plant
 

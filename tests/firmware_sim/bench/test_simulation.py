@@ -17,7 +17,6 @@ from firmware_sim.bench.disturbances import parse_disturbance
 from firmware_sim.bench.disturbing import LOOK_NS, NodeFaults
 from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
 from firmware_sim.bench.spans import Spans
-from firmware_sim.runs.run_log import RunLog
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Oscillator, Run
 
 CONFIG = Config()
@@ -25,14 +24,6 @@ PASCAL = CONFIG.operating_point.dynamic_pressure
 UNIT = GLOBAL_DEVIATION * PASCAL
 STEP_PA = 0.05
 """Half a step of the wire."""
-
-
-def same(one: RunLog, other: RunLog) -> bool:
-    return all(
-        np.array_equal(values, other.series[name], equal_nan=True)
-        for name, values in one.series.items()
-        if name != "step_ms"
-    )
 
 
 @pytest.fixture(scope="module")
@@ -43,13 +34,10 @@ def calm() -> Run:
 def test_the_seed_decides_and_nothing_else():
     texts = ("noise:level=0.5", "ecu:drop:probability=0.1", "wire_errors:bit_error_rate=0.0005")
     first, again, other = Run(*texts, seed=3), Run(*texts, seed=3), Run(*texts, seed=4)
-    assert first.frames == again.frames
-    assert same(first.log, again.log)
-    assert first.acted == again.acted
+    assert (first.frames, first.acted) == (again.frames, again.acted)
     assert first.frames != other.frames
-
-
-# Transducers.
+    for name, values in first.log.series.items():
+        assert name == "step_ms" or np.array_equal(values, again.log.series[name], equal_nan=True), name
 
 
 def test_each_fault_of_a_sensor_changes_its_readings_in_its_span_and_no_others(calm):
@@ -72,15 +60,12 @@ def test_each_fault_of_a_sensor_changes_its_readings_in_its_span_and_no_others(c
         ("operating_point:speed=30,density=1.1",): lambda wall: wall / PASCAL * (0.5 * 1.1 * 30.0**2),
     }
     for texts, expected in cases.items():
-        run = Run(*texts)
+        run = Run(*texts) if texts else calm
         np.testing.assert_allclose(run.read, expected(run.wall), atol=STEP_PA + 1e-9, err_msg=str(texts))
     run = Run("noise:level=0.5")
     # 60 draws: the deviation of a standard deviation is 9 %.
     assert (run.read - run.wall).std(axis=0) == pytest.approx([0.5 * UNIT] * 4, rel=0.3)
     assert (run.acted, Run(f"bias:sensor={NAMES[1]},level=-2@0.4..0.8").acted) == ([60], [20])
-
-
-# Vehicle.
 
 
 def test_the_jets_of_a_faster_vehicle_do_less_and_saturated_ones_reach_their_share(calm):
@@ -108,9 +93,6 @@ def test_a_request_taken_back_shuts_the_jets_and_comes_back():
     assert run.acted == [5]
 
 
-# ECU.
-
-
 def test_a_reset_ecu_is_silent_while_it_boots_starts_again_and_waits_for_an_edge():
     run = Run("reset:boot_s=0.1@0.505")
     times = np.array([frame.timestamp_ns / 1e9 for frame in run.of(JET_COMMAND)])
@@ -134,9 +116,6 @@ def test_a_clock_that_is_set_back_latches_and_a_little_drift_does_nothing(calm):
     assert drifting.acted == [120]  # pressures and speeds
 
 
-# Wire and ports.
-
-
 def test_errors_in_what_the_ecu_sends_take_it_off_the_bus_until_it_recovers():
     run = Run("wire_errors:bit_error_rate=1,node=ecu@0.6..0.61", "no_request@0.8..0.84")
     latched = [status for status in run.statuses if status.reason is Reason.BUS_OFF]
@@ -152,7 +131,7 @@ def test_errors_in_what_the_ecu_sends_take_it_off_the_bus_until_it_recovers():
 
 def test_lost_pressures_hold_decay_and_latch_until_a_new_request():
     ways = [Mode.HOLD, Mode.DECAY, Mode.DECAY, *[Mode.FAULT] * 10]
-    for lost in (1, 2, 3, 4, 9):
+    for lost in (1, 3, 4, 9):
         for fault in ("drop:probability=1", "disconnect"):
             run = Run(f"vehicle:{fault}@0.59..{0.59 + 0.02 * lost:.2f}", "no_request@1..1.04")
             assert run.modes[29] == Mode.CONTROL
@@ -203,9 +182,6 @@ def test_port_faults_act_between_the_calls_of_their_node():
     assert [frame.frame_id for frame in port.receive_all()] == [1]
 
 
-# Flow.
-
-
 def test_the_flow_changes_in_its_span_and_is_given_back():
     plant = LiveOscillator(CONFIG)
     run = Run("reynolds=700@0.4..0.6", "gust:amplitude=0.1,period=1@0.2..0.45", plant=plant)
@@ -233,9 +209,6 @@ def test_a_plant_that_cannot_be_disturbed_is_refused_and_one_that_fails_is_given
     with pytest.raises(ArithmeticError):
         Run("reynolds=700", "gust:amplitude=0.1,period=1", plant=plant)
     assert (plant.config.reynolds, plant.wind) == (500.0, None)
-
-
-# Length.
 
 
 def test_spans_that_are_no_numbers_or_too_short_are_refused_with_the_remedy():

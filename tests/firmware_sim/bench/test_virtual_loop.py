@@ -1,6 +1,7 @@
 """The loop in virtual time: when a command takes effect, and what becomes of late, lost and damaged frames."""
 
 from dataclasses import asdict
+from functools import partial
 from math import ceil, isnan
 
 import numpy as np
@@ -90,9 +91,7 @@ def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute
         h.run(1)
         assert h.loop.totals().lost == 0
         assert h.loop.totals().sent > totals.sent, extra
-    ages = [row.age_ms for row in rows[-8:] if not isnan(row.age_ms)]
-    assert ages
-    assert min(ages) > compute_ms
+    assert min(row.age_ms for row in rows[-8:] if not isnan(row.age_ms)) > compute_ms
 
 
 def test_pressures_that_wait_for_the_bus_make_the_step_late_and_no_miss(harness):
@@ -124,37 +123,27 @@ def faulty(harness):
     def made(fault, compute_ms: float = 8.0, **settings):
         ports = list[FaultyBus]()
 
-        def port(spec, seed: int):
-            def wrapped(bus):
-                ports.append(wrap(bus, [fault(**settings, frame_ids=(spec.frame_id,))], lambda: 0, seed=seed))
-                return ports[-1]
+        def wrapped(bus, spec, seed: int):
+            ports.append(wrap(bus, [fault(**settings, frame_ids=(spec.frame_id,))], lambda: 0, seed=seed))
+            return ports[-1]
 
-            return wrapped
-
-        return harness(compute_ms, vehicle=port(PRESSURE, 1), ecu=port(JET_COMMAND, 2)), ports
+        vehicle, ecu = partial(wrapped, spec=PRESSURE, seed=1), partial(wrapped, spec=JET_COMMAND, seed=2)
+        return harness(compute_ms, vehicle=vehicle, ecu=ecu), ports
 
     return made
 
 
-def acted(ports: list[FaultyBus]) -> list[int]:
-    return [port.injectors[0].acted for port in ports]
-
-
 def test_frames_that_are_dropped_are_lost_and_damaged_ones_rejected_by_their_receiver(faulty):
-    h, ports = faulty(Drop, probability=0.15)
-    rows = h.run(60)
-    pressures, commands = acted(ports)
-    assert min(pressures, commands) > 3
-    assert asdict(h.loop.totals()) == {"sent": 120, "lost": pressures + commands, "rejected": 0}
-    # A period whose command was dropped has no age, and the jets hold.
-    assert sum(isnan(row.age_ms) for row in rows) >= commands
-    h, ports = faulty(FlipBits, probability=0.15)
-    h.run(60)
-    pressures, commands = acted(ports)
-    assert min(pressures, commands) > 3
-    assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": pressures + commands}
-    assert h.ecu.status().crc_errors == pressures
+    for fault, counted in ((Drop, "lost"), (FlipBits, "rejected")):
+        h, ports = faulty(fault, probability=0.15)
+        rows = h.run(60)
+        pressures, commands = (port.injectors[0].acted for port in ports)
+        assert min(pressures, commands) > 3
+        assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": 0, counted: pressures + commands}
+        assert h.ecu.status().crc_errors == (pressures if fault is FlipBits else 0)
+        # A period whose command was dropped has no age, and the jets hold.
+        assert sum(isnan(row.age_ms) for row in rows) >= commands
     # Those that come while the ECU is busy are checked too: it steps in every other period, the last included.
     h, ports = faulty(FlipBits, compute_ms=25.0, probability=0.2)
     h.run(61)
-    assert h.ecu.status().crc_errors == acted(ports)[0] > 8
+    assert h.ecu.status().crc_errors == ports[0].injectors[0].acted > 8
