@@ -107,10 +107,10 @@ def test_what_no_run_holds_is_refused(log_of, tmp_path):
 def test_a_row_becomes_one_value_in_every_column(run_metadata):
     entries = {name: float(k) for k, name in enumerate(LEDGER_FIELDS)}
     ecu: dict[str, Any] = {"command": 0.02, "predicted_Cd": 1.0, "predicted_Cl": 2.0, "step_ms": NAN, "age_ms": 8.0}
-    rows = []
-    for t in (1.0, 2.0):
-        cp = np.arange(sensors.COUNT, dtype=np.float64) + t
-        rows.append(Row(sample=Sample(**entries, t=t, Cp=cp, Uy_probe=-t, action=0.01 * t), mode=3, reason=1, **ecu))
+    samples = (
+        Sample(**entries, t=t, Cp=np.arange(sensors.COUNT) + t, Uy_probe=-t, action=0.01 * t) for t in (1.0, 2.0)
+    )
+    rows = [Row(sample=sample, mode=3, reason=1, **ecu) for sample in samples]
     log = RunLog.of(rows, 1, BusTotals(sent=0, lost=0, rejected=0), run_metadata, traffic=QUIET)
     assert tuple(log.series) == (*COLUMNS, WALL)
     # In the order of the bundle: upper_39, lower_39, base_0, base_9.
