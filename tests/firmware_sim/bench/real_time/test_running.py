@@ -12,6 +12,7 @@ from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
 from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.key import read_key
+from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode
@@ -25,7 +26,6 @@ from ecu.real_time.stage_times import VehicleStage, load
 from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
 from tests.firmware_sim.bench.harness import NAMES
-from tests.firmware_sim.bench.real_time.in_made_up_time import pressure_in
 from tests.firmware_sim.bench.real_time.test_pressures import episode
 
 # A third of a truck's width has a third of its control period: 60 of them take 0.4 s.
@@ -84,7 +84,7 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
             report=lines.append,
             progress=lambda found: shown.append(found.periods),
         )
-    requests = [pressure_in(frame).enable_request for frame in seen]
+    requests = [codec.parse_pressure(frame.data).enable_request for frame in seen]
     # Wanted from six periods of 6.7 ms on; withdrawn at the end.
     assert not any(requests[:6])
     assert requests[-3:] == [False, False, False]
