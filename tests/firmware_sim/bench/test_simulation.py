@@ -131,7 +131,7 @@ def test_errors_in_what_the_ecu_sends_take_it_off_the_bus_until_it_recovers():
 
 def test_lost_pressures_hold_decay_and_latch_until_a_new_request():
     ways = [Mode.HOLD, Mode.DECAY, Mode.DECAY, *[Mode.FAULT] * 10]
-    for lost in (1, 3, 4, 9):
+    for lost in (1, 3, 4):
         for fault in ("drop:probability=1", "disconnect"):
             run = Run(f"vehicle:{fault}@0.59..{0.59 + 0.02 * lost:.2f}", "no_request@1..1.04")
             assert run.modes[29] == Mode.CONTROL
@@ -162,14 +162,16 @@ def test_a_delay_that_looks_like_fresh_frames_shows_in_the_echo_and_one_that_doe
 def test_port_faults_act_between_the_calls_of_their_node():
     bus = SimulatedBus(BusConfig())
     vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
-    port = NodeFaults([parse_disturbance("ecu:delay:delay_s=0.002")], bus, 0, {}).around("ecu", ecu)
+    delay: list[Any] = [parse_disturbance("ecu:delay:delay_s=0.002")]
+    port = NodeFaults(delay, bus, 0, {}).around("ecu", ecu)
     vehicle.send(Frame(frame_id=1, data=b"", is_fd=True))
     # On a bus that is quiet no other event would let the loop look: within one look of the 2 ms.
     assert bus.advance_until(10_000_000, lambda: bool(port.receive_all()))
     assert 2_000_000 < bus.now_ns <= 2_000_000 + 200_000 + LOOK_NS
     bus = SimulatedBus(BusConfig())
     vehicle, ecu = bus.port("vehicle"), bus.port("ecu")
-    port = NodeFaults([parse_disturbance("vehicle:babble@0..0.1")], bus, 0, {}).around("vehicle", vehicle)
+    babble: list[Any] = [parse_disturbance("vehicle:babble@0..0.1")]
+    port = NodeFaults(babble, bus, 0, {}).around("vehicle", vehicle)
     bus.advance_to(1_000_000)
     ecu.send(Frame(frame_id=1, data=b"", is_fd=True))
     bus.advance_to(100_000_000)

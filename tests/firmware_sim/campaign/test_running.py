@@ -1,6 +1,7 @@
 """Single runs on the real wake, for a few periods."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
 from firmware_sim.campaign.running import RunTask, flow_disturbances, run_task
 from wake.truck.develop import start_from_rest
+from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # runs of the solver
@@ -30,15 +32,19 @@ def release(short_release) -> Bundle:
 @pytest.fixture(scope="module")
 def task_of(coarse):
     def made(*disturb, controlled=True):
-        given = {"config": Config(flow=coarse.flow), "controlled": controlled, "timing": TIMING}
+        given: dict[str, Any] = {"config": Config(flow=coarse.flow), "controlled": controlled, "timing": TIMING}
         return RunTask(name="one", disturb=disturb, phase=0, seed=1, **given)
 
     return made
 
 
+def ran(task: RunTask, release: Bundle, start: State) -> Any:
+    return run_task(task, release, start)
+
+
 def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_the_request(release, task_of, coarse):
     start = coarse.start
-    free, undisturbed = (run_task(task_of(controlled=controlled), release, start) for controlled in (False, True))
+    free, undisturbed = (ran(task_of(controlled=controlled), release, start) for controlled in (False, True))
     with coarse.plant() as wake:
         drag = [wake.sample().Cd, *(wake.advance(0.0).Cd for _ in range(PERIODS - 1))]
     assert free.course.Cd == pytest.approx(drag, abs=1e-6)
@@ -54,7 +60,7 @@ def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_t
     assert (service.violations, service.broken, service.latches, undisturbed.failure) == (0, [], 0, "")
     assert service.in_control == service.requested > 0
     # A disturbance of the flow acts without control, too.
-    windy = run_task(task_of("gust:amplitude=0.1,period=2.8", controlled=False), release, start)
+    windy = ran(task_of("gust:amplitude=0.1,period=2.8", controlled=False), release, start)
     assert free.course.Cd != windy.course.Cd
 
 
@@ -63,7 +69,7 @@ def test_what_is_raised_in_a_run_is_its_outcome(release, task_of, coarse, monkey
         raise ZeroDivisionError("by nothing")
 
     monkeypatch.setattr(running, "_under_control", diverged)
-    outcome = run_task(task_of(), release, coarse.start)
+    outcome = ran(task_of(), release, coarse.start)
     assert outcome.failure == "ZeroDivisionError: by nothing"
     assert outcome.figures is None
 
@@ -72,7 +78,7 @@ def test_an_invariant_that_breaks_is_reported_with_its_period(release, task_of, 
     # A vehicle that drives its jets whatever the command is.
     honest = VehicleNode.apply_commands
     monkeypatch.setattr(VehicleNode, "apply_commands", lambda self, frames: replace(honest(self, frames), action=0.01))
-    service = run_task(task_of(), release, coarse.start).service
+    service = ran(task_of(), release, coarse.start).service
     assert service.violations > 0
     assert service.broken[0].startswith("period ")
     assert any("jets_request" in text for text in service.broken)
@@ -85,12 +91,12 @@ def test_behind_another_body_the_loop_closes_and_a_plant_that_is_not_that_body_i
     wake = TruckWake(square.config.flow, body=square.config.body)
     start_from_rest(wake)
     start = wake.state()
-    free, under = (run_task(replace(square, controlled=controlled), release, start) for controlled in (False, True))
+    free, under = (ran(replace(square, controlled=controlled), release, start) for controlled in (False, True))
     assert under.course.Cd[: LEAD_IN + 1] == free.course.Cd[: LEAD_IN + 1]
     assert under.service.violations == 0
-    refused = run_task(replace(task, disturb=("body:length=2",)), release, coarse.start)
+    refused = ran(replace(task, disturb=("body:length=2",)), release, coarse.start)
     assert refused.failure == "disturbance 'body:length=2': the plant already has another body"
-    assert "was built for another body" in run_task(replace(square, disturb=()), release, start).failure
+    assert "was built for another body" in ran(replace(square, disturb=()), release, start).failure
 
 
 def test_only_what_acts_on_the_flow_is_left_without_control():

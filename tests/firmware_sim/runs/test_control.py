@@ -1,10 +1,15 @@
 """Whether control was held, from modes and reasons set by hand."""
 
 from dataclasses import replace
+from typing import Any
 
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.control import LatchedFault, control, held_while_averaged, mode_spans, trouble
 from firmware_sim.runs.statistics import averages
+
+
+def averaged(log) -> Any:
+    return averages(log)
 
 
 def test_a_run_that_is_held_throughout(shedding):
@@ -13,7 +18,7 @@ def test_a_run_that_is_held_throughout(shedding):
     assert (held.requested, held.in_control, held.warm_up, held.fault) == (100, 100, 0, None)
     assert (held.modes, held.shut, held.held) == ({"CONTROL": 100}, 0.0, True)
     assert trouble(log) is None
-    assert held_while_averaged(log, averages(log).averaged)
+    assert held_while_averaged(log, averaged(log).averaged)
 
 
 def test_a_fault_is_named_with_reason_time_and_period(shedding):
@@ -29,7 +34,7 @@ def test_a_fault_is_named_with_reason_time_and_period(shedding):
         "ECU FAULT: DEADLINE at t = 12.4 t_c, 2 periods after enable; the jets were shut for 97 % of the controlled "
         "time."
     )
-    assert not held_while_averaged(log, averages(log).averaged)
+    assert not held_while_averaged(log, averaged(log).averaged)
     # One that was cleared is still one, and one before the request is none.
     log = shedding(modes={1: Mode.FAULT, 2: Mode.FAULT}, reasons={1: Reason.STREAM_LOST})
     assert (trouble(log) or "").startswith("ECU FAULT: STREAM_LOST at t = 12.2 t_c, 1 period after enable")
@@ -50,7 +55,7 @@ def test_periods_that_are_left_out_held_or_still_warm_up_are_not_in_control(shed
     log = shedding(modes={7: Mode.HOLD, 8: Mode.DECAY})
     assert trouble(log) == "CONTROL NOT HELD: in control 98 of 100 periods (HOLD 1, DECAY 1)."
     # They lie in the settling time: what is averaged was under control.
-    assert held_while_averaged(log, averages(log).averaged)
+    assert held_while_averaged(log, averaged(log).averaged)
     # A window that still fills at the request is no trouble unless it never does.
     log = shedding(modes=dict.fromkeys(range(12), Mode.WARMUP))
     assert (control(log).warm_up, trouble(log)) == (12, None)

@@ -12,7 +12,6 @@ from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
 from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.key import read_key
-from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode
@@ -27,6 +26,7 @@ from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
 from tests.firmware_sim.bench.harness import NAMES
 from tests.firmware_sim.bench.real_time.test_pressures import episode
+from tests.firmware_sim.bench.real_time.test_vehicle_loop import pressure_in
 
 # A third of a truck's width has a third of its control period: 60 of them take 0.4 s.
 POINT = OperatingPoint(width=2.5 / 3.0)
@@ -84,7 +84,7 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
             report=lines.append,
             progress=lambda found: shown.append(found.periods),
         )
-    requests = [codec.parse_pressure(frame.data).enable_request for frame in seen]
+    requests = [pressure_in(frame).enable_request for frame in seen]
     # Wanted from six periods of 6.7 ms on; withdrawn at the end.
     assert not any(requests[:6])
     assert requests[-3:] == [False, False, False]

@@ -1,6 +1,7 @@
 """The vehicle's side in real time, on a clock of the test's."""
 
 from math import cos
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,10 @@ from tests.firmware_sim.bench.harness import NAMES, Oscillator
 
 CONFIG, FIRST_NS = Config(), 7_000_000_000
 PERIOD_NS = CONFIG.period_ns
+
+
+def pressure_in(frame: Frame) -> Any:
+    return codec.parse_pressure(frame.data)
 
 
 class LiveOscillator:
@@ -177,7 +182,7 @@ def test_the_end_withdraws_the_request_and_shuts_the_jets(made) -> None:
     real.run(20)
     before = real.loop.figures.periods, len(real.sent)
     real.loop.finish()
-    requests = [codec.parse_pressure(frame.data).enable_request for _, frame in real.sent]
+    requests = [pressure_in(frame).enable_request for _, frame in real.sent]
     assert requests[1:] == [True] * (before[1] - 1) + [False] * FAREWELL
     assert real.flow.driven[-FAREWELL:] == [0.0] * FAREWELL
     # The ECU has them all, and its own command is zero.
