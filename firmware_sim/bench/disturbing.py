@@ -120,24 +120,20 @@ class Disturbing:
         seed: int,
         before: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
-        self._items = disturbances.items
-        self._texts = disturbances.texts
+        self._items, self._texts = disturbances.items, disturbances.texts
         self._config, self._seed, self._before = config, seed, before
         self._acted: Counter[int] = Counter()
-        self._transducers = []
+        self._transducers, self._clocks = [], list[ClockDrift]()
+        self._in_ports: dict[int, NodeFault] = {}  # by the index in the order given
         for place, item in enumerate(self._items):
             if isinstance(item, SensorDisturbance):
                 drawn = np.random.SeedSequence([seed, before.get("all", 0) + place])
                 at = [list(sensors).index(name) for name in item.named]
                 self._transducers.append((place, item, item.begun(at, config, int(drawn.generate_state(1)[0]))))
-        self._clocks = {
-            place: ClockDrift(start_s=one.start_s, end_s=one.end_s, ppm=one.ppm, offset_s=one.offset_s)
-            for place, one in self._each(kinds.WrongClock)
-        }
-        self._in_ports: dict[int, NodeFault] = {}  # by the index in the order given
-        for place, item in enumerate(self._items):
-            if place in self._clocks:
-                self._in_ports[place] = NodeFault(text=self._texts[place], node="ecu", fault=self._clocks[place])
+            elif isinstance(item, kinds.WrongClock):
+                drift = ClockDrift(start_s=item.start_s, end_s=item.end_s, ppm=item.ppm, offset_s=item.offset_s)
+                self._clocks.append(drift)
+                self._in_ports[place] = NodeFault(text=self._texts[place], node="ecu", fault=drift)
             elif isinstance(item, NodeFault):
                 self._in_ports[place] = item
         self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
@@ -193,7 +189,7 @@ class Disturbing:
 
     def ecu_clock(self, now_ns: int) -> int:
         """See `Disturbs`."""
-        for drift in self._clocks.values():
+        for drift in self._clocks:
             now_ns = drift.local_ns(now_ns)
         return now_ns
 

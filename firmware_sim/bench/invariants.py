@@ -72,13 +72,8 @@ class Violation:
 
 
 class HeardCommand(NamedTuple):
-    """A command that the vehicle received without errors.
-
-    Attributes:
-        wanted: whether the command's mode shows that control is requested from the ECU.
-        drives: whether the command is enabled, in a mode that drives the jets.
-        in_time: whether the command was computed from pressures of this vehicle that are recent enough.
-    """
+    """A command without errors: whether its mode shows that control is requested from the ECU, it is enabled in a mode
+    that drives the jets, and its pressures are this vehicle's and recent enough."""
 
     counter: int
     wanted: bool
