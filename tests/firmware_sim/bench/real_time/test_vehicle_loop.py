@@ -70,8 +70,8 @@ class MadeUpTime:
         self.node = VehicleNode(NAMES, CONFIG)
         self.inbox = Inbox(lambda frame: self.now_ns, room=4096)
         deadlines = Deadlines(period_ns=PERIOD_NS, due_ns=FIRST_NS, grace_ns=PERIOD_NS // 2)
-        clock = {"now_ns": lambda: self.now_ns, "sleep_until": self.sleep_until}
-        parts = (self.node, self.flow, self.send, self.inbox, deadlines)
+        clock: dict[str, Any] = {"now_ns": lambda: self.now_ns, "sleep_until": self.sleep_until}
+        parts: Any = (self.node, self.flow, self.send, self.inbox, deadlines)
         self.loop = VehicleLoop(CONFIG, *parts, stage_times=stage_times, **clock)
 
     def sleep_until(self, due_ns: int) -> None:
