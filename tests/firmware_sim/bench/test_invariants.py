@@ -80,20 +80,17 @@ HARM = (
     "operating_point:speed=30",
     "action_limit=0.5@0.5..",
     "stuck_jets=-0.5@0.5..",
-    *(f"{node}:drop:probability=0.3" for node in ("ecu", "vehicle")),
-    *(f"{node}:drop:probability=0.4,at=receive" for node in ("ecu", "vehicle")),
-    *(f"{node}:burst_loss:loss=0.3,mean_burst=4" for node in ("ecu", "vehicle")),
-    *(f"{node}:duplicate:probability=0.5" for node in ("ecu", "vehicle")),
-    *(f"{node}:delay:delay_s=0.01,jitter_s=0.05" for node in ("ecu", "vehicle")),
-    *(f"{node}:delay:delay_s=0.03,restamp=false" for node in ("ecu", "vehicle")),
-    *(f"{node}:reorder:window=3" for node in ("ecu", "vehicle")),
-    *(f"{node}:flip_bits:probability=0.3" for node in ("ecu", "vehicle")),
-    *(f"{node}:flip_bits:probability=0.3,before_crc=true" for node in ("ecu", "vehicle")),
-    *(f"{node}:stuck_at@0.6..0.8" for node in ("ecu", "vehicle")),
-    *(f"{node}:stuck_at:counter_runs=true@0.6..0.8" for node in ("ecu", "vehicle")),
-    *(f"{node}:babble@0.6..0.7" for node in ("ecu", "vehicle")),
-    *(f"{node}:disconnect@0.6..0.7" for node in ("ecu", "vehicle")),
-    *(f"{node}:slow_consumer@0.5.." for node in ("ecu", "vehicle")),
+    *(
+        f"{node}:{fault}"
+        for node in ("ecu", "vehicle")
+        for fault in (
+            *("drop:probability=0.3", "drop:probability=0.4,at=receive", "burst_loss:loss=0.3,mean_burst=4"),
+            *("duplicate:probability=0.5", "delay:delay_s=0.01,jitter_s=0.05", "delay:delay_s=0.03,restamp=false"),
+            *("reorder:window=3", "flip_bits:probability=0.3", "flip_bits:probability=0.3,before_crc=true"),
+            *("stuck_at@0.6..0.8", "stuck_at:counter_runs=true@0.6..0.8", "babble@0.6..0.7", "disconnect@0.6..0.7"),
+            "slow_consumer@0.5..",
+        )
+    ),
 )
 
 

@@ -31,15 +31,6 @@ def calm() -> Run:
     return Run()
 
 
-def test_the_seed_decides_and_nothing_else():
-    texts = ("noise:level=0.5", "ecu:drop:probability=0.1", "wire_errors:bit_error_rate=0.0005")
-    first, again, other = Run(*texts, seed=3), Run(*texts, seed=3), Run(*texts, seed=4)
-    assert (first.frames, first.acted) == (again.frames, again.acted)
-    assert first.frames != other.frames
-    for name, values in first.log.series.items():
-        assert name == "step_ms" or np.array_equal(values, again.log.series[name], equal_nan=True), name
-
-
 def test_each_fault_of_a_sensor_changes_its_readings_in_its_span_and_no_others(calm):
     k = np.arange(60)
     after = k >= 20  # 0.4 s
