@@ -21,8 +21,7 @@ from can_bridge.wire.frame import Frame
 from contract.arrays import Array
 from contract.config.rules import at_least
 from contract.sensor_layout import SensorLayout
-from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.run_faults import NodeFault
+from firmware_sim.bench.disturbances import Disturbances, NodeFault
 from wake.plant.protocol import LoopPlant
 from wake.plant.sample import Sample
 

@@ -46,21 +46,17 @@ def run_closed_loop(
     **parts: Any,
 ) -> RunLog:
     """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
-    cannot be written, the bundle does not fit the vehicle, the bus does not work in virtual time, the jets could never
-    move, a span is too short, or a disturbance could not act.
+    cannot be written, or for the reasons of `Simulation`.
 
     Args:
         output: run folder (`firmware_sim.runs.run_folder`), created if it does not exist. An earlier run in this folder
             is replaced when the new run is complete.
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
         lead_in, controlled, settle, averages: fields of `firmware_sim.bench.spans.Spans`.
-        origin: date and origin of the run, for its record; if None, the date is today's.
-        ready: called once with the total number of periods, after all checks and before the first period.
-        progress: called after every period with (the period's row, periods done, total periods).
+        ready, progress, progress_without: see `Simulation.run`.
         plant: context manager that this function enters to get the wake; if None, the shipped wake in the built-in
             solver.
-        faults: disturbances of the run; their times are in s from the start of the run.
-        progress_without: called with (periods done, total periods) while the drive runs without control.
+        faults, fault_seed: disturbances of the run, and their seed.
         report: called with the folder when all its other files are written, to write further files.
         parts: arguments controller, calibration, ecu and drive of `Simulation`. With a drive, the flow's time steps
             (`config.flow`) must be short enough for the drive's speeds.

@@ -3,7 +3,7 @@ run's start.
 
     noise:level=0.5                        on every transducer
     stuck:sensor=base_7@2..5               on one transducer, from 2 s to just before 5 s
-    ecu:drop:probability=0.3               on the frames of a node: `firmware_sim.bench.run_faults`
+    ecu:drop:probability=0.3               on the frames in a node's port: NODE:FAULT, see `can_bridge.bus.faults.text`
     wire_errors:bit_error_rate=1,node=ecu@2..2.01
     reset@4                                once, at 4 s of the run
     reynolds=700                           a Reynolds number other than in the training
@@ -20,19 +20,31 @@ from dataclasses import dataclass, field, replace
 from math import floor, inf
 from typing import Annotated, Final, Literal, Self, TypeVar
 
-from can_bridge.bus.faults.fault import Instant, Probability, Span
-from can_bridge.bus.faults.text import parse_described, text_of
+from can_bridge.bus.faults.fault import BusFault, Instant, Probability, Span
+from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt
+from can_bridge.bus.faults.node_faults import Disconnect
+from can_bridge.bus.faults.text import parse_described, parse_fault, text_of
 from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.config.rules import Finite, NonNegative, Positive, Rule, require
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from firmware_sim.bench.run_faults import NODES, NodeFault, check_faults, parse_node_fault
 from firmware_sim.bench.sensor_faults import Bias, Dead, Drift, Noise, Quantise, SensorDisturbance, Stuck, Swap
 
 T = TypeVar("T", int, float)
 
+NODES: Final = ("vehicle", "ecu")
+
 Below = Annotated[T, Rule(wording="above 0 and below 0.5", holds=lambda value: 0 < value < 0.5)]
 Share = Annotated[T, Rule(wording="above 0 and at most 1", holds=lambda value: 0 < value <= 1)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeFault:
+    """A fault in the port of one node."""
+
+    text: str
+    node: str
+    fault: BusFault
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +61,8 @@ class WireNoise(Span, section="wire_errors"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
-    """A reset of the ECU, which then loses its state, receives nothing while it boots, and starts again.
-
-    Frames that the ECU has already passed to its CAN controller are still sent. The freshness values of `bus.key` are
-    in non-volatile memory and survive.
-    """
+    """A reset of the ECU, which then loses its state, receives nothing while it boots, and starts again. Frames in its
+    CAN controller are still sent. The freshness values of `bus.key` are in non-volatile memory and survive."""
 
     node: Literal["ecu"] = "ecu"
     boot_s: NonNegative[float] = 0.2
@@ -62,11 +71,8 @@ class Reset(Instant, section="reset"):
 
 @dataclass(frozen=True, kw_only=True)
 class WrongClock(Span, section="clock"):
-    """A wrong ECU clock: its rate or its time differs from the vehicle's clock, by which the run's periods are timed.
-
-    The ECU takes its time, and the time stamps of received frames, from this clock. At the end of the span the clock
-    jumps back to the correct time.
-    """
+    """A clock of the ECU whose rate or time differs from the vehicle's clock, by which the run's periods are timed. The
+    time stamps of received frames are also of this clock, which jumps to the correct time at the end of the span."""
 
     node: Literal["ecu"] = "ecu"
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
@@ -91,9 +97,8 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body that differs from the release's body. The sensors have the same names, but their positions are those on
-    the different body. The ECU has no information about this body. Only the built-in solver supports this, and only for
-    a whole run."""
+    """A body that differs from the release's body, for a whole run of the built-in solver. The sensors keep their names
+    and have positions on this body, of which the ECU has no information."""
 
     length: Finite[float]
     """Length of the body in W, as `body.length`."""
@@ -106,18 +111,16 @@ class OtherBody(Span, section="body"):
         self.instead_of(TRUCK_BODY)
 
     def instead_of(self, body: BodyConfig) -> BodyConfig:
-        """Return `body` with this disturbance's dimensions. Raises ConfigError if the solver does not accept the
-        resulting body."""
+        """Return `body` with these dimensions. Raises ConfigError if the solver does not accept the result."""
         return replace(body, length=self.length, leading_edge_radius=self.leading_edge_radius)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)). Only the built-in
-    solver supports this.
+    """A gust in the built-in solver: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)).
 
     `wake.plant.drive` defines the frame of reference. Forces, pressures and jet actions remain in units of the mean
-    U_inf. The gust lasts a whole number of periods: it ends with the last period that ends in the span.
+    U_inf. The gust ends with its last period that ends in the span.
     """
 
     amplitude: Below[float]
@@ -127,11 +130,8 @@ class GustyWind(Span, section="gust"):
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """A speed of the vehicle, or a density of the air, that differs from the ECU's settings.
-
-    Transducer pressures in Pa and jet flow rates in m2/s scale with speed and density. The control period in t_c and
-    the Reynolds number of the wake stay as configured at any speed.
-    """
+    """A speed of the vehicle, or a density of the air, that differs from the ECU's settings. It scales pressures in Pa
+    and jet flow rates in m2/s, but not the control period in t_c or the Reynolds number."""
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
     """Speed in m/s; if None, the speed of `operating_point`."""
@@ -152,7 +152,7 @@ class StuckJets(Span, section="stuck_jets"):
     """A stuck actuator: the jets keep one action, and commands have no effect."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
-    """Action at which the jets are stuck, as a share of `flow.action_limit`; 0 means that the jets are shut."""
+    """Action at which the jets are stuck, as a share of `flow.action_limit`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,8 +182,7 @@ class NoSpeed(Span, section="no_speed"):
 
 @dataclass(frozen=True, kw_only=True)
 class Density(Span, section="density"):
-    """A density of the air that differs from the ECU's settings. Pressures scale with it, the jets' flow rate does
-    not."""
+    """A density of the air that differs from the ECU's settings. It scales the pressures, but not the jets' flow."""
 
     density: Positive[float]
     """Density in kg/m3."""
@@ -208,10 +207,13 @@ Disturbance = NodeFault | Span
 
 def parse_disturbance(text: str) -> Disturbance:
     """Return the disturbance that a text describes. Raises ConfigError, which states the text and its faulty part."""
-    node, colon, _ = text.partition(":")
-    if colon and node in NODES:
-        return parse_node_fault(text)
-    return parse_described(text, KINDS, "disturbance")
+    node, colon, rest = text.partition(":")
+    if not colon or node not in NODES:
+        return parse_described(text, KINDS, "disturbance")
+    fault = parse_fault(rest)
+    if isinstance(fault, Disconnect) and fault.kind == "device_gone":
+        raise ConfigError(f"fault {text!r}: would end the run with an error; an open wire is `{node}:disconnect`")
+    return NodeFault(text=text, node=node, fault=fault)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +236,7 @@ class Disturbances:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Texts of the items, in the form that `parse` accepts."""
+        """Texts that `parse` accepts."""
         return tuple(one.text if isinstance(one, NodeFault) else text_of(one) for one in self.items)
 
     @property
@@ -243,25 +245,23 @@ class Disturbances:
         return next((one for one in reversed(self.items) if isinstance(one, OtherBody)), None)
 
     def plant(self, config: Config) -> Config:
-        """Return the settings of the plant: `config`, or, if a disturbance replaces the release's body, `config` with
-        the replacement."""
+        """Return the settings of the plant: `config`, with the body that replaces the release's body."""
         other = self.other_body
         return config if other is None else replace(config, body=other.instead_of(config.body))
 
     def check(self, config: Config, sensors: tuple[str, ...], *, duration_s: float) -> None:
-        """Check the disturbances. Raises ConfigError for a disturbance that could not act in this run with these
-        sensors."""
-        check_faults([one for one in self.items if isinstance(one, NodeFault)], config.bus, duration_s=duration_s)
+        """Raise ConfigError for a disturbance that could not act in this run with these sensors."""
         for one, text in zip(self.items, self.texts, strict=True):
-            if isinstance(one, NodeFault):
-                continue
-            if one.start_s >= duration_s:
-                raise ConfigError(f"disturbance {text!r}: begins after the end of the run, at {duration_s:g} s")
+            noun, span = ("fault", one.fault) if isinstance(one, NodeFault) else ("disturbance", one)
+            if span.start_s >= duration_s:
+                raise ConfigError(f"{noun} {text!r}: begins after the end of the run, at {duration_s:g} s")
+            computes_crc = isinstance(span, FlipBits) and span.before_crc
+            if config.bus.key and (computes_crc or (isinstance(span, StuckAt) and span.counter_runs)):
+                raise ConfigError(f"fault {text!r}: computes new frames, which needs the nodes' key if bus.key is set")
             for name in one.named if isinstance(one, SensorDisturbance) else ():
                 if name not in sensors:
-                    raise ConfigError(
-                        f"disturbance {text!r}: {name} is not in use; the sensors are {', '.join(sensors)}"
-                    )
+                    used = ", ".join(sensors)
+                    raise ConfigError(f"disturbance {text!r}: {name} is not in use; the sensors are {used}")
             if isinstance(one, GustyWind):
                 whole_cycles(one, config.operating_point.convective_time)
 
@@ -270,10 +270,9 @@ def whole_cycles(gust: GustyWind, convective_time: float) -> float:
     """Return the number of whole gust periods in the gust's span; raises ConfigError if there is none."""
     if gust.end_s == inf:
         return inf
-    cycles = floor((gust.end_s - gust.start_s) / (gust.period * convective_time) + 1e-9)
-    if cycles < 1:
+    lasts_s, period_s = gust.end_s - gust.start_s, gust.period * convective_time
+    if (cycles := floor(lasts_s / period_s + 1e-9)) < 1:
         raise ConfigError(
-            f"disturbance {text_of(gust)!r}: lasts {gust.end_s - gust.start_s:g} s, must be at least its period, "
-            f"{gust.period * convective_time:g} s"
+            f"disturbance {text_of(gust)!r}: lasts {lasts_s:g} s, must be at least its period, {period_s:g} s"
         )
     return cycles

@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 from typing import Final, TypeVar
 
 import numpy as np
 
-from can_bridge.bus.faults.fault import NS, Span
+from can_bridge.bus.faults.fault import NS, FaultyBus, Span, WrappedBus, wrap
 from can_bridge.bus.faults.frame_faults import WireErrors
-from can_bridge.bus.faults.node_faults import ClockDrift
+from can_bridge.bus.faults.node_faults import Babble, ClockDrift
 from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from can_bridge.wire.frame import Frame
@@ -19,19 +20,86 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from firmware_sim.bench import disturbances as kinds
-from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.run_faults import NONE_BEFORE, NodeFault, NodeFaults
-from firmware_sim.bench.sensor_faults import SensorDisturbance, SensorFault
+from firmware_sim.bench.disturbances import NODES, Disturbances, NodeFault
+from firmware_sim.bench.sensor_faults import SensorDisturbance
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
-from wake.plant.drive import Gust, Wind
+from wake.plant.drive import Gust
 from wake.plant.protocol import Disturbable, Plant
 
 S = TypeVar("S", bound=Span)
 
 PORT_NAMES: Final = {"vehicle": "vehicle", "ecu": "ECU"}
 """Names of the nodes on the simulated bus."""
+LOOK_NS: Final = 1_000_000
+"""Time in ns between two events that port faults add to the bus, so that ports release delayed frames in time."""
+
+
+class NodeFaults:
+    """Applies the faults of a run in the ports.
+
+    Args:
+        faults: faults of all nodes; of the faults of one node, the first is closest to the bus.
+        bus: bus of the run, at time 0.
+        before: number of random sequences that each node's port already uses before these faults.
+    """
+
+    def __init__(self, faults: Sequence[NodeFault], bus: SimulatedBus, seed: int, before: Mapping[str, int]) -> None:
+        self._faults, self._bus, self._seed, self._before = faults, bus, seed, before
+        self._ended = False
+        self._ports: dict[str, FaultyBus] = {}
+        self._babbling: list[_Babbling] = []
+        if faults:
+            self._look()
+
+    def around(self, node: str, port: Bus) -> Bus:
+        """Return the node's port with the node's faults added; return the port itself if the node has no faults."""
+        mine = [one.fault for one in self._faults if one.node == node]
+        if not mine:
+            return port
+        # Equal faults in both nodes must not affect the same frames, so the seed depends on the node.
+        seed = len(NODES) * self._seed + NODES.index(node)
+        first = self._before.get(node, 0)
+        faulty = self._ports[node] = wrap(port, mine, lambda: self._bus.now_ns, seed=seed, first=first)
+        if not any(isinstance(one, Babble) for one in mine):
+            return faulty
+        self._babbling.append(_Babbling(faulty))
+        return self._babbling[-1]
+
+    def acted(self) -> list[int]:
+        """Return the number of times that each fault has acted so far."""
+        injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
+        return [next(injectors[one.node]).acted for one in self._faults]
+
+    def end(self) -> None:
+        """Stop the periodic calls of the ports, whose faults then act only when a node uses its port."""
+        self._ended = True
+
+    def _look(self) -> None:
+        if self._ended:
+            return
+        # Each call is also an event of the bus, after which the loop checks whether the ECU has received pressures.
+        for port in self._babbling:
+            port.look()
+        self._bus.call_at(self._bus.now_ns + LOOK_NS, self._look)
+
+
+class _Babbling(WrappedBus):
+    """A port with a babbling fault, which also sends between the node's calls. Frames received meanwhile are stored for
+    the node's next call."""
+
+    def __init__(self, port: Bus) -> None:
+        super().__init__(port)
+        self._kept: list[Frame] = []
+
+    def look(self) -> None:
+        self._kept += self._bus.receive_all()
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        frames, self._kept = [*self._kept, *self._bus.receive_all()], []
+        return frames
 
 
 class Disturbing:
@@ -50,46 +118,42 @@ class Disturbing:
         config: Config,
         sensors: Sequence[str],
         seed: int,
-        before: Mapping[str, int] = NONE_BEFORE,
+        before: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
-        self._items = disturbances.items
-        self._texts = disturbances.texts
-        self._config = config
-        self._seed = seed
-        self._before = before
+        self._items, self._texts = disturbances.items, disturbances.texts
+        self._config, self._seed, self._before = config, seed, before
         self._acted: Counter[int] = Counter()
-        self._transducers = [
-            (place, one, self._sensor_fault(place, one, sensors))
-            for place, one in enumerate(self._items)
-            if isinstance(one, SensorDisturbance)
-        ]
-        self._clocks = {
-            place: ClockDrift(start_s=one.start_s, end_s=one.end_s, ppm=one.ppm, offset_s=one.offset_s)
-            for place, one in enumerate(self._items)
-            if isinstance(one, kinds.WrongClock)
-        }
+        self._transducers, self._clocks = [], list[ClockDrift]()
+        self._in_ports: dict[int, NodeFault] = {}  # by the index in the order given
+        for place, item in enumerate(self._items):
+            if isinstance(item, SensorDisturbance):
+                drawn = np.random.SeedSequence([seed, before.get("all", 0) + place])
+                at = [list(sensors).index(name) for name in item.named]
+                self._transducers.append((place, item, item.begun(at, config, int(drawn.generate_state(1)[0]))))
+            elif isinstance(item, kinds.WrongClock):
+                drift = ClockDrift(start_s=item.start_s, end_s=item.end_s, ppm=item.ppm, offset_s=item.offset_s)
+                self._clocks.append(drift)
+                self._in_ports[place] = NodeFault(text=self._texts[place], node="ecu", fault=drift)
+            elif isinstance(item, NodeFault):
+                self._in_ports[place] = item
         self._speeds: list[float] = []  # vehicle's speed in every period so far, m/s
         self._frozen: dict[int, float] = {}
         self._ports: NodeFaults | None = None
         self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
 
-    # The following methods handle bus errors and faults in the ports.
-
     @property
     def corrupts(self) -> Corrupts | None:
-        """Function for `SimulatedBus` that makes the bit errors that all nodes see; None without such errors."""
+        """See `firmware_sim.bench.wiring.Disturbs`."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """Function for `SimulatedBus` that makes the bit errors that only one receiver sees; None without such
-        errors."""
+        """See `Disturbs`."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """Start the port faults on this bus. Returns a function that adds a node's faults to the node's port."""
-        faults = [one for one in map(self._in_port, range(len(self._items))) if one is not None]
-        self._ports = NodeFaults(faults, bus, self._seed, self._before)
+        """See `Disturbs`."""
+        self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
         return self._ports.around
 
     def end(self) -> None:
@@ -97,14 +161,8 @@ class Disturbing:
         if self._ports is not None:
             self._ports.end()
 
-    def _in_port(self, place: int) -> NodeFault | None:
-        one = self._items[place]
-        if place in self._clocks:
-            return NodeFault(text=self._texts[place], node="ecu", fault=self._clocks[place])
-        return one if isinstance(one, NodeFault) else None
-
     def _wire(self, at: str) -> Corrupts | None:
-        hooks = []
+        hooks = {}
         for place, one in self._each(kinds.WireNoise):
             if one.at == at:
                 nodes = () if one.node == "all" else (PORT_NAMES[one.node],)
@@ -112,34 +170,26 @@ class Disturbing:
                     bit_error_rate=one.bit_error_rate, nodes=nodes, start_s=one.start_s, end_s=one.end_s
                 )
                 # The hook's random numbers depend only on this seed, so the seed includes the disturbance's index.
-                hooks.append((place, errors.hook(len(self._items) * self._seed + place)))
-        return partial(self._first_wrong_bit, hooks) if hooks else None
+                hooks[place] = errors.hook(len(self._items) * self._seed + place)
 
-    def _first_wrong_bit(self, hooks: list[tuple[int, Corrupts]], frame: Frame, node: str, begin_ns: int) -> int | None:
-        wrong = {place: bit for place, hook in hooks if (bit := hook(frame, node, begin_ns)) is not None}
-        self._acted.update(wrong.keys())
-        return min(wrong.values(), default=None)
+        def first_wrong_bit(frame: Frame, node: str, begin_ns: int) -> int | None:
+            wrong = {place: bit for place, hook in hooks.items() if (bit := hook(frame, node, begin_ns)) is not None}
+            self._acted.update(wrong.keys())
+            return min(wrong.values(), default=None)
 
-    # The following method handles the transducers.
+        return first_wrong_bit if hooks else None
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""
+        """See `Disturbs`."""
         for place, one, fault in self._transducers:
             if one.is_active(now_ns):
                 cp = fault(cp)
                 self._acted[place] += 1
         return cp
 
-    def _sensor_fault(self, place: int, one: SensorDisturbance, sensors: Sequence[str]) -> SensorFault:
-        drawn = np.random.SeedSequence([self._seed, self._before.get("all", 0) + place])
-        at = [list(sensors).index(name) for name in one.named]
-        return one.begun(at, self._config, int(drawn.generate_state(1)[0]))
-
-    # The following methods handle the ECU.
-
     def ecu_clock(self, now_ns: int) -> int:
-        """Return the time on the ECU's clock at a time of the run."""
-        for drift in self._clocks.values():
+        """See `Disturbs`."""
+        for drift in self._clocks:
             now_ns = drift.local_ns(now_ns)
         return now_ns
 
@@ -153,23 +203,17 @@ class Disturbing:
         for place, one in self._each(kinds.Reset):
             bus.call_at(round(one.start_s * NS), partial(reset, place, round(one.boot_s * NS)))
 
-    # The following methods are called in every period.
-
     def requests(self, enable_request: bool, now_ns: int) -> bool:
         """Return the vehicle's request for control: `enable_request`, unless a disturbance withdraws it."""
         return enable_request and not list(self._acting(kinds.NoRequest, now_ns))
 
     def before_period(self, now_ns: int, node: VehicleNode) -> None:
         """Set the properties of the vehicle that are disturbed in the period that starts now."""
-        design, full = self._config.operating_point, self._config.flow.action_limit
-        point, limit, stuck_at = design, full, None
+        full = self._config.flow.action_limit
+        point, limit, stuck_at = self._config.operating_point, full, None
         for _, vehicle in self._acting(kinds.VehiclePoint, now_ns):
-            speed, density = vehicle.speed, vehicle.density
-            point = replace(
-                design,
-                speed=point.speed if speed is None else speed,
-                density=point.density if density is None else density,
-            )
+            given = {"speed": vehicle.speed, "density": vehicle.density}
+            point = replace(point, **{name: value for name, value in given.items() if value is not None})
         for _, saturated in self._acting(kinds.ActionLimit, now_ns):
             limit = saturated.action_limit * full
         for _, stuck in self._acting(kinds.StuckJets, now_ns):
@@ -180,10 +224,7 @@ class Disturbing:
         node.operating_point, node.action_limit, node.stuck_at = point, limit, stuck_at
         node.stated_density = stated_density
         list(self._acting(kinds.OtherBody, now_ns))
-        self._state_speed(now_ns, node)
-
-    def _state_speed(self, now_ns: int, node: VehicleNode) -> None:
-        """Set the speed that the vehicle sends. Disturbances act in this order: late, frozen, scaled, absent."""
+        # Disturbances of the sent speed act in this order: late, frozen, scaled, absent.
         self._speeds.append(node.speed)
         stated = node.speed
         for _, late in self._acting(kinds.SpeedLate, now_ns):
@@ -216,15 +257,16 @@ class Disturbing:
             raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need stillwake's solver")
         t_c, gusts = self._config.operating_point.convective_time, []
         for _, one in self._each(kinds.GustyWind):
-            cycles = kinds.whole_cycles(one, t_c)
-            start = plant.t + one.start_s / t_c
+            cycles, start = kinds.whole_cycles(one, t_c), plant.t + one.start_s / t_c
             gusts.append(Gust(amplitude=one.amplitude, period=one.period, start=start, cycles=cycles))
         before, wind = plant.config.reynolds, plant.wind
         self._flow = plant, before
-        if gusts:
-            # The gust is added to the plant's wind, because a drive may already vary the vehicle's speed through the
-            # wind.
-            plant.wind = partial(_blown, wind, tuple(gusts))
+
+        def blown(t: float) -> float:
+            return (0.0 if wind is None else wind(t)) + sum(gust(t) for gust in gusts)
+
+        if gusts:  # a drive may already vary the vehicle's speed through the plant's wind
+            plant.wind = blown
         try:
             yield
         finally:
@@ -234,13 +276,9 @@ class Disturbing:
 
     def injected(self) -> tuple[InjectedFault, ...]:
         """Return each disturbance with the number of times it has acted so far, in the order given."""
-        in_ports = iter(() if self._ports is None else self._ports.injected())
-        faults = []
-        for place, text in enumerate(self._texts):
-            ported = self._in_port(place) is not None
-            acted = next(in_ports).acted if ported else self._acted[place]
-            faults.append(InjectedFault(text=text, acted=acted))
-        return tuple(faults)
+        in_ports = () if self._ports is None else zip(self._in_ports, self._ports.acted(), strict=True)
+        acted = Counter(self._acted) | Counter(dict(in_ports))
+        return tuple(InjectedFault(text=text, acted=acted[place]) for place, text in enumerate(self._texts))
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
         """Return the disturbances of a kind, each with its index in the order given."""
@@ -252,7 +290,3 @@ class Disturbing:
             if one.is_active(now_ns):
                 self._acted[place] += 1
                 yield place, one
-
-
-def _blown(wind: Wind | None, gusts: tuple[Gust, ...], t: float) -> float:
-    return (0.0 if wind is None else wind(t)) + sum(one(t) for one in gusts)

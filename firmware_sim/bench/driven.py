@@ -12,15 +12,14 @@ from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.runs.run_log import WITHOUT
 from wake.plant.drive import Drive
 from wake.plant.protocol import Drivable, Plant
+from wake.plant.sample import Sample
 
 
 @contextmanager
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
-    """Make the plant's inflow follow the drive while the block runs; the drive's time 0 is the plant's present time.
-
-    The plant's developed wake is scaled to the drive's first speed; it adapts to this speed in the time without
-    control. Raises ConfigError if the plant cannot change its speed.
-    """
+    """Make the plant's inflow follow the drive, whose time 0 is the plant's present time, while the block runs. The
+    developed wake is scaled to the first speed, to which it adapts in the time without control. Raises ConfigError if
+    the plant cannot change its speed."""
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has a constant speed; a drive needs stillwake's solver")
     wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed
@@ -33,23 +32,25 @@ def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
         plant.wind = wind
 
 
-def without_control(
-    plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
-) -> dict[str, Array]:
-    """Compute the series of `WITHOUT` for `periods` control periods with the jets shut, and then restore the plant's
-    state. Raises PlantError if the flow diverges.
-
-    Args:
-        disturbing: disturbances of the run; only its disturbances of the flow act here.
-        progress: called with (periods done, total periods) after every period.
-    """
-    start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
+def uncontrolled(plant: Plant, disturbing: Disturbing, config: Config, periods: int) -> Iterator[Sample]:
+    """Run control periods with the jets shut, and yield the sample at the start of each period. Of the disturbances
+    only those of the flow act. Raises PlantError if the flow diverges."""
     with disturbing.in_flow(plant):
         for k in range(periods):
             disturbing.set_flow(k * config.period_ns)
             sample = plant.sample()
-            rows[k] = sample.Cd, sample.Cd_net, sample.Cl
             plant.advance_to(config.flow.substeps, 0.0)
-            progress(k + 1, periods)
+            yield sample
+
+
+def without_control(
+    plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
+) -> dict[str, Array]:
+    """Compute the series of `WITHOUT` by `uncontrolled`, and then restore the plant's state. `progress` is called with
+    (periods done, total periods) after every period."""
+    start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
+    for k, sample in enumerate(uncontrolled(plant, disturbing, config, periods)):
+        rows[k] = sample.Cd, sample.Cd_net, sample.Cl
+        progress(k + 1, periods)
     plant.reset(start)
     return dict(zip(WITHOUT, rows.T, strict=True))

@@ -19,13 +19,8 @@ CLOCKS_MHZ: Final = (1.0, 10_000.0)
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """Check those settings of the ECU that can be checked without the C sources.
-
-    Raises:
-        ConfigError: the clock is outside `CLOCKS_MHZ`.
-        LibraryError: there is no compiler for C.
-        ModuleNotFoundError: the emulator is not installed (extra mcu).
-    """
+    """Check what needs no C sources. Raises ConfigError for a clock outside `CLOCKS_MHZ`, LibraryError without a
+    compiler for C, ModuleNotFoundError without the emulator (extra mcu)."""
     if kind == C:
         host_compiler()
         return
@@ -43,12 +38,10 @@ def loop_ecu(
     Args:
         kind: C or MCU.
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        clock_mhz: clock of the emulated core.
         secret: key of the bus, if the sources are for a bus with `bus.key`.
 
     Raises:
-        ConfigError: the clock is outside `CLOCKS_MHZ`.
-        LibraryError: there is no compiler, or the sources are not those of an ECU.
+        ConfigError, LibraryError: as `check_ecu`, or the sources are not those of an ECU.
         McuError: the sources do not compile for the core.
     """
     precision = ProgramSettings.of(sources).text("SW_PRECISION")

@@ -44,9 +44,7 @@ from can_bridge.wire.message_sets import Message, message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import JetCommand, Mode
 from contract.config.tree import Config
-from firmware_sim.bench.disturbances import Disturbances, StuckJets
-from firmware_sim.bench.observer import SeenFrame
-from firmware_sim.bench.run_faults import NodeFault
+from firmware_sim.bench.disturbances import Disturbances, NodeFault, StuckJets
 from wake.plant.sample import Sample
 
 T = TypeVar("T")
@@ -66,12 +64,7 @@ ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Violation:
-    """One violation of an invariant.
-
-    Attributes:
-        period: number of the period in the run, from 0.
-        detail: description of the violation, with the values that violate the invariant.
-    """
+    """One violation of an invariant: `period` counts from 0, `detail` has the values that violate the invariant."""
 
     period: int
     invariant: str
@@ -79,13 +72,8 @@ class Violation:
 
 
 class HeardCommand(NamedTuple):
-    """A command that the vehicle received without errors.
-
-    Attributes:
-        wanted: whether the command's mode shows that control is requested from the ECU.
-        drives: whether the command is enabled, in a mode that drives the jets.
-        in_time: whether the command was computed from pressures of this vehicle that are recent enough.
-    """
+    """A command without errors: whether its mode shows that control is requested from the ECU, it is enabled in a mode
+    that drives the jets, and its pressures are this vehicle's and recent enough."""
 
     counter: int
     wanted: bool
@@ -100,13 +88,11 @@ class _Period(NamedTuple):
         drives: whether at least one command may drive the jets.
         old: whether at least one command would drive the jets if its pressures were not too old.
         shuts: whether the vehicle certainly accepted the last command, and no command may drive the jets.
-        believed: whether the vehicle certainly accepted the last command, because it continues a stream without errors.
     """
 
     drives: bool
     old: bool
     shuts: bool
-    believed: bool
 
 
 class Commands:
@@ -124,24 +110,21 @@ class Commands:
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the next command violates, with the violating values. `share` is the
-        time since the previous command, as a share of a period, at most 1."""
+        """Yield the name of every invariant that the next command violates, with values. `share` is the time since the
+        previous command, as a share of a period, at most 1."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
         if (enable and not drives) or (not enable and flow != 0.0):
-            yield (
-                "bus_shut",
-                f"{flow:g} m2/s, enable {enable}, in a mode that {'drives' if drives else 'does not drive'}",
-            )
+            what = "drives" if drives else "does not drive"
+            yield "bus_shut", f"{flow:g} m2/s, enable {enable}, in a mode that {what}"
         if enable and abs(flow - before) > self.reach(share) + ROUNDING:
             yield "bus_rate", f"{before:g} to {flow:g} m2/s, at most {self.reach(share):g}"
 
 
 class Jets:
-    """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in
-    this period. `oldest` is the largest age, in periods, that the pressures of a command may have if the command drives
-    the jets."""
+    """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in it.
+    `oldest` is the largest age, in periods, of the pressures of a command that drives the jets."""
 
     def __init__(self, config: Config) -> None:
         vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window
@@ -164,8 +147,7 @@ class Jets:
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
-        """Record the commands of a period (None for a command with errors), and whether the vehicle requested
-        control."""
+        """Record the commands of a period, None for a command with errors."""
         last = None
         for command in commands:
             if command is None:
@@ -180,7 +162,7 @@ class Jets:
         # The E2E state depends only on the latest frames. If these had no errors, the vehicle accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
-        self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives, believed=believed))
+        self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives))
         self._requested.append(requested)
         if not requested or any(not command.wanted for command in known):
             self._silent.clear()
@@ -190,8 +172,7 @@ class Jets:
         self._gave_up.append(requested and (self._gave_up[-1] or too_many))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the action at the end of the latest period violates, with the
-        violating values. Call `heard` before."""
+        """Yield the name of every invariant that the action at the end of the latest period violates, with values."""
         before, self._action = self._action, action
         if not self._heard:
             return
@@ -228,18 +209,15 @@ class Invariants:
     """
 
     def __init__(self, config: Config, *, hidden_ns: int = 0, jets_follow: bool = True) -> None:
-        self._config, self._jets_follow = config, jets_follow
+        self._config, self._jets_follow, self._hidden_ns = config, jets_follow, hidden_ns
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure, messages.command
-        self._hidden_ns = hidden_ns
         self.violations: list[Violation] = []
         self._period = 0
-        # The next fields are the state of the ECU's checks.
         self._commands = Commands(config)
         self._counters = profile_of(self._command.spec).counter_period
         self._last_counter: int | None = None  # counter of the ECU's latest command
         self._was_wanted = self._low_heard = self._edge_heard = False
-        # The next fields are the state of the vehicle's checks.
         self._jets = Jets(config)
         self._sampled: dict[int, tuple[int, int]] = {}  # counter of a Pressure frame: (period, time in ns)
         self._arrived: list[Frame] = []
@@ -258,57 +236,48 @@ class Invariants:
         for one in disturbances.items:
             if not isinstance(one, NodeFault):
                 continue
-            if isinstance(one.fault, StuckAt) and not one.fault.counter_runs:
+            fault = one.fault
+            if isinstance(fault, StuckAt) and not fault.counter_runs:
                 # A repeated transmit buffer matters only if it contains pressures. The vehicle sends pressures and the
                 # ECU receives them, so only faults in the vehicle's sending and in the ECU's reception count here.
-                if (one.node == "vehicle") == (one.fault.at == "send"):
-                    hidden_s += min(one.fault.end_s - one.fault.start_s, _LONGEST_S)
-            elif one.node == "ecu":
-                if isinstance(one.fault, Delay) and one.fault.restamp:
-                    hidden_s += one.fault.delay_s + one.fault.jitter_s
-                elif isinstance(one.fault, ClockDrift):
-                    hidden_s += max(0.0, one.fault.offset_s)
+                if (one.node == "vehicle") == (fault.at == "send"):
+                    hidden_s += min(fault.end_s - fault.start_s, _LONGEST_S)
+            elif one.node == "ecu" and isinstance(fault, Delay) and fault.restamp:
+                hidden_s += fault.delay_s + fault.jitter_s
+            elif one.node == "ecu" and isinstance(fault, ClockDrift):
+                hidden_s += max(0.0, fault.offset_s)
         jets_follow = not any(isinstance(one, StuckJets) for one in disturbances.items)
         return cls(config, hidden_ns=round(hidden_s * NS), jets_follow=jets_follow)
 
-    def frame(self, seen: SeenFrame) -> None:
+    def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
         """See `Observer.frame`."""
-        if seen.node == "vehicle" and seen.sent and self._pressure.spec.names(seen.frame):
-            counter = profile_of(self._pressure.spec).counter_of(seen.frame.data)
-            self._sampled[counter] = self._period, seen.now_ns
-        elif seen.node == "vehicle" and not seen.sent and self._command.spec.names(seen.frame):
-            self._arrived.append(seen.frame)
-        elif seen.node == "ecu" and seen.sent:
-            command = parsed(self._command, seen.frame)
-            if command is not None:
-                self._judge_command(command, profile_of(self._command.spec).counter_of(seen.frame.data), seen.now_ns)
-        elif seen.node == "ecu" and not seen.sent:
-            pressure = parsed(self._pressure, seen.frame)
-            if pressure is not None:
-                self._edge_heard |= self._low_heard and pressure.enable_request
-                self._low_heard |= not pressure.enable_request
+        if node == "vehicle":
+            if sent and self._pressure.spec.names(frame):
+                counter = profile_of(self._pressure.spec).counter_of(frame.data)
+                self._sampled[counter] = self._period, now_ns
+            elif not sent and self._command.spec.names(frame):
+                self._arrived.append(frame)
+        elif sent:
+            if (command := parsed(self._command, frame)) is not None:
+                self._judge_command(command, profile_of(self._command.spec).counter_of(frame.data), now_ns)
+        elif (pressure := parsed(self._pressure, frame)) is not None:
+            self._edge_heard |= self._low_heard and pressure.enable_request
+            self._low_heard |= not pressure.enable_request
 
     def period(self, sample: Sample, *, requested: bool) -> None:
         """See `Observer.period`."""
-        self._judge_action(sample.action)
+        self.finished(sample)
         frames, self._arrived = self._arrived, []
         self._jets.heard([self._read(frame) for frame in frames], requested=requested)
         self._period += 1
 
     def finished(self, sample: Sample) -> None:
-        """See `Observer.finished`."""
-        self._judge_action(sample.action)
-
-    def _judge_action(self, action: float) -> None:
         """Check the action at the end of the latest period whose frames have all been observed."""
-        if not self._jets_follow:
-            return
-        for invariant, detail in self._jets.broken(action):
+        for invariant, detail in self._jets.broken(sample.action) if self._jets_follow else ():
             self.violations.append(Violation(period=self._period - 1, invariant=invariant, detail=detail))
 
     def _read(self, frame: Frame) -> HeardCommand | None:
-        """Return a frame's command as the vehicle receives it; None if the frame is not a valid command. A command is
-        in time if its pressures were sampled recently enough."""
+        """Return a frame's command as the vehicle receives it; None if the frame is not a valid command."""
         command = parsed(self._command, frame)
         if command is None:
             return None
@@ -319,8 +288,6 @@ class Invariants:
             drives=command.enable and command.mode in DRIVING,
             in_time=sampled is not None and self._period - sampled[0] <= self._jets.oldest,
         )
-
-    # The following methods check commands on the bus.
 
     def _judge_command(self, command: JetCommand, counter: int, now_ns: int) -> None:
         flow, drives = command.flow_m2_per_s, command.mode in DRIVING
@@ -343,7 +310,7 @@ class Invariants:
         held = 1 + ecu.hold_periods + ecu.decay_periods
         oldest = min(ecu.pressure_age, held) if command.mode is Mode.CONTROL else held
         counter = command.pressure_counter
-        sampled = None if counter is None else self._sampled.get(counter)
+        sampled = self._sampled.get(-1 if counter is None else counter)
         if sampled is None:
             self._broken("bus_age", f"{command.mode.name} is based on pressures that were not sent (counter {counter})")
             return

@@ -38,13 +38,8 @@ class SensorDisturbance(Span, ABC, section="sensor_disturbance"):
 
     @abstractmethod
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """Return a function that applies the fault, as described at the beginning of this module.
-
-        Args:
-            at: indices of the affected sensors in the readings.
-            config: settings of the run.
-            seed: seed of random numbers.
-        """
+        """Return a function that applies the fault, as described at the beginning of this module, to the readings at
+        the indices `at`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +50,6 @@ class Noise(SensorDisturbance, section="noise"):
     """Standard deviation, in global deviations."""
 
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """See `SensorDisturbance.begun`."""
         draw = np.random.default_rng(seed).standard_normal
         return lambda cp: cp + self.level * draw(cp.shape) * GLOBAL_DEVIATION
 
@@ -80,7 +74,6 @@ class OneSensor(SensorDisturbance, section="one_sensor"):
 
     @property
     def named(self) -> tuple[str, ...]:
-        """See `SensorDisturbance.named`."""
         return (self.sensor,)
 
 
@@ -149,7 +142,6 @@ class Swap(SensorDisturbance, section="swap"):
 
     @property
     def named(self) -> tuple[str, ...]:
-        """See `SensorDisturbance.named`."""
         return self.sensors
 
     def __post_init__(self) -> None:
@@ -161,7 +153,6 @@ class Swap(SensorDisturbance, section="swap"):
 
 
 def _with(cp: Array, at: Sequence[int], values: Array | float) -> Array:
-    """Return a copy of the readings with the values replaced at the indices `at`."""
     changed = cp.copy()
     changed[..., at] = values
     return changed

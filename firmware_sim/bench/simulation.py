@@ -24,17 +24,15 @@ from contract.controller.interface import RunnableController
 from contract.errors import BusError, ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
-from contract.sensor_layout import SensorLayout
 from ecu.ecu import Ecu
 from ecu.fit import check_sensors
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.driven import driving, without_control
-from firmware_sim.bench.observer import Observer
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.virtual_loop import check_bit_rates
-from firmware_sim.bench.wiring import wire
+from firmware_sim.bench.wiring import Observer, wire
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
 from wake.plant.drive import Drive
@@ -46,9 +44,9 @@ on first use. A real ECU would do this at boot."""
 
 
 class Simulation:
-    """A run that can be executed only once; `closed_loop.py` adds pictures and files. Raises StillwakeError if the
-    bundle does not fit the vehicle, the bus does not work in virtual time, the jets could never move, a span is too
-    short, a disturbance could not act, or the calibration is out of its limits.
+    """A run that can be executed only once. Raises StillwakeError if the bundle does not fit the vehicle, the bus does
+    not work in virtual time, the jets could never move, a span is too short, a disturbance could not act, or the
+    calibration is out of its limits.
 
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
@@ -56,9 +54,8 @@ class Simulation:
         calibration: values that the ECU gets before its first step; if None, the ECU keeps its default values.
         disturbances: disturbances of the run; their times are in s from the start of the run.
         ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
-        drive: the vehicle's speeds from the request for control on; before the request, the vehicle has the first of
-            these speeds. If None, the vehicle has the operating point's speed. With a drive the log has totals of the
-            drive in place of averages.
+        drive: the vehicle's speeds from the request for control on, before which it has the first of these speeds; if
+            None, the operating point's speed. With a drive the log has totals of the drive in place of averages.
 
     Attributes:
         periods: number of control periods without control, and total number of control periods.
@@ -80,23 +77,32 @@ class Simulation:
         self._disturbances = Disturbances() if disturbances is None else disturbances
         config = self._disturbances.plant(config)
         self.periods = lead_in, total = spans.periods(config.flow.control_period)
-        _check_vehicle(config, total - lead_in)
+        if config.bus.interface != SIMULATED:
+            raise BusError(
+                f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on the simulated bus; only "
+                f"{SIMULATED!r} is possible"
+            )
+        check_bit_rates(config)
+        if config.vehicle.actuator_delay >= total - lead_in:
+            raise StillwakeError(
+                f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {total - lead_in} "
+                "periods, so the jets would never move; the delay must be shorter"
+            )
         sensors = bundle.manifest.sensors
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
         # The background traffic is checked first, so that no ECU is created if the bus cannot carry this traffic.
         background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
-        self._ecu = self._python_ecu(bundle, controller, config) if ecu is None else ecu
+        if ecu is None:
+            controller = OnnxController.of(bundle) if controller is None else controller
+            controller.warm_up(WARM_UP_PLANS)
+            python = Ecu(bundle, controller, config, authentication=self._authentication)
+            ecu = LoopEcu(ecu=python, kind="python", computed_by=controller.description)
+        self._ecu = ecu
         if calibration is not None:
             self._ecu.ecu.calibrate(calibration)
         self._bundle, self._config, self._spans, self._seed = bundle, config, spans, seed
         self._drive = None if drive is None else drive.after(lead_in * config.period_ns / 1e9)
-
-    def _python_ecu(self, bundle: Bundle, controller: RunnableController | None, config: Config) -> LoopEcu:
-        controller = OnnxController.of(bundle) if controller is None else controller
-        controller.warm_up(WARM_UP_PLANS)
-        ecu = Ecu(bundle, controller, config, authentication=self._authentication)
-        return LoopEcu(ecu=ecu, kind="python", computed_by=controller.description)
 
     def run(
         self,
@@ -110,9 +116,8 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run on this wake from its present state. With a drive, first run the whole drive without control and restore
-        the wake. Raises StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or
-        diverges.
+        """Run on this wake from its present state; with a drive, after a run of the whole drive without control. Raises
+        StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or diverges.
 
         Args:
             wake: a plant at the start of a control period; afterwards it is at the end of the run.
@@ -124,14 +129,16 @@ class Simulation:
             progress_without: called with (periods done, total periods) after every period of the drive without control.
         """
         config, bundle = self._config, self._bundle
-        self._check_body(wake.layout)
-        lead_in, total = self.periods
-        disturbing, again = (
-            Disturbing(self._disturbances, config, bundle.manifest.sensors, self._seed) for _ in range(2)
-        )
+        other = self._disturbances.other_body
+        if other is None:
+            check_sensors(bundle, wake.layout)
+        elif not np.array_equal(wake.layout.positions, layout_of(config.body).positions):
+            raise ConfigError(f"disturbance {text_of(other)!r}: the plant already has another body")
+        (lead_in, total), sensors = self.periods, bundle.manifest.sensors
+        disturbing, again = (Disturbing(self._disturbances, config, sensors, self._seed) for _ in range(2))
         wired = wire(
             wake,
-            bundle.manifest.sensors,
+            sensors,
             config,
             self._ecu,
             disturbing,
@@ -180,26 +187,3 @@ class Simulation:
             drive=None if drive is None else drive.name,
         )
         return RunLog.of(rows, lead_in, loop.totals(), metadata, wake.layout, traffic=wired.traffic(), without=without)
-
-    def _check_body(self, layout: SensorLayout) -> None:
-        """Raise StillwakeError if the plant's body is neither the body of the release nor the body of a disturbance."""
-        other = self._disturbances.other_body
-        if other is None:
-            check_sensors(self._bundle, layout)
-        elif not np.array_equal(layout.positions, layout_of(self._config.body).positions):
-            raise ConfigError(f"disturbance {text_of(other)!r}: the plant already has another body")
-
-
-def _check_vehicle(config: Config, requested: int) -> None:
-    """Raise StillwakeError if the bus is not simulated, or the bus or the jets' actuator is too slow."""
-    if config.bus.interface != SIMULATED:
-        raise BusError(
-            f"bus.interface = {config.bus.interface!r}: a run is in virtual time, on the simulated bus; only "
-            f"{SIMULATED!r} is possible"
-        )
-    check_bit_rates(config)
-    if config.vehicle.actuator_delay >= requested:
-        raise StillwakeError(
-            f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {requested} periods, "
-            "so the jets would never move; the delay must be shorter"
-        )

@@ -15,8 +15,8 @@ CYCLES: Final = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Spans:
-    """Lengths of a run's spans in t_c, checked at construction. Raises StillwakeError if a span is negative, not finite
-    or longer than 10^6 t_c, or, with `averages`, too short for averages.
+    """Lengths of a run's spans in t_c. Raises StillwakeError if a span is negative, not finite or longer than 10^6 t_c,
+    or, with `averages`, too short for averages.
 
     Attributes:
         lead_in: time without control, in which the controller's window fills.
@@ -32,31 +32,24 @@ class Spans:
         for name in ("lead_in", "controlled", "settle"):
             value = getattr(self, name)
             if not 0.0 <= value <= _LONGEST:
-                raise StillwakeError(f"{_option(name)} = {value}: must be a number of t_c in 0..{_LONGEST:g}")
+                option = name.replace("_", "-")
+                raise StillwakeError(f"--{option} = {value}: must be a number of t_c in 0..{_LONGEST:g}")
         if not self.averages:
             return
         least = CYCLES * SHEDDING_TIME
         remedy = f"must be at least {least:g} t_c, {CYCLES} shedding cycles, for averages; without them: --no-averages"
         if self.lead_in < least:
-            raise StillwakeError(f"{_option('lead_in')} = {self.lead_in:g}: {remedy}")
-        if round(self.controlled - self.settle, 9) < least:
-            raise StillwakeError(
-                f"{_option('controlled')} = {self.controlled:g} less {_option('settle')} = {self.settle:g} leaves "
-                f"{self.controlled - self.settle:g} t_c: {remedy}"
-            )
+            raise StillwakeError(f"--lead-in = {self.lead_in:g}: {remedy}")
+        if round(left := self.controlled - self.settle, 9) < least:
+            spans = f"--controlled = {self.controlled:g} less --settle = {self.settle:g}"
+            raise StillwakeError(f"{spans} leaves {left:g} t_c: {remedy}")
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Return the number of periods without control, and the total number of periods. Raises StillwakeError if
-        `lead_in` or `controlled` is shorter than a period."""
-        counts = []
-        for name in ("lead_in", "controlled"):
-            counts.append(round(getattr(self, name) / control_period))
-            if counts[-1] < 1:
-                raise StillwakeError(
-                    f"{_option(name)} = {getattr(self, name):g}: shorter than a control period of {control_period:g}"
-                )
-        return counts[0], sum(counts)
-
-
-def _option(name: str) -> str:
-    return "--" + name.replace("_", "-")
+        """Return the number of periods without control, and the total. Raises StillwakeError for a span shorter than a
+        period."""
+        lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
+        for name, count in (("lead-in", lead_in), ("controlled", controlled)):
+            if count < 1:
+                span = f"--{name} = {getattr(self, name.replace('-', '_')):g}"
+                raise StillwakeError(f"{span}: shorter than a control period of {control_period:g}")
+        return lead_in, lead_in + controlled

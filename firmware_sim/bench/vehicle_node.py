@@ -4,11 +4,20 @@ In every period the vehicle sends the pressures, its speed, and the air's densit
 
 The jets run only while the vehicle itself wants control. The jets follow a command only if it is enabled, has a mode
 that drives the jets, and was computed from recent pressures. No single signal of a command is enough to drive the jets.
-If too many commands are missing, the vehicle gives up control and withdraws its request on the bus (`heard_commands`).
+If too many commands are missing, the vehicle gives up control and withdraws its request on the bus.
+
+A command repeats ("echoes") the counter of the Pressure frame from which it was computed. The counter repeats after 256
+frames, or after 16 frames in the classic message set, so an unchanged echo would look fresh again after that time. The
+vehicle therefore assigns each echo to the first frame that has the echoed counter and is not older than the previously
+echoed frame. After an interruption there is no previous echo; then the vehicle assigns the echo to the newest
+frame with that counter.
+
+The limit of missed commands is (m, k)-firm: it is reached if m of the latest k commands are missed. The ECU checks
+missed pressures in the same way (`ecu.fail_safe`), but cannot detect that its commands are lost.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -24,12 +33,94 @@ from can_bridge.wire.message_specs import DENSITY_RESOLUTION_KG_PER_M3, SPEED_RE
 from can_bridge.wire.messages import JetCommand, Mode, Pressure, VehicleSpeed
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.config.vehicle import VehicleConfig
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from ecu.controller_memory import DelayLine
-from firmware_sim.bench.heard_commands import CommandLosses, EchoTracker
 
 _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EchoTracker:
+    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; from
+    frame to frame the number increases by the counters' difference.
+
+    Attributes:
+        kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
+        newest: number of the newest frame; None before the first frame.
+        echoed: number of the frame echoed last; None before the first echo, and after an interruption or wrong echo.
+    """
+
+    counter_period: int
+    kept: tuple[int, ...] = ()
+    newest: int | None = None
+    echoed: int | None = None
+
+    def sent(self, counter: int, now_ns: int) -> "EchoTracker":
+        """Record a sent frame with this counter."""
+        newest = counter
+        if self.newest is not None:
+            newest = self.newest + (counter - self.newest) % self.counter_period
+        return replace(self, newest=newest, kept=(*self.kept, now_ns)[-self.counter_period :])
+
+    def interrupted(self) -> "EchoTracker":
+        """Delete the last echo, because commands were missing or contained no echo."""
+        return replace(self, echoed=None)
+
+    def received(self, counter: int) -> "EchoTracker":
+        """Record a command's echo; if no sent frame can have this counter, delete the previous echo."""
+        if self.newest is None:
+            return self
+        oldest = self.newest - len(self.kept) + 1 if self.echoed is None else self.echoed
+        number = oldest + (counter - oldest) % self.counter_period
+        return replace(self, echoed=number if number <= self.newest else None)
+
+    @property
+    def age(self) -> int | None:
+        """Number of frames sent since the frame that was echoed last; None without an echo."""
+        return None if self.newest is None or self.echoed is None else self.newest - self.echoed
+
+    @property
+    def sampled_ns(self) -> int | None:
+        """Sending time in ns of the frame echoed last; None without an echo, or if the frame is no longer stored."""
+        age = self.age
+        return self.kept[-1 - age] if age is not None and age < len(self.kept) else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandLosses:
+    """A count of missed commands while the ECU is in control. It latches at `limit` missed periods within `window`.
+
+    Attributes:
+        missed: whether the command was missed in each of the latest periods in which the ECU was in control, at most
+            `window` periods, oldest first; empty while the ECU is not in control.
+    """
+
+    window: int
+    limit: int
+    missed: tuple[bool, ...] = ()
+    is_latched: bool = False
+
+    @classmethod
+    def of(cls, config: VehicleConfig) -> "CommandLosses":
+        """Return a count at zero."""
+        return cls(window=config.loss_window, limit=config.loss_limit)
+
+    def heard(self, mode: Mode) -> "CommandLosses":
+        """Count a period in which a command in this mode arrived."""
+        return replace(self, missed=() if mode in (Mode.OFF, Mode.FAULT) else (*self.missed, False)[-self.window :])
+
+    def lost(self) -> "CommandLosses":
+        """Count a period without a usable command."""
+        if not self.missed:
+            return self
+        missed = (*self.missed, True)[-self.window :]
+        return replace(self, missed=missed, is_latched=self.is_latched or sum(missed) >= self.limit)
+
+    def cleared(self) -> "CommandLosses":
+        """Clear the count and its latch, because the vehicle does not request control."""
+        return replace(self, missed=(), is_latched=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,9 +157,8 @@ class VehicleNode:
         stuck_at: action at which the actuator is stuck, in U_inf W; None for an actuator that moves.
         speed: speed of the vehicle in m/s; initially the speed in `config`. Pressures and jets scale with the speed in
             `operating_point`, not with this speed.
-        stated_speed: speed that the vehicle sends, in m/s; None if it is not known. A speed outside the signal's range
-            is sent as unknown.
-        stated_density: density that the vehicle sends, in kg/m3; None if it is not known.
+        stated_speed, stated_density: values that the vehicle sends, in m/s and kg/m3; None, or a value outside the
+            signal's range, is sent as unknown.
         sends_speed: whether the vehicle sends VehicleSpeed frames.
     """
 
@@ -95,11 +185,10 @@ class VehicleNode:
         self._speed_sender = E2eSender(self._messages.speed.spec)
         self._receiver = E2eReceiver(self._messages.command.spec, config.bus.e2e)
         self._key = key_of(authentication, config.bus)
-        self._freshness, self._verifier = Freshness(), VerifierState()
+        self._freshness = Freshness() if authentication is None else authentication.freshness
         self._speed_freshness = self._freshness  # each message has its own freshness value
-        if authentication is not None:
-            self._freshness = self._speed_freshness = authentication.freshness
-            self._verifier = authentication.verifier(self._receiver.spec)
+        spec = self._receiver.spec
+        self._verifier = VerifierState() if authentication is None else authentication.verifier(spec)
         self._losses = CommandLosses.of(config.vehicle)
         self._misses = 0
         self._requested = False  # request in the latest Pressure frame
@@ -114,12 +203,11 @@ class VehicleNode:
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
-        """Return the Pressure frame of the instant `now_ns`. `cp` has the wall pressures Cp of all n sensors of the
-        plant, shape (n,).
+        """Return the Pressure frame of the instant `now_ns`, which states that its pressures are `age_ns` old. `cp` has
+        the wall pressures Cp of all n sensors of the plant, shape (n,).
 
-        The frame states that its pressures are `age_ns` old. A pressure beyond the transducer's range saturates and is
-        marked invalid; NaN is sent as 0. After the vehicle has given up control, its frames request no control until
-        `enable_request` has been False once.
+        A pressure beyond the transducer's range saturates and is marked invalid; NaN is sent as 0. After the vehicle
+        has given up control, its frames request no control until `enable_request` has been False once.
         """
         losses = self._losses if enable_request else self._losses.cleared()
         requested = enable_request and not losses.is_latched
@@ -140,8 +228,7 @@ class VehicleNode:
         return frame
 
     def speed_frame(self, *, now_ns: int, age_ns: int = 0) -> Frame | None:
-        """Return the VehicleSpeed frame of the instant `now_ns`, which states an age of `age_ns`; None while the
-        vehicle sends no speed."""
+        """Return the VehicleSpeed frame as `sample` does; None while the vehicle sends no speed."""
         if not self.sends_speed:
             return None
         message = VehicleSpeed(
@@ -159,11 +246,9 @@ class VehicleNode:
         """Return the jets' action that follows from the frames received in one control period.
 
         Without a valid command the vehicle keeps the last action for `ecu.hold_periods` periods, like the ECU; then the
-        jets shut. The jets shut immediately if the vehicle no longer wants control, or if it gives up control because
-        too many commands were missing. A command for the next period acts in the next period.
+        jets shut. They shut immediately if the vehicle no longer wants control or gives up control.
         """
-        before = self._action
-        spec = self._receiver.spec
+        before, spec = self._action, self._receiver.spec
         self._verifier, frames, _ = verified(self._verifier, frames, spec=spec, key=self._key)
         frame = self._receiver.tick(frames).live
         command = None if frame is None else self._messages.command.parse(frame.data[: spec.protected])
@@ -197,12 +282,10 @@ class VehicleNode:
         )
 
     def _driven(self, command: JetCommand) -> float:
-        """Return the action, in U_inf W, to which the driver moves the jets for a command."""
         if not _drives(command) or self._is_too_old(command):
             return 0.0
         wanted = command.flow_m2_per_s / self.operating_point.flow_rate_scale
-        limit = self.action_limit
-        return float(np.clip(self._in_reach_of(self._action, wanted), -limit, limit))
+        return float(np.clip(self._in_reach_of(self._action, wanted), -self.action_limit, self.action_limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
         """Return the action after one period of moving from `action` to `wanted` by at most the driver's step."""
@@ -210,7 +293,6 @@ class VehicleNode:
         return float(np.clip(wanted, action - step, action + step))
 
     def _is_too_old(self, command: JetCommand) -> bool:
-        """Return whether a command would drive the jets but its pressures are too old."""
         age = self._echo.age
         return _drives(command) and (age is None or age > self._oldest_echo)
 
@@ -234,8 +316,7 @@ class VehicleNode:
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:
-        """Identifier of the jet commands, and the freshness value of the newest accepted command; 0 without
-        authentication."""
+        """Identifier of the jet commands, and the newest accepted freshness value; 0 without authentication."""
         return self._receiver.spec.frame_id, self._verifier.freshness
 
     @property

@@ -22,7 +22,8 @@ that arrives later stays in the ECU's queue for the next step. The jets' driver 
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar
 
@@ -41,15 +42,6 @@ from wake.plant.protocol import Plant
 from wake.plant.sample import Sample
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BusPorts:
-    """The ports of the vehicle and the ECU: ports of a `SimulatedBus`, or wrappers around these ports."""
-
-    vehicle: Bus
-    ecu: Bus
-    ecu_health: Callable[[], BusHealth] = lambda: HEALTHY
-
-
 def check_bit_rates(config: Config) -> None:
     """Raise BusError if a pressure frame takes a whole control period or longer."""
     if (takes_ns := _pressure_frame_ns(config)) >= config.period_ns:
@@ -66,12 +58,13 @@ def _pressure_frame_ns(config: Config) -> int:
 
 
 class VirtualLoop(NeverCopied):
-    """The closed loop, which runs control periods one by one. Raises BusError if a pressure frame takes a whole control
-    period or longer.
+    """The closed loop, which runs control periods one by one. A pressure frame must be shorter than a control period
+    (`check_bit_rates`).
 
     Args:
         plant: the flow, at the start of a control period.
         bus: the bus, at time 0; the loop advances its time.
+        at_vehicle, at_ecu: the nodes' ports of this bus, or wrappers around these ports.
         clock: wall clock in s, which measures the ECU's step; the loop's results do not depend on this clock.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
         step_ns: function that returns the computing time of the ECU's latest step in ns; by default
@@ -79,6 +72,7 @@ class VirtualLoop(NeverCopied):
 
     Attributes:
         planned_ns: computing times in ns of all steps so far in which the controller planned.
+        now_ns: start time of the next period.
     """
 
     INSTEAD: ClassVar = "bus and nodes call each other; repeat the run, which gives the same result bit for bit"
@@ -89,72 +83,59 @@ class VirtualLoop(NeverCopied):
         node: VehicleNode,
         ecu: SteppedEcu,
         bus: SimulatedBus,
-        ports: BusPorts,
+        at_vehicle: Bus,
+        at_ecu: Bus,
         config: Config,
+        *,
+        ecu_health: Callable[[], BusHealth] = lambda: HEALTHY,
         clock: Callable[[], float] = time.perf_counter,
         ecu_clock: Callable[[int], int] = lambda now_ns: now_ns,
         step_ns: Callable[[], int] | None = None,
     ) -> None:
-        check_bit_rates(config)
-        self._plant = plant
-        self._node = node
-        self._ecu = ecu
-        self._bus = bus
-        self._ports = ports
-        self._clock = clock
-        self._ecu_clock = ecu_clock
+        self._plant, self._node, self._ecu, self._bus = plant, node, ecu, bus
+        self._at_vehicle, self._at_ecu, self._ecu_health = at_vehicle, at_ecu, ecu_health
+        self._clock, self._ecu_clock = clock, ecu_clock
         self._power_on = ecu.state
-        self._boots = 0
-        self._booted_ns = 0
+        self._boots = self._booted_ns = 0
         messages = message_set(config.bus)
         self._pressure, self._command = messages.pressure.spec, messages.command.spec
-        self._substeps = config.flow.substeps
-        self._period_ns = config.period_ns
+        self._substeps, self._period_ns = config.flow.substeps, config.period_ns
         self._wait_ns = max(config.period_ns // 2, _pressure_frame_ns(config))
         compute_ns = round(config.ecu.compute_time_ms * 1e6)
         self._charged: Callable[[], int] = lambda: compute_ns
         self._step_ns = self._charged if step_ns is None else step_ns
         self.planned_ns: list[int] = []
-        self._start_ns = 0
+        self.now_ns = 0
         self._busy_until_ns = 0
         self._inbox: list[Frame] = []  # frames that the ECU received since its last step
-        self._commands_sent = 0
-        self._commands_received = 0
-        self._pressures_received = 0
+        self._commands_sent = self._commands_received = self._pressures_received = 0
 
     def period(self, *, enable_request: bool) -> Row:
         """Advance one control period and return its row."""
-        end_ns = self._start_ns + self._period_ns
+        end_ns = self.now_ns + self._period_ns
         sample = self._plant.sample()
-        self._bus.advance_to(self._start_ns)
-        frame = self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self._start_ns)
-        self._send(self._ports.vehicle, frame)
-        speed, speed_frame = self._node.speed, self._node.speed_frame(now_ns=self._start_ns)
+        self._bus.advance_to(self.now_ns)
+        frame = self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self.now_ns)
+        self._send(self._at_vehicle, frame)
+        speed, speed_frame = self._node.speed, self._node.speed_frame(now_ns=self.now_ns)
         if speed_frame is not None:
-            self._send(self._ports.vehicle, speed_frame)
-        self._bus.advance_until(self._start_ns + self._wait_ns, self._pressures_came)
+            self._send(self._at_vehicle, speed_frame)
+        self._bus.advance_until(self.now_ns + self._wait_ns, self._pressures_came)
         self._pressures_came()
         step_ms = self._step_ecu(self._bus.now_ns)
         # A frame that arrives at the period's end belongs to the next period.
         self._bus.advance_to(end_ns - 1)
         self._pressures_came()
-        commands = [item for item in self._ports.vehicle.receive_all() if self._command.names(item)]
+        commands = [item for item in self._at_vehicle.receive_all() if self._command.names(item)]
         self._commands_received += len(commands)
         actuation = self._node.apply_commands(commands)
         self._advance_plant(actuation)
-        self._start_ns = end_ns
+        self.now_ns = end_ns
         return self._row(sample, actuation, step_ms, speed)
 
-    @property
-    def now_ns(self) -> int:
-        """Start time of the next period."""
-        return self._start_ns
-
     def reset_ecu(self, boot_ns: int) -> None:
-        """Make the ECU lose its state at the bus's present time and start again after `boot_ns`.
-
-        The ECU receives nothing while it boots. Freshness values are in non-volatile memory and continue to count.
-        """
+        """Make the ECU lose its state at the bus's present time and start again after `boot_ns`, before which it
+        receives nothing. Freshness values are in non-volatile memory and continue to count."""
         state = self._ecu.state
         self._ecu.restore(replace(self._power_on, verifier=state.verifier, freshness=state.freshness))
         self._pressures_came()
@@ -184,10 +165,10 @@ class VirtualLoop(NeverCopied):
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox, or drop the frames while the ECU boots. Return whether pressures
-        were put into the inbox."""
-        received = self._ports.ecu.receive_all()
-        if self._bus.now_ns < self._booted_ns:
+        """Put received frames into the ECU's inbox, or drop them while the ECU boots. Return whether the inbox got
+        pressures."""
+        received = self._at_ecu.receive_all()
+        if not self.ecu_is_up:
             return False
         pressures = sum(map(self._pressure.names, received))
         self._pressures_received += pressures
@@ -195,12 +176,11 @@ class VirtualLoop(NeverCopied):
         return pressures > 0
 
     def _step_ecu(self, now_ns: int) -> float:
-        """Step the ECU unless it is booting or still computing; return the step's wall-clock time in ms, NaN without a
-        step."""
+        """Step the ECU unless it is booting or computing; return the step's wall-clock time in ms, NaN without one."""
         if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
         began = self._clock()
-        answers = self._ecu.step(self._ecu_clock(now_ns), self._inbox, self._ports.ecu_health())
+        answers = self._ecu.step(self._ecu_clock(now_ns), self._inbox, self._ecu_health())
         elapsed = self._clock() - began
         self._inbox = []
         takes_ns = self._step_ns()
@@ -216,20 +196,18 @@ class VirtualLoop(NeverCopied):
             return
         for frame in frames:
             self._commands_sent += self._command.names(frame)
-            self._send(self._ports.ecu, frame)
+            self._send(self._at_ecu, frame)
 
     @staticmethod
     def _send(port: Bus, frame: Frame) -> None:
         """Send a frame. A frame that the bus does not accept is lost; the receiver must detect this."""
-        try:
+        with suppress(BusError):
             port.send(frame)
-        except BusError:
-            return
 
     def _advance_plant(self, actuation: Actuation) -> None:
         """Advance the flow to the period's end. Until the period's command arrives, the jets keep their action."""
         if actuation.command is not None and not actuation.next_period:
-            after_ns = actuation.command.timestamp_ns - self._start_ns
+            after_ns = actuation.command.timestamp_ns - self.now_ns
             # The ramp to the new action needs at least one time step.
             late = min(self._substeps - 1, math.ceil(after_ns * self._substeps / self._period_ns))
             if late > 0:

@@ -16,11 +16,11 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbing import PORT_NAMES
-from firmware_sim.bench.observer import Observer, WatchedBus
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
+from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors, WaitingTimes
 from wake.plant.protocol import LoopPlant
+from wake.plant.sample import Sample
 
 
 class Disturbs(Protocol):
@@ -44,14 +44,47 @@ class Disturbs(Protocol):
         """Start the port faults on this bus. Returns a function that adds a node's faults to the node's port."""
 
 
+class Observer(Protocol):
+    """An object whose methods the loop calls in the order of time. It sees the nodes' frames and the plant, but no
+    state of the nodes, and must not change anything in the loop."""
+
+    def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
+        """Process a frame that the node's software sent or received at this time of the run. The port's faults act
+        between the software and the bus."""
+
+    def period(self, sample: Sample, *, requested: bool) -> None:
+        """Process an ended control period: the sample at its start, and whether the vehicle requested control in it."""
+
+    def finished(self, sample: Sample) -> None:
+        """Process the sample at the end of the run."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchedBus:
+    """A node's port whose frames an observer sees."""
+
+    port: Bus
+    node: str
+    observer: Observer
+    clock: Callable[[], int]
+
+    def send(self, frame: Frame) -> None:
+        """See `Bus.send`."""
+        self.observer.frame(frame, node=self.node, sent=True, now_ns=self.clock())
+        self.port.send(frame)
+
+    def receive_all(self) -> list[Frame]:
+        """See `Bus.receive_all`."""
+        frames = self.port.receive_all()
+        for frame in frames:
+            self.observer.frame(frame, node=self.node, sent=False, now_ns=self.clock())
+        return frames
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wired:
-    """A loop that is ready for its first period.
-
-    Attributes:
-        ports: ports of the simulated bus by their nodes' names, without faults.
-        waits: times for which the loop's own frames wait until the bus is free.
-    """
+    """A loop that is ready for its first period. `ports` are those of the simulated bus, without faults, by their
+    nodes' names."""
 
     bus: SimulatedBus
     ports: dict[str, SimulatedPort]
@@ -64,7 +97,7 @@ class Wired:
         return self.waits.traffic(self.bus.activity(), self.errors())
 
     def errors(self) -> dict[str, NodeErrors]:
-        """Return the error counters of each node, by the node's name."""
+        """Return the error counters of each node by its name."""
         return {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
 
 
@@ -80,8 +113,7 @@ def wire(
     observe: Callable[[Transmission], None] = lambda transmission: None,
     observer: Observer | None = None,
 ) -> Wired:
-    """Assemble a loop. Raises BusError if a pressure frame takes a whole control period or longer; ConfigError if the
-    wake lacks a sensor, or settings of the bus contradict each other.
+    """Assemble a loop. Raises ConfigError if the wake lacks a sensor, or settings of the bus contradict each other.
 
     Args:
         wake: a plant at the start of a control period.
@@ -105,18 +137,22 @@ def wire(
         BackgroundNode(bus, ports["background"], others, config.bus.background.seed)
     node = VehicleNode(sensors, config, wake.layout, authentication, read=disturbs.readings)
     around = disturbs.connect(bus)
-    at_vehicle: Bus = around("vehicle", ports["vehicle"])
-    at_ecu: Bus = around("ecu", ports["ECU"])
-    if observer is not None:
-        at_vehicle = WatchedBus(port=at_vehicle, node="vehicle", observer=observer, clock=lambda: bus.now_ns)
-        at_ecu = WatchedBus(port=at_ecu, node="ecu", observer=observer, clock=lambda: bus.now_ns)
+
+    def port_of(node: str) -> Bus:
+        port = around(node, ports[PORT_NAMES[node]])
+        if observer is None:
+            return port
+        return WatchedBus(port=port, node=node, observer=observer, clock=lambda: bus.now_ns)
+
     loop = VirtualLoop(
         wake,
         node,
         ecu.ecu,
         bus,
-        BusPorts(vehicle=at_vehicle, ecu=at_ecu, ecu_health=ports["ECU"].health),
+        port_of("vehicle"),
+        port_of("ecu"),
         config,
+        ecu_health=ports["ECU"].health,
         ecu_clock=disturbs.ecu_clock,
         step_ns=ecu.step_ns,
     )

@@ -16,10 +16,17 @@ from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
 from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
 from firmware_sim.campaign.outcome import RunOutcome
-from firmware_sim.campaign.running import check_run, flow_disturbances, run_task
+from firmware_sim.campaign.running import (
+    RunTask,
+    check_run,
+    flow_disturbances,
+    plant_of,
+    run_task,
+    seed_of,
+    settings_of,
+)
 from firmware_sim.campaign.scenario import UNCONTROLLED, Scenario
 from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
-from firmware_sim.campaign.task import RunTask, plant_of, seed_of, settings_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +36,7 @@ class Campaign:
     Attributes:
         scenarios: scenarios of the plan, among them the undisturbed scenario.
         config: settings of all runs; each scenario may override some of them.
-        phases: number of runs under control for each scenario. The runs start in phases that divide a shedding cycle
-            into equal parts.
+        phases: number of runs under control for each scenario, which start at equal parts of a shedding cycle.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -41,8 +47,7 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Check every scenario. Raises StillwakeError if no run of a scenario is possible; the error states the
-        scenario."""
+        """Check every scenario. Raises StillwakeError, which states the scenario, if no run of it is possible."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
         # The last sample of a run is taken at the start of its last period, one period before the end of the run.
@@ -63,22 +68,15 @@ class Campaign:
             "bundle": self.bundle.digest,
             "seed": self.seed,
             "phases": self.phases,
-            "lead_in": self.timing.lead_in,
-            "controlled": self.timing.controlled,
-            "settle": self.timing.settle,
+            **{name: getattr(self.timing, name) for name in ("lead_in", "controlled", "settle")},
             "settings": loading.to_tree(self.config),
         }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """The result of a campaign.
-
-    Attributes:
-        rows: one row per scenario, in the plan's order.
-        made: number of runs that this call computed.
-        kept: number of runs that were already in the folder.
-    """
+    """The result of a campaign: one row per scenario in the plan's order, and the numbers of runs that this call
+    computed and that were already in the folder."""
 
     rows: tuple[ScenarioRow, ...]
     made: int
@@ -98,9 +96,9 @@ def conduct(
     scheduler: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
-    """Compute the missing runs of a campaign; finished runs of an earlier call are reused. Nothing is written before
-    the first run has finished. Raises StillwakeError if the folder cannot be written, a starting state cannot be
-    computed, or the workers fail.
+    """Compute the missing runs of a campaign, and reuse those of an earlier call. Nothing is written before the first
+    run has finished. Raises StillwakeError if the folder cannot be written, a starting state cannot be computed, or the
+    workers fail.
 
     Args:
         campaign: a campaign that has passed `Campaign.check`; its folder has passed `CampaignFolder.check`.
@@ -108,122 +106,89 @@ def conduct(
         progress: called with (runs done, total runs, name of the run just finished); before the first run it is called
             with (0, 0, text on the wake that is being computed).
     """
-    runs = _Runs(campaign, folder, progress)
-    runs.run(workers, scheduler)
-    runs.claim()
-    return Result(rows=runs.rows(), made=runs.made, kept=runs.kept)
+    pairs = {scenario.name: _tasks(campaign, scenario) for scenario in campaign.scenarios}
+    tasks = {task.name: task for found in pairs.values() for pair in found for task in pair}
+    plants = {plant_of(campaign.config): ""}
+    for name, found in pairs.items():
+        plants.setdefault(found[0][0].plant, name)
 
+    def developing(scenario: str, t: float, total: float) -> None:
+        progress(0, 0, f"the wake of {scenario or 'all'}, {t:.0f} of {total:.0f} t_c")
 
-class _Runs:
-    def __init__(self, campaign: Campaign, folder: CampaignFolder, progress: Callable[[int, int, str], None]) -> None:
-        self._campaign, self._folder, self._progress = campaign, folder, progress
-        self._configs = {one.name: settings_of(one, campaign.config) for one in campaign.scenarios}
-        self._plants = {plant_of(campaign.config): ""}
-        for name, config in self._configs.items():
-            self._plants.setdefault(plant_of(config), name)
-        self._starts = {
-            plant: starting_states(
-                folder,
-                replace(campaign.config, flow=plant[0], body=plant[1]),
-                campaign.phases,
-                scenario,
-                partial(self._developing, scenario),
-            )
-            for plant, scenario in self._plants.items()
-        }
-        self._digests = {plant: [digest_of(state) for state in states] for plant, states in self._starts.items()}
-        self._outcomes: dict[str, RunOutcome] = {}
-        self._claimed = False
-        self._total = self.made = self.kept = 0
+    starts = {}
+    for plant, scenario in plants.items():
+        config = replace(campaign.config, flow=plant[0], body=plant[1])
+        starts[plant] = starting_states(folder, config, campaign.phases, scenario, partial(developing, scenario))
+    digests = {plant: [digest_of(state) for state in states] for plant, states in starts.items()}
+    keys = {
+        task.name: task.key(campaign.bundle.digest, digests[task.plant][task.phase], version("stillwake"))
+        for task in tasks.values()
+    }
+    read = {name: folder.outcome(name, key) for name, key in keys.items()}
+    reused = {name: outcome for name, outcome in read.items() if outcome is not None}
+    outcomes = dict(reused)
 
-    def _developing(self, scenario: str, t: float, total: float) -> None:
-        self._progress(0, 0, f"the wake of {scenario or 'all'}, {t:.0f} of {total:.0f} t_c")
-
-    def run(self, workers: int, scheduler: str | None) -> None:
-        """Compute the missing runs."""
-        tasks = {task.name: task for scenario in self._campaign.scenarios for task in self._tasks(scenario)}
-        missing = []
-        for name, task in tasks.items():
-            outcome = self._folder.outcome(name, self._key(task))
-            if outcome is None:
-                missing.append(task)
-            else:
-                self._outcomes[name] = outcome
-                self.kept += 1
-        self._total = len(tasks)
-        self._progress(len(self._outcomes), self._total, "")
-        spread(
-            missing,
-            lambda task: (run_task, task, self._campaign.bundle, self._starts[task.plant][task.phase]),
-            workers=workers,
-            scheduler=scheduler,
-            names=lambda task: (f"run {task.name}", "finished runs are stored"),
-            finished=self._finished,
-            slots=lambda threads: sum(threads.values()),
-        )
-
-    def rows(self) -> tuple[ScenarioRow, ...]:
-        """Return the classified outcome of every scenario."""
-        scenarios = self._campaign.scenarios
-        return judged(scenarios, {one.name: self._phases(one) for one in scenarios})
-
-    def _phases(self, scenario: Scenario) -> list[PhaseOutcomes]:
-        names = [(_name(scenario.name, i), self._free_name(scenario, i)) for i in range(self._campaign.phases)]
-        return [PhaseOutcomes(under=self._outcomes[under], free=self._outcomes[free]) for under, free in names]
-
-    def _finished(self, task: RunTask, outcome: RunOutcome) -> None:
-        self.claim()
-        outcome = replace(outcome, key=self._key(task))
-        self._folder.keep(task.name, outcome)
-        self._outcomes[task.name] = outcome
-        self.made += 1
-        self._progress(len(self._outcomes), self._total, task.name)
-
-    def claim(self) -> None:
+    def claim() -> None:
         """Write the campaign's label, initial states and reused runs into the folder, before any new run is written."""
-        if self._claimed:
+        if len(outcomes) > len(reused):
             return
-        self._folder.claim(self._campaign.label())
-        for plant, scenario in self._plants.items():
-            keep_states(self._folder, self._starts[plant], scenario)
-        for name, outcome in self._outcomes.items():
+        folder.claim(campaign.label())
+        for plant, scenario in plants.items():
+            keep_states(folder, starts[plant], scenario)
+        for name, outcome in reused.items():
             # A reused run may come from a campaign that is being replaced; its file was deleted with that campaign.
-            self._folder.keep(name, outcome)
-        self._claimed = True
+            folder.keep(name, outcome)
 
-    def _tasks(self, scenario: Scenario) -> list[RunTask]:
-        """Return a scenario's runs under control, and the runs of the same flow without control."""
-        campaign, made = self._campaign, []
-        config = self._configs[scenario.name]
-        of_flow = replace(campaign.config, flow=config.flow, body=config.body)
-        for phase in range(campaign.phases):
-            free = self._free_name(scenario, phase)
-            for name, drawn, disturb, used, controlled in (
-                (free, free, flow_disturbances(scenario.disturb), of_flow, False),
-                (_name(scenario.name, phase), scenario.name, scenario.disturb, config, True),
-            ):
-                seed = seed_of(campaign.seed, drawn, phase)
-                made.append(
-                    RunTask(
-                        name=name,
-                        disturb=disturb,
-                        config=used,
-                        controlled=controlled,
-                        phase=phase,
-                        seed=seed,
-                        timing=campaign.timing,
-                    )
-                )
-        return made
+    def finished(task: RunTask, outcome: RunOutcome) -> None:
+        claim()
+        outcomes[task.name] = replace(outcome, key=keys[task.name])
+        folder.keep(task.name, outcomes[task.name])
+        progress(len(outcomes), len(tasks), task.name)
 
-    def _free_name(self, scenario: Scenario, phase: int) -> str:
-        of_all = plant_of(self._campaign.config)
-        changed = flow_disturbances(scenario.disturb) or plant_of(self._configs[scenario.name]) != of_all
-        return _name(f"{scenario.name}.{UNCONTROLLED}" if changed else UNCONTROLLED, phase)
-
-    def _key(self, task: RunTask) -> str:
-        return task.key(self._campaign.bundle.digest, self._digests[task.plant][task.phase], version("stillwake"))
+    progress(len(outcomes), len(tasks), "")
+    spread(
+        [task for name, task in tasks.items() if name not in reused],
+        lambda task: (run_task, task, campaign.bundle, starts[task.plant][task.phase]),
+        workers=workers,
+        scheduler=scheduler,
+        names=lambda task: (f"run {task.name}", "finished runs are stored"),
+        finished=finished,
+        slots=lambda threads: sum(threads.values()),
+    )
+    claim()
+    phases = {
+        scenario: [PhaseOutcomes(under=outcomes[under.name], free=outcomes[free.name]) for free, under in found]
+        for scenario, found in pairs.items()
+    }
+    rows = judged(campaign.scenarios, phases)
+    return Result(rows=rows, made=len(tasks) - len(reused), kept=len(reused))
 
 
-def _name(scenario: str, phase: int) -> str:
-    return f"{scenario}.phase{phase}"
+def _tasks(campaign: Campaign, scenario: Scenario) -> list[tuple[RunTask, RunTask]]:
+    """Return the runs of a scenario from each starting phase: without control in the same flow, and under control."""
+    config, of_flow = settings_of(scenario, campaign.config), flow_disturbances(scenario.disturb)
+    free_config = replace(campaign.config, flow=config.flow, body=config.body)
+    is_changed = of_flow or plant_of(config) != plant_of(campaign.config)
+    free_name = f"{scenario.name}.{UNCONTROLLED}" if is_changed else UNCONTROLLED
+    pairs = []
+    for phase in range(campaign.phases):
+        name = f"{free_name}.phase{phase}"
+        free = RunTask(
+            name=name,
+            disturb=of_flow,
+            config=free_config,
+            controlled=False,
+            phase=phase,
+            seed=seed_of(campaign.seed, name, phase),
+            timing=campaign.timing,
+        )
+        under = replace(
+            free,
+            name=f"{scenario.name}.phase{phase}",
+            disturb=scenario.disturb,
+            config=config,
+            controlled=True,
+            seed=seed_of(campaign.seed, scenario.name, phase),
+        )
+        pairs.append((free, under))
+    return pairs

@@ -9,14 +9,17 @@ table.csv, figures/, report.html
 import json
 import shutil
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 from contract.atomic import check_writable, replacing
-from contract.errors import OutputError
-from firmware_sim.campaign.outcome import RunOutcome, load, save
+from contract.errors import ConfigError, OutputError
+from contract.typed import typed
+from firmware_sim.campaign.outcome import RunOutcome
 
 CAMPAIGN_SCHEMA: Final = "stillwake-campaign/1"
+_RUN_SCHEMA: Final = "stillwake-campaign-run/1"
 
 
 class CampaignFolder:
@@ -28,19 +31,13 @@ class CampaignFolder:
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
-        """Return the file of the flow state from which the runs of a starting phase start. With `scenario`, the state
-        belongs to the plant of that scenario; without it, to the plant of all other scenarios."""
+        """Return the file of a starting phase's flow state, in the plant of one scenario or of all others."""
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Check, without changes, whether this campaign can run in this folder. Raises OutputError if the folder
-        contains another campaign or other files; StillwakeError if the folder cannot be written.
-
-        Args:
-            label: the data that identify the campaign, as plain JSON.
-            overwrite: whether another campaign may be replaced; files that do not belong to a campaign are never
-                replaced.
-        """
+        """Check, without changes, whether the campaign with this label can run in this folder. Raises OutputError if it
+        contains files that are not a campaign's, or, without `overwrite`, another campaign; StillwakeError if it cannot
+        be written."""
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
             return
@@ -48,9 +45,8 @@ class CampaignFolder:
         if present is None:
             raise OutputError(f"{self.path}: holds files that are not a campaign's; name another folder")
         if present != _plain(label) and not overwrite:
-            names = ", ".join(
-                sorted(name for name in present.keys() | label.keys() if present.get(name) != label.get(name))
-            )
+            differing = {name for name in present.keys() | label.keys() if present.get(name) != label.get(name)}
+            names = ", ".join(sorted(differing))
             raise OutputError(
                 f"{self.path}: holds a campaign with other {names}; give --overwrite to replace it, or another folder"
             )
@@ -66,31 +62,42 @@ class CampaignFolder:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:
-        """Return the finished run of this name; None if there is no run of this name, or only a run with another
-        key."""
-        kept = load(self._run(name))
-        return kept if kept is not None and kept.key == key else None
+        """Return the finished run of this name. Return None if its file is missing, damaged or of another version, or
+        if the run has another key."""
+        tree = _read(self._runs / f"{name}.json", _RUN_SCHEMA)
+        if tree is None:
+            return None
+        del tree["schema"]
+        try:
+            kept = typed(tree, RunOutcome)
+        except (ValueError, RecursionError, ConfigError):
+            return None
+        return kept if kept.key == key else None
 
     def keep(self, name: str, outcome: RunOutcome) -> None:
-        """Write a finished run. A failed run is not written, so the next call computes it again."""
+        """Write a finished run, completely or not at all. A failed run is not written, so the next call computes it
+        again."""
         if not outcome.failure:
-            save(self._run(name), outcome)
+            content = {"schema": _RUN_SCHEMA, **asdict(outcome)}
+            with replacing(self._runs / f"{name}.json") as temporary:
+                temporary.write_text(json.dumps(content, sort_keys=True) + "\n", encoding="utf-8")
 
     @property
     def finished(self) -> int:
         """Number of finished runs in the folder."""
         return sum(1 for _ in self._runs.glob("*.json"))
 
-    def _run(self, name: str) -> Path:
-        return self._runs / f"{name}.json"
-
     def _label(self) -> dict[str, Any] | None:
-        """Return the label in the folder; None if it is missing or cannot be read."""
-        try:
-            label: Any = json.loads(self._label_file.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
-            return None
-        return label if isinstance(label, dict) and label.get("schema") == CAMPAIGN_SCHEMA else None
+        return _read(self._label_file, CAMPAIGN_SCHEMA)
+
+
+def _read(path: Path, schema: str) -> dict[str, Any] | None:
+    """Return the content of a JSON file; None if the file is missing, damaged or of another schema."""
+    try:
+        tree: Any = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return tree if isinstance(tree, dict) and tree.get("schema") == schema else None
 
 
 def _plain(label: Mapping[str, Any]) -> Any:

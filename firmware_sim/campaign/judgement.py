@@ -23,12 +23,7 @@ class Use(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseOutcomes:
-    """The runs of a scenario from one starting phase.
-
-    Attributes:
-        under: run under control; its figures are None if the run did not finish.
-        free: run of the same flow from the same start without control.
-    """
+    """The run of a scenario under control from one starting phase, and that of the same flow without control."""
 
     under: RunOutcome
     free: RunOutcome
@@ -39,12 +34,6 @@ class PhaseOutcomes:
         if self.under.figures is None or self.free.figures is None:
             return nan
         return 100.0 * (1.0 - self.under.figures.Cd / self.free.figures.Cd)
-
-    @property
-    def safe(self) -> bool:
-        """Whether the run under control finished and no invariant was violated."""
-        service = self.under.service
-        return service is not None and service.violations == 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +58,7 @@ class ScenarioRow:
     Attributes:
         safe: whether the runs from all starting phases finished without a violated invariant.
         reduction: reduction of wall drag in percent, relative to the run from the same starting phase without control.
-        lost: mean reduction of the undisturbed scenario minus the mean reduction of this scenario, in percentage
-            points.
+        lost: mean reduction of the undisturbed scenario minus that of this scenario, in percentage points.
     """
 
     scenario: Scenario
@@ -81,27 +69,10 @@ class ScenarioRow:
     lost: float
 
     @property
-    def abs_Cl(self) -> Spread:
-        return self._spread("abs_Cl")
-
-    @property
-    def free_abs_Cl(self) -> Spread:
-        return self._spread("abs_Cl", free=True)
-
-    @property
     def in_control(self) -> float:
-        """Percentage of control periods in which the controller planned, of all periods in which control was requested,
-        over the runs from all starting phases."""
-        requested = self._total("requested")
-        return 100.0 * self._total("in_control") / requested if requested else nan
-
-    @property
-    def latches(self) -> int:
-        return self._total("latches")
-
-    @property
-    def violations(self) -> int:
-        return self._total("violations")
+        """Percentage of the periods with a request for control in which the controller planned."""
+        requested = self.total("requested")
+        return 100.0 * self.total("in_control") / requested if requested else nan
 
     @property
     def broken(self) -> list[str]:
@@ -116,8 +87,7 @@ class ScenarioRow:
 
     @property
     def reasons(self) -> dict[str, int]:
-        """Number of control periods without control for each reason that the ECU gave, summed over all starting phases;
-        the most frequent reason comes first."""
+        """Number of control periods without control for each reason that the ECU gave, the most frequent first."""
         count: Counter[str] = Counter()
         for service in self._services:
             count.update(service.reasons)
@@ -127,12 +97,8 @@ class ScenarioRow:
         """Return the row as data for other programs; an unknown value is null."""
         spreads = {
             "reduction_percent": self.reduction,
-            "abs_Cl": self.abs_Cl,
-            "mean_Cl": self._spread("mean_Cl"),
-            "Cd": self._spread("Cd"),
-            "rms_action": self._spread("rms_action"),
-            "Cd_uncontrolled": self._spread("Cd", free=True),
-            "abs_Cl_uncontrolled": self.free_abs_Cl,
+            **{name: self.spread(name) for name in ("abs_Cl", "mean_Cl", "Cd", "rms_action")},
+            **{f"{name}_uncontrolled": self.spread(name, free=True) for name in ("Cd", "abs_Cl")},
         }
         return {
             "name": self.scenario.name,
@@ -148,22 +114,19 @@ class ScenarioRow:
             "lost_percent": rounded(self.lost),
             "phases": len(self.phases),
             "in_control_percent": rounded(self.in_control),
-            "latches": self.latches,
+            "latches": self.total("latches"),
             "not_in_control_reasons": self.reasons,
-            "frames_sent": self._total("frames_sent"),
-            "frames_lost": self._total("frames_lost"),
-            "frames_rejected": self._total("frames_rejected"),
-            "violations": self.violations,
+            **{name: self.total(name) for name in ("frames_sent", "frames_lost", "frames_rejected", "violations")},
             "broken": self.broken,
         }
 
-    def _spread(self, name: str, *, free: bool = False) -> Spread:
-        """Return the spread of one field of `MeanFigures` over the runs under control or, with `free`, without
-        control."""
+    def spread(self, name: str, *, free: bool = False) -> Spread:
+        """Return the spread of one field of `MeanFigures` over the runs under control or, if `free`, without it."""
         found = [(phase.free if free else phase.under).figures for phase in self.phases]
         return Spread.of([nan if one is None else float(getattr(one, name)) for one in found])
 
-    def _total(self, name: str) -> int:
+    def total(self, name: str) -> int:
+        """Return the sum of one field of `RunService` over the starting phases."""
         return sum(int(getattr(service, name)) for service in self._services)
 
     @property
@@ -172,40 +135,27 @@ class ScenarioRow:
 
 
 def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOutcomes]]) -> tuple[ScenarioRow, ...]:
-    """Return the rows in the plan's order.
-
-    Args:
-        scenarios: scenarios of the plan, among them the undisturbed scenario.
-        phases: outcomes of each scenario by its name; the number of starting phases is equal for all scenarios.
-    """
+    """Return the rows in the plan's order. `phases` has the outcomes of each scenario by its name."""
     undisturbed = Spread.of([phase.reduction for phase in phases[UNDISTURBED]]).mean
-    return tuple(_row(one, tuple(phases[one.name]), undisturbed) for one in scenarios)
+    rows = []
+    for scenario in scenarios:
+        found = tuple(phases[scenario.name])
+        reduction = Spread.of([phase.reduction for phase in found])
+        services, lost = [phase.under.service for phase in found], undisturbed - reduction.mean
+        safe = bool(found) and all(service is not None and service.violations == 0 for service in services)
+        row = ScenarioRow(scenario=scenario, phases=found, safe=safe, use=Use.NONE, reduction=reduction, lost=lost)
+        free = row.spread("abs_Cl", free=True).mean
+        side_force = row.spread("abs_Cl").mean / free if free > 0 else inf
+        use = use_of(reduction.mean, undisturbed, side_force, scenario.criteria)
+        rows.append(replace(row, use=use))
+    return tuple(rows)
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Return whether an outcome is useful, marginal or of no use.
-
-    Args:
-        reduction, undisturbed: reduction of wall drag in percent, in this scenario and without disturbance.
-        side_force: mean |Cl| as a share of its value without control.
-    """
+    """Return whether an outcome is useful, marginal or of no use, from the reductions of wall drag in percent in this
+    scenario and without disturbance, and from mean |Cl| as a share of its value without control."""
     share = reduction / undisturbed if undisturbed > 0 else nan
     # A comparison with NaN is false, so an unknown outcome is not useful.
     if share >= criteria.useful and side_force <= criteria.abs_Cl:
         return Use.USEFUL
     return Use.MARGINAL if share > criteria.marginal else Use.NONE
-
-
-def _row(scenario: Scenario, phases: tuple[PhaseOutcomes, ...], undisturbed: float) -> ScenarioRow:
-    reduction = Spread.of([phase.reduction for phase in phases])
-    row = ScenarioRow(
-        scenario=scenario,
-        phases=phases,
-        safe=bool(phases) and all(phase.safe for phase in phases),
-        use=Use.NONE,
-        reduction=reduction,
-        lost=undisturbed - reduction.mean,
-    )
-    free = row.free_abs_Cl.mean
-    side_force = row.abs_Cl.mean / free if free > 0 else inf
-    return replace(row, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria))

@@ -49,9 +49,9 @@ def cells(row: ScenarioRow) -> tuple[str, ...]:
         "safe" if row.safe else "UNSAFE",  # in capitals, because the terminal may have no colour
         row.use.value,
         spread(row.reduction, ".1f"),
-        spread(row.abs_Cl, ".2f"),
+        spread(row.spread("abs_Cl"), ".2f"),
         number(row.in_control, ".0f"),
-        str(row.latches) if row.latches else "",
+        str(row.total("latches") or ""),
     )
 
 
@@ -85,10 +85,5 @@ def write_csv(path: Path, rows: Sequence[ScenarioRow]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(figures[0])
         for row in figures:
-            writer.writerow(
-                ["; ".join(_listed(value)) if isinstance(value, list | dict) else value for value in row.values()]
-            )
-
-
-def _listed(value: list[str] | dict[str, int]) -> list[str]:
-    return value if isinstance(value, list) else [f"{name} {count}" for name, count in value.items()]
+            row["not_in_control_reasons"] = [f"{name} {count}" for name, count in row["not_in_control_reasons"].items()]
+            writer.writerow(["; ".join(value) if isinstance(value, list) else value for value in row.values()])

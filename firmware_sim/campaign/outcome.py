@@ -1,19 +1,13 @@
 """The outcome of one run of a campaign: its figures, its violated invariants, and short series."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any, Final
+from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from contract.arrays import Array
-from contract.atomic import replacing
-from contract.errors import ConfigError
-from contract.typed import typed
 
-_SCHEMA: Final = "stillwake-campaign-run/1"
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
@@ -40,7 +34,7 @@ class KeptCourse:
 
 @dataclass(frozen=True, kw_only=True)
 class MeanFigures:
-    """Means over the averaged periods, in which every period has the same weight; `Sample` defines the coefficients."""
+    """Means over the averaged periods; `Sample` defines the coefficients."""
 
     Cd: float
     abs_Cl: float
@@ -49,11 +43,8 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average over the samples from the time `from_t` on, which counts like the times of the series.
-
-        The runs with and without control start in the same phase of shedding and are averaged over the same instants,
-        so both averages leave out the same part of a shedding cycle.
-        """
+        """Average over the samples from the time `from_t` on. The runs with and without control start in the same phase
+        of shedding, so both averages leave out the same part of a cycle."""
         t = np.array(course.t)
         kept = t >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
@@ -70,13 +61,11 @@ class RunService:
     """Counts of the ECU and the bus in a run under control.
 
     Attributes:
-        requested: number of control periods in which control was requested, without the periods in which the
-            controller's window was still filling.
+        requested: number of periods with a request for control after the controller's window was filled.
         in_control: number of the requested periods in which the controller planned.
         latches: number of times that the ECU latched a fault.
         reasons: number of control periods without control, for each reason that the ECU gave.
         frames_sent, frames_lost, frames_rejected: counts of pressure frames and commands.
-        violations: number of violations of invariants.
     """
 
     requested: int
@@ -106,21 +95,3 @@ class RunOutcome:
     course: KeptCourse | None = None
     service: RunService | None = None
     failure: str = ""
-
-
-def save(path: Path, outcome: RunOutcome) -> None:
-    """Write the outcome as JSON, completely or not at all; equal outcomes give equal bytes."""
-    content = {"schema": _SCHEMA, **asdict(outcome)}
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(content, sort_keys=True) + "\n", encoding="utf-8")
-
-
-def load(path: Path) -> RunOutcome | None:
-    """Read a file written by `save`; None if it is missing, damaged or of another version."""
-    try:
-        tree: Any = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(tree, dict) or tree.pop("schema", None) != _SCHEMA:
-            return None
-        return typed(tree, RunOutcome)
-    except (OSError, ValueError, RecursionError, ConfigError):
-        return None

@@ -50,8 +50,7 @@ class _ScenarioForm:
 
 @dataclass(frozen=True, kw_only=True)
 class _GroupForm:
-    """The format of a group in a file. Each scenario is parsed separately, so that an error can state the scenario's
-    name."""
+    """The format of a group. Each scenario is parsed separately, so that an error can state the scenario's name."""
 
     title: str
     scenario: list[dict[str, Any]]
@@ -78,7 +77,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """Read the scenarios of one file; raises ConfigError for an invalid entry, as `whole_plan` does."""
+    """Read the scenarios of one file, with the errors of `whole_plan`."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)
@@ -93,9 +92,13 @@ def _made(raw: Mapping[str, Any], group: _GroupForm, criteria: Criteria, place: 
     try:
         form = typed(raw, _ScenarioForm)
         for value in _values(form, place):
-            words = _words(place, value)
+            words: dict[str, object] = {"each": value, "after": _Time(place.after), "seconds": _Time(place.seconds)}
+            words |= {f"sensor_{number}": name for number, name in enumerate(place.sensors, start=1)}
+            if place.base_sensor is not None:
+                words["base_sensor"] = place.base_sensor
+            slug = re.sub(r"[^a-z0-9_.]+", "_", str(value).lower())
             yield Scenario(
-                name=_filled(form.name, {**words, "each": _slug(value)}),
+                name=_filled(form.name, {**words, "each": slug}),
                 group=group.title,
                 sentence=_filled(form.sentence, words),
                 disturb=tuple(_filled(text, words) for text in form.disturb),
@@ -116,14 +119,8 @@ def _values(form: _ScenarioForm, place: Place) -> Sequence[int | float | str]:
     return form.each
 
 
-def _words(place: Place, value: int | float | str) -> dict[str, object]:
-    words: dict[str, object] = {"each": value, "after": _Time(place.after), "seconds": _Time(place.seconds)}
-    words |= {f"sensor_{number}": name for number, name in enumerate(place.sensors, start=1)}
-    return words if place.base_sensor is None else {**words, "base_sensor": place.base_sensor}
-
-
 class _Time:
-    """A value for `str.format`: the format specification is a time in t_c, and the result is this time in s."""
+    """A value for `str.format`, whose format specification is a time in t_c, and whose text is this time in s."""
 
     def __init__(self, seconds: Callable[[float], float]) -> None:
         self._seconds = seconds
@@ -139,7 +136,3 @@ def _filled(text: str, words: Mapping[str, object]) -> str:
         raise ConfigError(f"{text!r}: {{{error.args[0]}}} must be one of {', '.join(sorted(words))}") from error
     except (ValueError, IndexError, AttributeError, TypeError) as error:
         raise ConfigError(f"{text!r}: cannot be filled in ({error})") from error
-
-
-def _slug(value: int | float | str) -> str:
-    return re.sub(r"[^a-z0-9_.]+", "_", str(value).lower())

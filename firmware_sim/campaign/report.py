@@ -37,7 +37,7 @@ _USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 
 
 def write_report(folder: CampaignFolder, campaign: Campaign, result: Result, day: date) -> None:
-    """Write the page, the table and the figures into the folder; a file is replaced only by a complete file."""
+    """Write the page, the table and the figures into the folder, each completely or not at all."""
     matrix_words.write_csv(folder.table, result.rows)
     pictures = {name: pages.png_of(figure) for name, figure in result_figures.figures_of(result.rows).items()}
     for name, png in pictures.items():

@@ -27,19 +27,11 @@ PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
 """The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), without numbers."""
 
 
-def papers_reduction_percent(Cd: float) -> float:
-    """Return the reduction of mean drag relative to the paper's wake without control, in percent."""
-    return 100.0 * (1.0 - Cd / PAPERS_UNCONTROLLED_CD)
-
-
 BLUE: Final = "#0072B2"
 ORANGE: Final = "#E69F00"
 VERMILLION: Final = "#D55E00"
 COLOURS: Final = {Use.USEFUL: BLUE, Use.MARGINAL: ORANGE, Use.NONE: VERMILLION}
 MARKS: Final = {Use.USEFUL: "o", Use.MARGINAL: "D", Use.NONE: "X"}
-_WIDTH: Final = 10.0
-"""Width of a figure in inches."""
-_DPI: Final = 100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +43,7 @@ class Curve:
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """Collect the scenarios whose name matches `pattern`. The group in the pattern matches the number in a scenario's
-    name; the undisturbed scenario has the number 0."""
+    """Collect the scenarios whose name matches `pattern`, whose group is the number; the undisturbed one has 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)
@@ -86,18 +77,18 @@ def curves_figure(
     curves = [one for one in curves if len(one.points) > 1]
     if not curves:
         return None
-    figure = Figure(figsize=(_WIDTH, 3.6), dpi=_DPI)
+    figure = Figure(figsize=(10.0, 3.6), dpi=100)
     left, right = figure.subplots(1, 2)
     figure.subplots_adjust(left=0.08, right=0.98, bottom=0.15, top=0.97, wspace=0.2)
     left.set_ylabel("less wall drag than without control / %")
     right.set_ylabel("mean $|C_l|$")
     for one, colour, mark in zip(curves, (BLUE, VERMILLION), ("o", "s"), strict=False):
-        _draw(left, one, "reduction", colour, mark)
-        _draw(right, one, "abs_Cl", colour, mark)
-    reductions = [papers_reduction_percent(Cd) for Cd in Cd_by_number.values()]
+        _draw(left, one.label, [(x, row.reduction) for x, row in one.points], colour, mark)
+        _draw(right, one.label, [(x, row.spread("abs_Cl")) for x, row in one.points], colour, mark)
+    reductions = [100.0 * (1.0 - Cd / PAPERS_UNCONTROLLED_CD) for Cd in Cd_by_number.values()]
     left.plot(list(Cd_by_number), reductions, "*", color="black", markersize=11, label=papers)
     left.axhline(0.0, color="0.4", linewidth=0.8)
-    free = curves[0].points[0][1].free_abs_Cl.mean
+    free = curves[0].points[0][1].spread("abs_Cl", free=True).mean
     if isfinite(free):
         right.axhline(free, color="0.4", linewidth=0.8, linestyle=":", label="without control")
     right.set_ylim(bottom=0.0)
@@ -111,13 +102,15 @@ def curves_figure(
 def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
     """Plot drag reduction and mean |Cl| of every scenario, with the spread over the starting phases."""
     height = 0.9 + 0.24 * len(rows)
-    figure = Figure(figsize=(_WIDTH, height), dpi=_DPI)
+    figure = Figure(figsize=(10.0, height), dpi=100)
     left, right = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2), "wspace": 0.06})
     figure.subplots_adjust(left=0.24, right=0.98, bottom=0.55 / height, top=1.0 - 0.35 / height)
     for place, row in enumerate(rows):
-        style = {"color": COLOURS[row.use], "marker": MARKS[row.use]}
-        for axes, value in ((left, row.reduction), (right, row.abs_Cl)):
-            _bar(axes, value, place, style)
+        style: dict[str, Any] = {"color": COLOURS[row.use], "marker": MARKS[row.use]}
+        for axes, value in ((left, row.reduction), (right, row.spread("abs_Cl"))):
+            if isfinite(value.mean):
+                axes.plot([value.least, value.most], [place, place], color=style["color"], linewidth=2.0, alpha=0.5)
+                axes.plot(value.mean, place, linestyle="", markersize=6, **style)
     left.set_yticks(
         range(len(rows)), [f"{'' if row.safe else 'UNSAFE  '}{row.scenario.name}" for row in rows], fontsize=8
     )
@@ -125,7 +118,7 @@ def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
     left.axvline(0.0, color="0.4", linewidth=0.8)
     left.set_xlabel("less wall drag than without control / %")
     right.set_xlabel("mean $|C_l|$")
-    free = rows[0].free_abs_Cl.mean if rows else float("nan")
+    free = rows[0].spread("abs_Cl", free=True).mean if rows else float("nan")
     if isfinite(free):
         right.axvline(free, color="0.4", linewidth=0.8, linestyle=":")
         right.text(free, -0.7, "without control", fontsize=8, ha="right", va="bottom", color="0.3")
@@ -138,19 +131,12 @@ def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, one: Curve, name: str, colour: str, mark: str) -> None:
+def _draw(axes: Axes, label: str, points: Sequence[tuple[float, Spread]], colour: str, mark: str) -> None:
     """Draw the means as marks, with bars from the minimum to the maximum over the starting phases."""
-    points = [(x, getattr(row, name)) for x, row in one.points]
     known = [(x, value) for x, value in points if isfinite(value.mean)]
     x = [place for place, _ in known]
     low, mean, high = (np.array([getattr(value, part) for _, value in known]) for part in ("least", "mean", "most"))
     axes.errorbar(
         x, mean, yerr=[mean - low, high - mean] if known else None, color=colour, marker=mark, capsize=3, linewidth=1.2,
-        label=one.label,
+        label=label,
     )  # fmt: skip
-
-
-def _bar(axes: Axes, value: Spread, place: int, style: Mapping[str, Any]) -> None:
-    if isfinite(value.mean):
-        axes.plot([value.least, value.most], [place, place], color=style["color"], linewidth=2.0, alpha=0.5)
-        axes.plot(value.mean, place, linestyle="", markersize=6, **style)

@@ -1,35 +1,114 @@
-"""The execution of a campaign's run in any process: the loop under its disturbances, or the flow without control."""
+"""One run of a campaign: its data, from which any process can execute the run, and its execution: the loop under its
+disturbances, or the flow without control."""
 
+import hashlib
+import json
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 
 from can_bridge.wire.messages import Mode, Reason
+from contract.config import loading
+from contract.config.body import BodyConfig
+from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.controller.interface import RunnableController
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from firmware_sim.bench.disturbances import Disturbances, GustyWind, OtherBody, Reynolds
 from firmware_sim.bench.disturbing import Disturbing
+from firmware_sim.bench.driven import uncontrolled
 from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.outcome import COURSE, MOST_KEPT, KeptCourse, MeanFigures, RunOutcome, RunService
 from firmware_sim.campaign.scenario import Scenario
-from firmware_sim.campaign.task import RunTask
 from firmware_sim.runs.control import control
 from firmware_sim.runs.run_log import RunLog
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
+_SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
+"""Sections and settings that a scenario may change. The release fixes the controller and its period in t_c."""
+PlantKey = tuple[FlowConfig, BodyConfig]
+
+MARGIN_PERIODS: Final = 2
+"""Number of periods without control that a run needs beyond the length of the controller's window, because the first
+frame only starts the end-to-end check."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunTask:
+    """The data of one run.
+
+    Attributes:
+        name: name of the run's file.
+        controlled: whether control is requested; otherwise the flow runs without the loop.
+        config: settings, with the plant's body, which may differ from the body of the release.
+        phase: index of the starting phase.
+    """
+
+    name: str
+    disturb: tuple[str, ...]
+    config: Config
+    controlled: bool
+    phase: int
+    seed: int
+    timing: Spans
+
+    @property
+    def plant(self) -> PlantKey:
+        """Key under which the initial states of the run's plant are stored."""
+        return plant_of(self.config)
+
+    def key(self, bundle_digest: str, start_digest: str, version: str) -> str:
+        """Return the hash of everything that the run depends on, in hex."""
+        deciding: dict[str, Any] = {
+            "disturb": list(self.disturb),
+            "config": loading.to_tree(self.config),
+            "controlled": self.controlled,
+            "seed": self.seed,
+            "timing": [self.timing.lead_in, self.timing.controlled, self.timing.settle],
+            "bundle": bundle_digest,
+            "start": start_digest,
+            "version": version,
+        }
+        return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
+
+
+def plant_of(config: Config) -> PlantKey:
+    """Return the settings that a starting state has to match."""
+    return config.flow, config.body
+
+
+def settings_of(scenario: Scenario, config: Config) -> Config:
+    """Return the campaign's settings with those of the scenario and the body of its plant. Raises ConfigError, which
+    states the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
+    try:
+        loaded = loading.load(None, scenario.settings, base=config)
+        plant = Disturbances.parse(scenario.disturb).plant(loaded.config)
+    except ConfigError as error:
+        raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
+    for name in sorted(loaded.in_overrides):
+        if not {name, name.partition(".")[0]} & set(_SETTINGS):
+            raise ConfigError(
+                f"scenario {scenario.name!r}: {name}: a scenario sets {', '.join(_SETTINGS)}; give --set for all runs"
+            )
+    return plant
+
+
+def seed_of(seed: int, name: str, phase: int) -> int:
+    """Return a run's seed, which depends only on the campaign's seed, the run's name and its phase."""
+    text = f"{seed}/{name}/{phase}"
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])
+
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run a task from a starting state. The outcome depends only on the arguments; the caller must set the outcome's
-    key.
-
-    An exception in a run does not end the campaign: the outcome records the exception as a result.
-    """
+    """Run a task from a starting state. The outcome depends only on the arguments, and records an exception; the caller
+    must set its key."""
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
     except StillwakeError as error:
@@ -41,15 +120,10 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Check a scenario. Raises ConfigError if no run of the scenario is possible; the error states the scenario."""
+    """Raise ConfigError, which states the scenario, if no run of the scenario is possible."""
     try:
-        Simulation(
-            bundle,
-            config,
-            spans=timing,
-            controller=controller,
-            disturbances=Disturbances.parse(scenario.disturb),
-        )
+        disturbances = Disturbances.parse(scenario.disturb)
+        Simulation(bundle, config, spans=timing, controller=controller, disturbances=disturbances)
     except StillwakeError as error:
         raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
 
@@ -85,12 +159,7 @@ def _free(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
     config, wake = task.config, _wake(task, start)
     lead_in, periods = task.timing.periods(config.flow.control_period)
     disturbing = Disturbing(Disturbances.parse(task.disturb), config, bundle.manifest.sensors, task.seed)
-    samples = []
-    with disturbing.in_flow(wake):
-        for period in range(periods):
-            disturbing.set_flow(period * config.period_ns)
-            samples.append(wake.sample())
-            wake.advance_to(config.flow.substeps, 0.0)
+    samples = list(uncontrolled(wake, disturbing, config, periods))
     series = {name: np.array([getattr(sample, name) for sample in samples]) for name in COURSE}
     enabled_t = samples[lead_in].t
     course = KeptCourse.of(series, enabled_t)

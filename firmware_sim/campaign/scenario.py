@@ -21,15 +21,13 @@ LONGEST_NAME: Final = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """Criteria for a scenario's outcome to be useful. Safety needs no criterion: no invariant may be violated in any
-    scenario. Raises ConfigError for a share that is not finite, or for shares in the wrong order.
+    """Criteria for a useful outcome of a scenario. Raises ConfigError for a share that is not finite, or in the wrong
+    order.
 
     Attributes:
         useful: smallest drag reduction for "useful", as a share of the undisturbed scenario's drag reduction.
-        marginal: drag reduction above which an outcome that is not useful is "marginal" and not "none", as a share of
-            the undisturbed scenario's drag reduction.
-        abs_Cl: largest mean |Cl| for "useful", as a share of its value without control. A drag reduction with a larger
-            side force is of no use.
+        marginal: share above which an outcome that is not useful is "marginal" and not "none".
+        abs_Cl: largest mean |Cl| for "useful", as a share of its value without control.
     """
 
     useful: float = 0.75
@@ -66,10 +64,8 @@ class Scenario:
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name) or len(self.name) > LONGEST_NAME:
-            raise ConfigError(
-                f"name {self.name[:LONGEST_NAME]!r}: must be lower-case letters, digits, dots and underscores, at most "
-                f"{LONGEST_NAME}"
-            )
+            rule = f"lower-case letters, digits, dots and underscores, at most {LONGEST_NAME}"
+            raise ConfigError(f"name {self.name[:LONGEST_NAME]!r}: must be {rule}")
         if self.name.rpartition(".")[2] == UNCONTROLLED:
             raise ConfigError(f"name {self.name!r}: a campaign stores its runs without control under such names")
         if not self.sentence.strip() or not self.sentence.isprintable():
@@ -78,14 +74,8 @@ class Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values that the texts of a plan may use: the release's sensors, and the time of the request for control.
-
-    Attributes:
-        sensors: sensors of the release, in its order.
-        base_sensor: the release's first sensor on the base; None if no sensor is on the base.
-        enabled_s: time of the request for control, in s from the start of the run.
-        t_c_s: convective time in s.
-    """
+    """Values that the texts of a plan may use: the release's sensors, its first sensor on the base, the time of the
+    request for control in s from the start of the run, and the convective time in s."""
 
     sensors: tuple[str, ...]
     base_sensor: str | None
@@ -102,8 +92,7 @@ class Place:
 
 
 def check_names(scenarios: Sequence[Scenario]) -> None:
-    """Check the names. Raises ConfigError if two scenarios have the same name, or the undisturbed scenario is
-    missing."""
+    """Raise ConfigError if two scenarios have the same name, or the undisturbed scenario is missing."""
     seen: dict[str, Scenario] = {}
     for one in scenarios:
         if (other := seen.setdefault(one.name, one)) is not one:
@@ -115,12 +104,10 @@ def check_names(scenarios: Sequence[Scenario]) -> None:
 def selected(scenarios: Sequence[Scenario], globs: Sequence[str]) -> tuple[Scenario, ...]:
     """Return the scenarios whose name matches a pattern, and always the undisturbed scenario, in the plan's order;
     without patterns, return all scenarios. Raises ConfigError if a pattern matches no scenario."""
-    for glob in globs:
-        if not any(fnmatchcase(one.name, glob) for one in scenarios):
+    found = {UNDISTURBED}
+    for glob in globs or ["*"]:
+        names = {one.name for one in scenarios if fnmatchcase(one.name, glob)}
+        if not names:
             raise ConfigError(f"--only {glob!r}: no scenario has a matching name; --list shows the names")
-    return tuple(one for one in scenarios if one.name == UNDISTURBED or matches(one.name, globs))
-
-
-def matches(name: str, globs: Sequence[str]) -> bool:
-    """Return whether a name matches a pattern, or there are no patterns."""
-    return not globs or any(fnmatchcase(name, glob) for glob in globs)
+        found |= names
+    return tuple(one for one in scenarios if one.name in found)

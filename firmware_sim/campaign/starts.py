@@ -29,9 +29,9 @@ def starting_states(
     scenario: str = "",
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
-    """Return the flow states of all starting phases, with their time set to zero and the jets shut. The states are read
-    from the folder or computed; the computation takes minutes for a body other than the truck. Raises PlantError if
-    there is no developed wake for the settings.
+    """Return the flow states of all starting phases, with their time set to zero and the jets shut. They are read from
+    the folder or computed, which takes minutes for a body other than the truck. Raises PlantError if there is no
+    developed wake for the settings.
 
     Args:
         scenario: name of the scenario that has a plant of its own; empty for the plant that all other scenarios share.
@@ -41,7 +41,18 @@ def starting_states(
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:
         return tuple(whole)
-    return _advanced(config, phases_apart(phases, config), progress)
+    wake = TruckWake(config.flow, body=config.body)
+    if config.body == TRUCK_BODY:
+        wake.reset(replace(developed_state(), substep=0, action=0.0))
+    else:
+        develop(wake, progress=progress)
+    states, done = [], 0
+    for wanted in phases_apart(phases, config):
+        for _ in range(wanted - done):
+            wake.advance(0.0)
+        done = wanted
+        states.append(replace(wake.state(), substep=0, action=0.0))
+    return tuple(states)
 
 
 def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str = "") -> None:
@@ -56,8 +67,7 @@ def digest_of(state: State) -> str:
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """Return the state in the file; None if the file is missing, or contains the state of another plant because the
-    scenario had another body earlier."""
+    """Return the state in the file; None if the file is missing or of a body that the scenario had earlier."""
     try:
         state = load_state(file)
         if state.origin is not None:
@@ -66,18 +76,3 @@ def _kept(file: Path, config: Config) -> State | None:
     except PlantError:
         return None
     return state
-
-
-def _advanced(config: Config, periods: Sequence[int], progress: Callable[[float, float], None]) -> tuple[State, ...]:
-    wake = TruckWake(config.flow, body=config.body)
-    if config.body == TRUCK_BODY:
-        wake.reset(replace(developed_state(), substep=0, action=0.0))
-    else:
-        develop(wake, progress=progress)
-    states, done = [], 0
-    for wanted in periods:
-        for _ in range(wanted - done):
-            wake.advance(0.0)
-        done = wanted
-        states.append(replace(wake.state(), substep=0, action=0.0))
-    return tuple(states)

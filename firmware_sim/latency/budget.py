@@ -35,18 +35,8 @@ _Form: Final[Any] = make_dataclass(
 )
 
 
-_Budget = Mapping[str, float]
-"""Largest allowed value for each limited figure, such as `misses_ours` or `all.p99_ms`."""
-
-
 class KeptLimit(NamedTuple):
-    """One limit, compared with the measured value.
-
-    Attributes:
-        name: name of the figure, such as `all.p99_ms`.
-        allowed: largest allowed value.
-        measured: measured value; None if the stage did not occur.
-    """
+    """The limit of a figure, and its measured value; None if the stage did not occur."""
 
     name: str
     allowed: float
@@ -54,13 +44,13 @@ class KeptLimit(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """Whether the measured value is within the limit; False for a stage that did not occur."""
+        """Whether the measured value is within the limit."""
         return self.measured is not None and self.measured <= self.allowed
 
 
-def read_budget(path: Path) -> _Budget:
-    """Read the budget from a file. Raises ConfigError if the file cannot be read, or if a limit is invalid or all
-    limits are missing."""
+def read_budget(path: Path) -> dict[str, float]:
+    """Read the limit of each figure, such as `misses_ours` or `all.p99_ms`, from a file. Raises ConfigError if the file
+    cannot be read, has no limit, or an invalid limit."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)
@@ -79,7 +69,9 @@ def read_budget(path: Path) -> _Budget:
     return budget
 
 
-def verdicts(budget: _Budget, counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]) -> list[KeptLimit]:
+def verdicts(
+    budget: Mapping[str, float], counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]
+) -> list[KeptLimit]:
     """Compare each limit of the budget with the measured value."""
     measured: dict[str, float | None] = dict(counts)
     for stage, found in latencies.items():

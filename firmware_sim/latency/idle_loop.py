@@ -53,12 +53,6 @@ def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> Stag
     return table
 
 
-def between(rows: Times, begin_ns: int, end_ns: int) -> Times:
-    """Return the rows of the periods that were scheduled between two instants."""
-    scheduled = rows[:, IdleStage.SCHEDULED]
-    return rows[(scheduled >= begin_ns) & (scheduled <= end_ns)]
-
-
 def lateness(rows: Times, period_ns: int) -> Array:
     """Return the time in ns from each scheduled instant to the wake-up; for a skipped period, to the next wake-up."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)

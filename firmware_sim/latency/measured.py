@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contract.arrays import Array
 from contract.errors import StillwakeError
-from firmware_sim.latency.idle_loop import between, lateness
+from firmware_sim.latency.idle_loop import IdleStage, lateness
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
@@ -23,8 +23,7 @@ NEEDED_FOR_P99_9: Final = 1_000
 
 
 class Quantiles(NamedTuple):
-    """Percentiles of one stage's latency in ms. Each percentile is one of the measured values, without interpolation;
-    None if there are no values."""
+    """Percentiles of one stage's latency in ms, each of them a measured value; None if there are no values."""
 
     p50: float | None
     p99: float | None
@@ -46,12 +45,7 @@ class Quantiles(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredRun:
-    """The evaluated run of one controller.
-
-    Attributes:
-        name: name of the controller in tables: "onnx" or "c".
-        idle: rows of the idle loop's table (`IdleStage`) during the run.
-    """
+    """The evaluated run of one controller, with the rows of the idle loop's table (`IdleStage`) during the run."""
 
     name: str
     about: str
@@ -64,9 +58,10 @@ class MeasuredRun:
     def of(cls, recorded: Recorded, *, name: str, about: str, period_ns: int, counter_period: int) -> Self:
         """Evaluate a run; raises StillwakeError if its tables contain no usable periods."""
         periods = joined(recorded.vehicle, recorded.ecu, period_ns=period_ns, counter_period=counter_period)
-        begin = periods.origin_ns
         # One more period is included on each side, because the idle loop may sleep through the first or last instant.
-        idle = between(recorded.idle, begin - period_ns, begin + int(periods.scheduled[-1]) + period_ns)
+        begin, end = periods.origin_ns - period_ns, periods.origin_ns + int(periods.scheduled[-1]) + period_ns
+        scheduled = recorded.idle[:, IdleStage.SCHEDULED]
+        idle = recorded.idle[(scheduled >= begin) & (scheduled <= end)]
         if not len(idle):
             raise StillwakeError("the idle loop did not run at the same time: there is no baseline")
         latencies = {stage: Quantiles.of(periods.values(stage)) for stage in Stage}
@@ -79,12 +74,12 @@ class MeasuredRun:
 
     @property
     def without_plan(self) -> int:
-        """Number of periods whose command arrived by the end of the period, but was computed without a plan."""
+        """Number of periods whose command arrived in time, but was computed without a plan."""
         return int(self._without_plan.sum())
 
     @property
     def left_control(self) -> bool:
-        """Whether the ECU lost control for several periods in a row; such a run does not measure the controller."""
+        """Whether the ECU lost control, so that the run does not measure the controller."""
         gaps = np.flatnonzero(np.diff(np.concatenate([[0], self._without_plan.astype(int), [0]]))).reshape(-1, 2)
         return bool(len(gaps)) and int((gaps[:, 1] - gaps[:, 0]).max()) >= LEFT_CONTROL
 
@@ -118,7 +113,7 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether the idle loop was once later than the slack: even a loop without work would have missed a command."""
+        """Whether even a loop without work would have missed a command."""
         return self.idle_misses > 0
 
     @property
@@ -158,6 +153,5 @@ class MeasuredRun:
 
 
 def _ms(quantiles: Quantiles) -> dict[str, Any]:
-    values = quantiles._asdict()
-    del values["number"]
-    return {f"{name}_ms": value if value is not None and isfinite(value) else None for name, value in values.items()}
+    values = zip(Quantiles._fields, quantiles[:-1], strict=False)
+    return {f"{name}_ms": value if value is not None and isfinite(value) else None for name, value in values}

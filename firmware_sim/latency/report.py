@@ -18,8 +18,7 @@ BINS: Final = 120
 
 
 def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
-    """Plot two histograms: the upper histogram shows the time from the sampling instant to the command, the lower one
-    the idle loop's delays."""
+    """Plot histograms of the time from the sampling instant to the command, and of the idle loop's delays."""
     figure = Figure(figsize=(_WIDTH, 5.6), dpi=110, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     period_ms = runs[0].periods.period_ns / 1e6
@@ -77,15 +76,14 @@ def notes(run: MeasuredRun) -> Iterator[str]:
 
 
 def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:
-    """Yield, for each limit, a row with its name, allowed value, measured value, and whether the limit is met."""
+    """Yield a row for each limit."""
     for verdict in verdicts:
         measured = "did not happen" if verdict.measured is None else f"{verdict.measured:.4g}"
         yield verdict.name, f"{verdict.allowed:g}", measured, "yes" if verdict.is_kept else "NO"
 
 
 def write_report(folder: Path, runs: Sequence[MeasuredRun], budgets: Sequence[Sequence[KeptLimit]]) -> None:
-    """Write the page and the figure into an existing folder. `budgets` has a list of compared limits for each run; the
-    list is empty without a budget."""
+    """Write the page and the figure into an existing folder. `budgets` has the compared limits of each run."""
     histogram_figure(runs).savefig(folder / "histogram.png")
     lines = [f"{run.name}: {run.verdict}\n" for run in runs]
     lines += ["# Latency of the control loop\n", "![how often which latency](histogram.png)\n"]

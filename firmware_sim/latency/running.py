@@ -7,8 +7,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,8 +19,7 @@ from firmware_sim.latency.idle_loop import IdleStage
 from firmware_sim.latency.stages import Times
 
 READY_S: Final = 120.0
-"""Longest time in s that the ECU may take to open the bundle, compile a library and warm up; a busy machine needs 30
-s."""
+"""Longest time in s that the ECU may take to open the bundle, compile and warm up; a busy machine needs 30 s."""
 END_S: Final = 30.0
 """Longest time in s that a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
@@ -31,18 +30,12 @@ START_S: Final = 60.0
 
 
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
-STAGE_TIMES: Final = "{}_times.npz"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """The tables and messages of one run.
-
-    Attributes:
-        vehicle, ecu, idle: tables with the columns `VehicleStage`, `EcuStage` and `IdleStage`.
-        privileges: text that states the privileges granted to the idle loop.
-        fault: line of the ECU's log that states its last fault.
-    """
+    """The tables of one run (columns `VehicleStage`, `EcuStage` and `IdleStage`), the privileges of the idle loop as
+    text, and the line of the ECU's log on its last fault."""
 
     vehicle: Times
     ecu: Times
@@ -52,8 +45,7 @@ class Recorded:
 
 
 def longest_run(periods: int, period_ns: int) -> int:
-    """Return the number of periods after which the ECU and the idle loop end by themselves, if no process has ended
-    them before."""
+    """Return the number of periods after which the ECU and the idle loop end by themselves."""
     return round(OVERTIME * periods + (START_S + END_S) * 1e9 / period_ns)
 
 
@@ -76,16 +68,17 @@ def recorded(
         periods: number of periods of the vehicle's run.
         progress: called with the number of periods done, about twice a second.
     """
-    tables = {name: folder / STAGE_TIMES.format(name) for name in (ECU, VEHICLE, IDLE)}
+    tables = {name: folder / f"{name}_times.npz" for name in (ECU, VEHICLE, IDLE)}
     with ExitStack() as stack:
-        address, notified = stack.enter_context(_notify_socket())
-        running_ecu = stack.enter_context(
-            _Child(ECU, [*ecu, "--stage-times", str(tables[ECU])], folder, notify=address)
-        )
+        # The ECU reports on this socket that it is ready (sd_notify(3)).
+        place = stack.enter_context(tempfile.TemporaryDirectory(prefix="stillwake-"))
+        notified = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+        notified.bind(address := str(Path(place) / "notify"))
+        command = [*ecu, "--stage-times", str(tables[ECU])]
+        running_ecu = stack.enter_context(_Child(ECU, command, folder, notify=address))
         _wait_until_ready(notified, running_ecu)
-        running_vehicle = stack.enter_context(
-            _Child(VEHICLE, [*vehicle, "--stage-times", str(tables[VEHICLE])], folder)
-        )
+        command = [*vehicle, "--stage-times", str(tables[VEHICLE])]
+        running_vehicle = stack.enter_context(_Child(VEHICLE, command, folder))
         length = str(longest_run(periods, period_ns))
         baseline = [sys.executable, "-m", "firmware_sim.latency.idle_loop", str(tables[IDLE]), str(period_ns), length]
         idle = stack.enter_context(_Child(IDLE, baseline, folder))
@@ -102,12 +95,7 @@ def recorded(
 
 
 def _wait(
-    vehicle: "_Child",
-    others: Sequence["_Child"],
-    *,
-    periods: int,
-    period_ns: int,
-    progress: Callable[[int], None],
+    vehicle: "_Child", others: Sequence["_Child"], *, periods: int, period_ns: int, progress: Callable[[int], None]
 ) -> None:
     began = time.monotonic()
     longest_s = START_S + OVERTIME * periods * period_ns / 1e9
@@ -153,7 +141,7 @@ class _Child:
         return self.last_line_with("") or "it printed nothing"
 
     def last_line_with(self, word: str) -> str:
-        """Return the last printed line that contains this word; empty if there is none."""
+        """Return the last printed line that contains this word, or an empty text."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip() and word in line), "")
 
@@ -170,25 +158,11 @@ class _Child:
 
     def __exit__(self, *_: object) -> None:
         if self.process.poll() is None:
-            self.process.terminate()
-            with suppress(subprocess.TimeoutExpired):
-                self.process.wait(END_S)
+            with suppress(BusError):
+                self.end()
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
-
-
-@contextmanager
-def _notify_socket() -> Iterator[tuple[str, socket.socket]]:
-    """Open the socket on which the ECU reports that it is ready (sd_notify(3)); yield the socket's address and the
-    receiving end."""
-    with (
-        tempfile.TemporaryDirectory(prefix="stillwake-") as folder,
-        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours,
-    ):
-        address = str(Path(folder) / "notify")
-        ours.bind(address)
-        yield address, ours
 
 
 def _wait_until_ready(notified: socket.socket, child: _Child) -> None:

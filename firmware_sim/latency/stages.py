@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +56,6 @@ class Periods:
     `origin_ns`.
 
     Attributes:
-        period_ns: time from one sampling instant to the next.
         first: number of the first period in the vehicle's numbering.
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, shape (n,).
@@ -66,7 +64,7 @@ class Periods:
         stages: latencies of each stage, shape (n,); NaN where the stage did not occur.
         stalls: for a stage whose node left out m periods, the time from each of these periods to the next occurrence of
             the stage, shape (m,).
-        planned: number of periods in which a plan was computed from the period's pressures.
+        planned: number of periods with a plan from the period's pressures.
     """
 
     period_ns: int
@@ -104,34 +102,36 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]
     if len(sent) < 2 or not len(took):
         raise StillwakeError("the tables of stage times hold no two periods: did vehicle and ECU run at the same time?")
-    frame_of = _rows_by_counter(
-        sent, took[:, EcuStage.PRESSURE_COUNTER], took[:, EcuStage.FRAME_ARRIVED], counter_period
-    )
-    echo_of = _rows_by_counter(
-        sent, sent[:, VehicleStage.ECHOED_COUNTER], sent[:, VehicleStage.COMMAND_ARRIVED], counter_period
-    )
+    received, answers = took[:, EcuStage.FRAME_ARRIVED], sent[:, VehicleStage.COMMAND_ARRIVED]
+    frame_of = _rows_by_counter(sent, took[:, EcuStage.PRESSURE_COUNTER], received, counter_period)
+    echo_of = _rows_by_counter(sent, sent[:, VehicleStage.ECHOED_COUNTER], answers, counter_period)
     planned = frame_of[(took[:, EcuStage.PLAN_BEGAN] > 0) & (frame_of >= 0)]
     if not len(planned):
         raise StillwakeError("the ECU made no plan from the vehicle's pressures: was control requested, and granted?")
     if planned[0] >= len(sent) - 1:
         raise StillwakeError("the ECU's first plan arrived in the vehicle's last period: measure for longer")
     first, last = int(sent[planned[0], VehicleStage.PERIOD]), int(sent[-1, VehicleStage.PERIOD]) - 1
-    grid = _Grid.over(sent, first, last, period_ns)
-    origin = int(grid.scheduled[0])
-    steps = _steps_by_frame(len(sent), frame_of)
-    stages = {stage: np.full(len(grid.scheduled), np.nan) for stage in Stage}
-    own = np.flatnonzero(grid.is_own)
-    rows, step = grid.row[own], steps[grid.row[own]]
-    _fill(stages, own, sent[rows], grid.scheduled[own], took, step, period_ns)
+    # All periods, with or without a row in the vehicle's table. The row of a period that was left out is the next row.
+    numbers, own_number = np.arange(first, last + 1), sent[:, VehicleStage.PERIOD]
+    row = np.searchsorted(own_number, numbers)
+    instants = sent[row, VehicleStage.SCHEDULED] - (own_number[row] - numbers) * period_ns
+    is_own = own_number[row] == numbers
+    origin = int(instants[0])
+    steps = np.full(len(sent), -1)  # for each of the vehicle's frames, the ECU's first step that used the frame
+    taken = np.flatnonzero(frame_of >= 0)[::-1]
+    steps[frame_of[taken]] = taken
+    stages = {stage: np.full(len(instants), np.nan) for stage in Stage}
+    own = np.flatnonzero(is_own)
+    rows, step = row[own], steps[row[own]]
+    _fill(stages, own, sent[rows], instants[own], took, step, period_ns)
     command = np.full(len(sent), np.inf)
     there = echo_of >= 0
-    arrivals = (sent[there, VehicleStage.COMMAND_ARRIVED] - origin).astype(float)
-    np.minimum.at(command, echo_of[there], arrivals)
+    np.minimum.at(command, echo_of[there], (answers[there] - origin).astype(float))
     took_command = np.isfinite(command[rows]) & (step >= 0)
     ended = (took[step, EcuStage.STEP_ENDED] - origin).astype(float)
     stages[Stage.BUS_TO_VEHICLE][own[took_command]] = (command[rows] - ended)[took_command]
-    answered = np.minimum.accumulate(command[::-1])[::-1][grid.row]
-    scheduled = (grid.scheduled - origin).astype(float)
+    answered = np.minimum.accumulate(command[::-1])[::-1][row]
+    scheduled = (instants - origin).astype(float)
     # Without a plan the ECU answers quickly. Answers in time without a plan are left out, so that an ECU that is not in
     # control does not appear fast.
     counts = np.isfinite(stages[Stage.PLAN]) | (answered > scheduled + period_ns)
@@ -144,39 +144,15 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
         answered=answered,
         stages=stages,
         stalls={
-            Stage.SAMPLE: _until_next(grid, sent[:, VehicleStage.SAMPLED]),
-            Stage.RECEIVE: _ecu_stalls(took, first_row=int(steps[grid.row[0]]), end_ns=int(grid.scheduled[-1])),
+            Stage.SAMPLE: (sent[row, VehicleStage.SAMPLED] - instants)[~is_own].astype(float),
+            Stage.RECEIVE: _ecu_stalls(took, first_row=int(steps[row[0]]), end_ns=int(instants[-1])),
         },
         planned=int(np.isfinite(stages[Stage.PLAN]).sum()),
     )
 
 
-class _Grid(NamedTuple):
-    """All n periods of the vehicle, with or without a row in its table.
-
-    Attributes:
-        scheduled: sampling instants, CLOCK_MONOTONIC in ns, shape (n,).
-        row: index of the table's row for the period, or for the next period that was not left out, shape (n,).
-        is_own: whether the row belongs to the period itself, shape (n,).
-    """
-
-    scheduled: Times
-    row: Index
-    is_own: NDArray[np.bool_]
-    period_ns: int
-
-    @classmethod
-    def over(cls, sent: Times, first: int, last: int, period_ns: int) -> "_Grid":
-        numbers = np.arange(first, last + 1)
-        own = sent[:, VehicleStage.PERIOD]
-        row = np.searchsorted(own, numbers)
-        scheduled = sent[row, VehicleStage.SCHEDULED] - (own[row] - numbers) * period_ns
-        return cls(scheduled, row, own[row] == numbers, period_ns)
-
-
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return, for each counter, the index of the vehicle's latest row that has this counter and was sent before the
-    arrival time; -1 if there is no such row."""
+    """Return, for each counter, the index of the latest row with it that was sent before its arrival, or -1."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -189,51 +165,26 @@ def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_perio
     return np.where(known, row, -1)
 
 
-def _steps_by_frame(frames: int, frame_of: Index) -> Index:
-    """Return, for each of the vehicle's frames, the ECU's first step that used the frame; -1 if there is no such
-    step."""
-    steps = np.full(frames, -1)
-    taken = np.flatnonzero(frame_of >= 0)[::-1]
-    steps[frame_of[taken]] = taken
-    return steps
-
-
 def _fill(
-    stages: Mapping[Stage, Array],
-    own: Index,
-    sent: Times,
-    scheduled: Times,
-    took: Times,
-    step: Index,
-    period_ns: int,
+    stages: Mapping[Stage, Array], own: Index, sent: Times, scheduled: Times, took: Times, step: Index, period_ns: int
 ) -> None:
-    """Fill in the stages of the periods at the indices `own`, from the vehicle's rows and the ECU's steps (-1 for no
-    step)."""
+    """Fill in the periods at the indices `own`, from the vehicle's rows and the ECU's steps (-1 for no step)."""
     stages[Stage.SAMPLE][own] = sent[:, VehicleStage.SAMPLED] - scheduled
     acted = sent[:, VehicleStage.ACTUATED] > 0
-    after_boundary = sent[:, VehicleStage.ACTUATED] - scheduled - period_ns
-    stages[Stage.ACTUATE][own[acted]] = after_boundary[acted]
+    stages[Stage.ACTUATE][own[acted]] = (sent[:, VehicleStage.ACTUATED] - scheduled - period_ns)[acted]
     at, frames, steps = own[step >= 0], sent[step >= 0], took[step[step >= 0]]
-    arrived = steps[:, EcuStage.FRAME_ARRIVED]
+    arrived, began, ended = steps[:, [EcuStage.FRAME_ARRIVED, EcuStage.PLAN_BEGAN, EcuStage.PLAN_ENDED]].T
     due = np.maximum(arrived, steps[:, EcuStage.SCHEDULED])
     stages[Stage.BUS_TO_ECU][at] = arrived - frames[:, VehicleStage.SAMPLED]
     stages[Stage.WAIT][at] = due - arrived
-    has_plan = steps[:, EcuStage.PLAN_BEGAN] > 0
-    stages[Stage.RECEIVE][at[has_plan]] = (steps[:, EcuStage.PLAN_BEGAN] - due)[has_plan]
-    stages[Stage.PLAN][at[has_plan]] = (steps[:, EcuStage.PLAN_ENDED] - steps[:, EcuStage.PLAN_BEGAN])[has_plan]
-    stages[Stage.GATE][at[has_plan]] = (steps[:, EcuStage.STEP_ENDED] - steps[:, EcuStage.PLAN_ENDED])[has_plan]
-
-
-def _until_next(grid: _Grid, sampled: Times) -> Array:
-    """Return the time in ns from the scheduled instant of each period that the vehicle left out to the vehicle's next
-    sample, shape (m,) for m such periods."""
-    out = ~grid.is_own
-    return (sampled[grid.row[out]] - grid.scheduled[out]).astype(float)
+    has_plan = began > 0
+    stages[Stage.RECEIVE][at[has_plan]] = (began - due)[has_plan]
+    stages[Stage.PLAN][at[has_plan]] = (ended - began)[has_plan]
+    stages[Stage.GATE][at[has_plan]] = (steps[:, EcuStage.STEP_ENDED] - ended)[has_plan]
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """Return the time in ns from the deadline of each of the m periods that the ECU left out to the ECU's next step,
-    shape (m,)."""
+    """Return the time in ns from the deadline of each of the m periods that the ECU left out to its next step, (m,)."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     stalls = []

@@ -14,7 +14,6 @@ class NodeErrors:
 
     Attributes:
         state: name of a `can_bridge.bus.interface.BusState`.
-        tx_errors, rx_errors: transmit and receive error counters of the controller.
         bus_off: number of times that the controller went bus-off.
         refused: number of frames that the controller could not send, because its queue was full or it was bus-off.
     """
@@ -27,7 +26,7 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """Create the record from the controller's health report and the number of refused frames."""
+        """Create the record from the controller's health report."""
         return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
@@ -37,10 +36,9 @@ class BusTraffic:
 
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
-        frames: number of all frames on the bus.
         error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
-        longest_wait_ms: for each of the project's messages that was sent, the longest wait of a frame. The wait lasts
-            from the frame's entry into the send queue to the start of its successful transmission.
+        longest_wait_ms: for each of the project's messages that was sent, the longest time from a frame's entry into
+            the send queue to the start of its successful transmission.
     """
 
     load: float
@@ -67,10 +65,5 @@ class WaitingTimes:
         """Combine the waits with the counts of the bus and the nodes."""
         sent = (spec for spec in self.messages.specs if spec.frame_id in self._longest_ns)
         longest = {spec.name: self._longest_ns[spec.frame_id] / 1e6 for spec in sent}
-        return BusTraffic(
-            load=activity.load,
-            frames=activity.frames,
-            error_frames=activity.error_frames,
-            longest_wait_ms=longest,
-            nodes=dict(nodes),
-        )
+        counts = {name: getattr(activity, name) for name in ("load", "frames", "error_frames")}
+        return BusTraffic(**counts, longest_wait_ms=longest, nodes=dict(nodes))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -23,8 +24,7 @@ class LatchedFault:
 
     Attributes:
         reason: name of a `can_bridge.wire.messages.Reason`.
-        t: start of the period of the fault, in t_c.
-        period: index of the period of the fault in the run's series.
+        t, period: start in t_c, and index in the run's series, of the period of the fault.
         after_enable: number of control periods from the request for control to the fault.
     """
 
@@ -39,7 +39,6 @@ class RunControl:
     """Counts of the control periods in which control was requested.
 
     Attributes:
-        requested: number of these periods.
         modes: number of these periods in each mode of the ECU, by the mode's name or SKIPPED.
         warm_up: number of periods from the request on in which the controller's window was still filling.
         fault: first latched fault; None if there was none.
@@ -70,6 +69,14 @@ def mode_names(log: RunLog) -> list[str]:
     return [SKIPPED if left_out else Mode(mode).name for mode, left_out in modes]
 
 
+def mode_spans(log: RunLog) -> list[tuple[str, int, int]]:
+    """Return (mode, first period, period after the last) of every span with a constant mode, in order of time; SKIPPED
+    is a mode."""
+    names = np.array(mode_names(log))
+    edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
+    return [(str(names[first]), first, after) for first, after in pairwise(edges) if after > first]
+
+
 def control(log: RunLog) -> RunControl:
     """Evaluate control in a run, from the period in which control is first requested."""
     modes, names = log.series["mode"][log.enabled_at :], mode_names(log)[log.enabled_at :]
@@ -78,11 +85,17 @@ def control(log: RunLog) -> RunControl:
     still = log.series["action"][log.enabled_at :] == 0.0
     # The first sample is left out, because the jets cannot have moved before the first command.
     shut = float(still[1:].mean()) if len(still) > 1 else 1.0
+    fault = None
+    if len(faulted):
+        after_enable = int(faulted[0])
+        period = log.enabled_at + after_enable
+        reason = Reason(int(log.series["reason"][period])).name
+        fault = LatchedFault(reason=reason, t=float(log.series["t"][period]), period=period, after_enable=after_enable)
     return RunControl(
         requested=len(names),
         modes={name: names.count(name) for name in (*Mode.__members__, SKIPPED) if name in names},
         warm_up=int(warm[0]) if len(warm) else len(names),
-        fault=_fault(log, int(faulted[0])) if len(faulted) else None,
+        fault=fault,
         shut=shut,
     )
 
@@ -98,13 +111,12 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why the controller was not always in control, to be shown before all figures; None if it was
-    always in control."""
-    held = control(log)
-    if held.held:
+    """Return a sentence on why the controller was not always in control, to be shown before all figures, or None."""
+    found = control(log)
+    if found.held:
         return None
     refused = bool((log.series["reason"][log.enabled_at :] == Reason.NOT_AUTHENTIC).any())
-    return f"{_not_held(log, held)} {KEYS_DIFFER}" if refused else _not_held(log, held)
+    return f"{_not_held(log, found)} {KEYS_DIFFER}" if refused else _not_held(log, found)
 
 
 def _not_held(log: RunLog, found: RunControl) -> str:
@@ -117,30 +129,18 @@ def _not_held(log: RunLog, found: RunControl) -> str:
         return "NOT IN CONTROL: control was not requested."
     share = f"in control {found.in_control} of {_periods(found.requested)}"
     reasons = log.series["reason"][log.enabled_at :]
-    off = int((reasons == Reason.OFF_SPEED).sum())
+    waited = {reason: int((reasons == reason).sum()) for reason in (Reason.OFF_SPEED, Reason.NOT_HELPING)}
     if found.warm_up == found.requested:
-        why = BECAUSE[Reason.OFF_SPEED] if off else "the controller's window was still filling at the end"
-        return f"NOT IN CONTROL: {share}; {why}."
+        filling = "the controller's window was still filling at the end"
+        return f"NOT IN CONTROL: {share}; {BECAUSE[Reason.OFF_SPEED] if waited[Reason.OFF_SPEED] else filling}."
     others = [f"{name} {count}" for name, count in found.modes.items() if name != Mode.CONTROL.name]
-    waited = {reason.name: int((reasons == reason).sum()) for reason in (Reason.OFF_SPEED, Reason.NOT_HELPING)}
-    others += [f"of these {name} {count}" for name, count in waited.items() if count]
+    others += [f"of these {reason.name} {count}" for reason, count in waited.items() if count]
     return f"CONTROL NOT HELD: {share} ({', '.join(others)})."
 
 
 def held_while_averaged(log: RunLog, averaged: Flags) -> bool:
-    """Return whether the controller planned in all averaged periods under control, and no fault latched in the run.
-    `averaged` marks these periods, shape (n,) for n periods of the run."""
+    """Return whether the controller planned in all periods that `averaged` marks, shape (n,), and no fault latched."""
     return bool(planned_steps(log)[averaged].all()) and control(log).fault is None
-
-
-def _fault(log: RunLog, after_enable: int) -> LatchedFault:
-    period = log.enabled_at + after_enable
-    return LatchedFault(
-        reason=Reason(int(log.series["reason"][period])).name,
-        t=float(log.series["t"][period]),
-        period=period,
-        after_enable=after_enable,
-    )
 
 
 def _periods(count: int) -> str:

@@ -17,12 +17,10 @@ _SLOW: Final = 0.1
 @dataclass(frozen=True, kw_only=True)
 class DriveTotals:
     """Totals of a drive, from the end of the settling time after the request for control to the end of the drive.
-
-    Energies are in kJ per km of road, for each metre of the vehicle's height, because the flow is two-dimensional. An
-    energy in these units equals the mean force along the road in N per metre of height.
+    Energies are in kJ per km of road for each metre of the vehicle's height, which equals the mean force along the road
+    in N per metre of height.
 
     Attributes:
-        mean_speed_m_per_s, distance_m: speed and distance of the counted part.
         drag_kJ_per_km, drag_kJ_per_km_without: energy to overcome the wall's drag, with and without control.
         jets_kJ_per_km: energy that the jets give to the flow; negative if they take energy.
         net_kJ_per_km, net_kJ_per_km_without: energy to overcome the drag of wall, slots and jet momentum, plus the

@@ -24,13 +24,7 @@ _PACKAGES: Final = ("stillwake", "onnxruntime", "numpy", "numba", "python-can")
 
 @dataclass(frozen=True, kw_only=True)
 class RunOrigin:
-    """The date and origin of a run.
-
-    Attributes:
-        day: date of the run, YYYY-MM-DD.
-        command: words of the command line that started the run; empty if no command line started it.
-        flow: initial state of the plant.
-    """
+    """The date of a run (YYYY-MM-DD), the words of the command line that started it, and the plant's initial state."""
 
     day: str
     command: tuple[str, ...] = ()
@@ -44,9 +38,8 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance of a run. `acted` is the number of times that it acted. For a fault in a port, this is the number
-    that the fault itself counted; for bit errors, the number of disturbed attempts to send; for every other
-    disturbance, the number of periods in which it acted."""
+    """A disturbance of a run, and how often it acted: as a fault in a port counts itself, or the number of disturbed
+    attempts to send for bit errors, or the number of periods for every other disturbance."""
 
     text: str
     acted: int
@@ -59,9 +52,8 @@ class RunEcu:
     Attributes:
         kind: python, c or mcu.
         clock_mhz: clock of the emulated core; None if the computing time is `ecu.compute_time_ms`.
-        modelled_ms: median of the modelled times of the emulated core for a step with a plan; None without an emulated
-            core.
-        modelled_ms_max: largest of these times.
+        modelled_ms, modelled_ms_max: median and maximum of the emulated core's times for a step with a plan; None
+            without an emulated core.
     """
 
     kind: str = "python"
@@ -74,8 +66,8 @@ class RunEcu:
         """Create the record from the compute times of all steps in which the controller planned."""
         if clock_mhz is None or not planned_ns:
             return cls(kind=kind, clock_mhz=clock_mhz)
-        milliseconds = [item / 1e6 for item in planned_ns]
-        return cls(kind=kind, clock_mhz=clock_mhz, modelled_ms=median(milliseconds), modelled_ms_max=max(milliseconds))
+        times_ms = [item / 1e6 for item in planned_ns]
+        return cls(kind=kind, clock_mhz=clock_mhz, modelled_ms=median(times_ms), modelled_ms_max=max(times_ms))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,12 +80,9 @@ class RunMetadata:
         computed_by: runtime that computes the control step.
         signer: fingerprint of the key that signed the bundle; None for an unsigned bundle.
         sensors: names of the sensors, in the order of the Pressure message.
-        mpc: settings of the optimiser in the bundle.
-        weights: cost weights that the ECU used.
+        mpc, weights: settings of the optimiser in the bundle, and cost weights that the ECU used.
         budget_ms: longest allowed time from a pressure frame to the ECU's command.
-        averages: whether averages were requested.
-        settle: time in t_c after the request for control that the averages under control leave out.
-        faults: disturbances in the order given; empty for an undisturbed run.
+        averages, settle: see `firmware_sim.bench.spans.Spans`.
         drive: name of the vehicle's drive; None for a run at a constant speed.
     """
 
@@ -120,10 +109,10 @@ class RunMetadata:
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
         """Create the metadata of a run that was computed in this process. `calibration` is the ECU's calibration after
-        the run; its weights and bounds are recorded. `others` are the remaining attributes."""
+        the run; `others` are the remaining attributes."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
-        ran = with_calibration(replace(config, mpc=mpc), calibration)
+        own = {"python": platform.python_version(), "machine": platform.machine()}
         return cls(
             controller=f"{manifest.name} ({manifest.precision}, {bundle.digest[:12]})",
             digest=bundle.digest,
@@ -132,19 +121,14 @@ class RunMetadata:
             mpc=manifest.mpc,
             weights=calibration.weights,
             budget_ms=manifest.budget_ms,
-            config=ran,
-            versions={
-                "python": platform.python_version(),
-                "machine": platform.machine(),
-                **{name: version(name) for name in _PACKAGES},
-            },
+            config=with_calibration(replace(config, mpc=mpc), calibration),
+            versions=own | {name: version(name) for name in _PACKAGES},
             **others,
         )
 
     @property
     def changed_weights(self) -> dict[str, tuple[float, float]]:
-        """Cost weights that differ from the bundle's weights: (value in the run, value in the bundle) by the weight's
-        name."""
+        """Cost weights that differ from the bundle's: (value in the run, value in the bundle) by the weight's name."""
         ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
         return {name: (ours[name], bundles[name]) for name in ours if ours[name] != as_float32(bundles[name])}
 
@@ -167,17 +151,8 @@ _UNUSED: Final = ("forcing", "model", "train", "mpc")
 def settings_of(run: RunMetadata) -> dict[str, str]:
     """Return a run's settings by their dotted TOML names; those of `mpc` are the bundle's, with the run's weights."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
-    tree = run.to_tree()
-    built = tree["mpc"] | {"weights": tree["weights"]}
-    return {name: str(value) for name, value in (*leaves(used), *leaves({"mpc": built}))}
-
-
-def settings_lines(run: RunMetadata) -> list[str]:
-    """Return the lines of settings and versions for a page."""
-    return [
-        *(f"{name} = {value}" for name, value in settings_of(run).items()),
-        *(f"{name} {value}" for name, value in run.versions.items()),
-    ]
+    built = asdict(run.mpc) | {"weights": asdict(run.weights)}
+    return {name: str(value) for name, value in leaves(used | {"mpc": built})}
 
 
 def leaves(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

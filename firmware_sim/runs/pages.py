@@ -13,8 +13,7 @@ from contract.atomic import replacing
 
 @cache
 def templates(package: str) -> Environment:
-    """Return the templates in the folder `templates` of a package. Texts that are filled in are escaped; a missing
-    value is an error."""
+    """Return the templates in the folder `templates` of a package."""
     return Environment(
         loader=PackageLoader(package),
         autoescape=True,
@@ -31,8 +30,7 @@ def render(template: str, package: str = "firmware_sim.runs", **values: object) 
 
 
 def write(target: Path, template: str, package: str = "firmware_sim.runs", **values: object) -> Path:
-    """Write the page that `render` returns, completely or not at all, and return the page's path. Raises StillwakeError
-    on failure."""
+    """Write the page that `render` returns, completely or not at all. Raises StillwakeError on failure."""
     page = render(template, package, **values)
     with replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")

@@ -10,12 +10,10 @@ class RunFolder:
     """The files that `stillwake run` writes.
 
     Attributes:
-        series: file of `firmware_sim.runs.run_log.RunLog`.
+        series, summary: files of `run_log.RunLog` and of `summary.whole_summary` as JSON.
         frames: log of every frame on the bus, in candump's format.
-        summary: result of `firmware_sim.runs.summary.whole_summary` as JSON.
-        uncontrolled_picture: picture of the vorticity at the end of the time without control.
-        controlled_picture: picture of the vorticity at the end of the run.
-        wake: file of `firmware_sim.runs.wake_stills.WakeStills`; missing in folders of earlier versions.
+        uncontrolled_picture, controlled_picture: vorticity at the end of the time without control, and of the run.
+        wake: file of `wake_stills.WakeStills`; missing in folders of earlier versions.
     """
 
     def __init__(self, path: Path) -> None:

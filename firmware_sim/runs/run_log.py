@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +26,7 @@ from wake.plant.sample import Sample
 _SCHEMA: Final = "stillwake-run/3"
 
 WALL: Final = "wall_Cp"
-"""Name of the series of Cp at the bundle's S sensors, in the bundle's order, with the shape (n, S) for n periods."""
+"""Name of the series of Cp at the bundle's S sensors, shape (n, S) for n periods."""
 
 WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
 """Names of the series of a drive's flow with the jets shut, for comparison; each has the shape (n,) for n periods."""
@@ -46,7 +46,7 @@ class Row:
         age_ms: virtual time from the sampling of the pressures to the arrival of the command computed from them; NaN if
             no command arrived in this period.
         set_aside: sensors that the controller does not use; bit i is sensor i of the bundle.
-        speed: speed of the vehicle at the period's start, in m/s; NaN if it is not known.
+        speed: speed of the vehicle at the period's start, in m/s.
     """
 
     sample: Sample
@@ -62,19 +62,15 @@ class Row:
 
     def columns(self, layout: SensorLayout = sensors.TRUCK) -> dict[str, float]:
         """Return the row's numbers by the names in `COLUMNS`; the base Cp is the mean over the plant's base sensors."""
+        base_Cp = float(np.mean(self.sample.Cp[layout.base]))
         sampled = {name: getattr(self.sample, name) for name in _SAMPLED}
-        return {
-            **sampled,
-            "base_Cp": float(np.mean(self.sample.Cp[layout.base])),
-            **{name: getattr(self, name) for name in _EXCHANGED},
-        }
+        return {**sampled, "base_Cp": base_Cp, **{name: getattr(self, name) for name in _EXCHANGED}}
 
 
 _SAMPLED: Final = ("t", *LEDGER_FIELDS, "Uy_probe", "action")
 _EXCHANGED: Final = tuple(item.name for item in fields(Row) if item.name != "sample")
 COLUMNS: Final = (*_SAMPLED, "base_Cp", *_EXCHANGED)
-"""Names of the series of a run, which have one value per row. Some series come from the plant's sample, the others from
-the bus and the ECU."""
+"""Names of the series of a run, which have one value per row."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,8 +87,8 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: arrays for the n periods of the run: each name in `COLUMNS`, shape (n,); `WALL`, shape (n, S) for S
-            sensors, if the sensors were recorded; each name in `WITHOUT`, shape (n,), for a drive.
+        series: arrays for the n periods of the run: the names in `COLUMNS`, shape (n,); `WALL`, if the sensors were
+            recorded; for a drive the names in `WITHOUT`.
         enabled_at: index of the first row in which control is requested.
     """
 
@@ -125,18 +121,16 @@ class RunLog:
 
 def save(path: Path, log: RunLog) -> None:
     """Write the log as .npz, completely or not at all."""
-    header = json.dumps(
-        {
-            "schema": _SCHEMA,
-            "enabled_at": log.enabled_at,
-            "bus": asdict(log.bus),
-            "traffic": asdict(log.traffic),
-            "metadata": log.metadata.to_tree(),
-        }
-    )
+    header = {
+        "schema": _SCHEMA,
+        "enabled_at": log.enabled_at,
+        "bus": asdict(log.bus),
+        "traffic": asdict(log.traffic),
+        "metadata": log.metadata.to_tree(),
+    }
     arrays: dict[str, Any] = dict(log.series)
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, header=header, **arrays)
+        np.savez_compressed(file, header=json.dumps(header), **arrays)
 
 
 def load(path: Path) -> RunLog:
@@ -150,22 +144,21 @@ def load(path: Path) -> RunLog:
                 f"schema {schema!r}, made by stillwake {made_by}; this is stillwake {version('stillwake')}, which "
                 f"reads {_SCHEMA!r}: make the run again"
             )
+        count, metadata = len(data["t"]), RunMetadata.from_tree(header["metadata"])
+        # Runs of version 0.9.0 do not have these two columns.
+        series = {"set_aside": np.zeros(count), "speed": np.full(count, np.nan)}
+        for name in (*COLUMNS, *WITHOUT):
+            if name in data or name not in (*series, *WITHOUT):
+                series[name] = data.numbers(name, count)
+        if WALL in data:
+            series[WALL] = data.numbers(WALL, count, len(metadata.sensors))
         log = RunLog(
-            # Runs of version 0.9.0 do not have these two columns, so they are filled in here.
-            series={"set_aside": np.zeros(len(data["t"])), "speed": np.full(len(data["t"]), np.nan)}
-            | {
-                name: data.numbers(name, len(data["t"]))
-                for name in (*COLUMNS, *WITHOUT)
-                if name in data or name not in ("set_aside", "speed", *WITHOUT)
-            },
+            series=series,
             enabled_at=typed(header["enabled_at"], int),
             bus=typed(header["bus"], BusTotals),
-            metadata=RunMetadata.from_tree(header["metadata"]),
+            metadata=metadata,
             traffic=typed(header["traffic"], BusTraffic),
         )
-        if WALL in data:
-            wall = data.numbers(WALL, len(data["t"]), len(log.metadata.sensors))
-            log = replace(log, series={**log.series, WALL: wall})
         _check(log)
         return log
     except FileNotFoundError as error:

@@ -1,10 +1,11 @@
 """The figures of a run as text, in tables that both the page and the terminal show."""
 
+from math import isnan
 from typing import Final
 
 from firmware_sim.runs.control import control, held_while_averaged, set_aside, trouble
 from firmware_sim.runs.drive_totals import DriveTotals, drive_totals
-from firmware_sim.runs.metadata import InjectedFault, RunMetadata
+from firmware_sim.runs.metadata import RunMetadata
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import (
     Averages,
@@ -30,6 +31,7 @@ _DRAG_ROWS: Final = (
 )
 """Label, field of `Regime`, and number format of each row. {probe} in a label is the position of the wake probe."""
 
+_ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
 _STILL: Final = 0.01
@@ -70,19 +72,37 @@ def _drive_rows(drive: DriveTotals) -> list[tuple[str, str, str]]:
 
 def service_rows(log: RunLog) -> list[tuple[str, str]]:
     """Return (quantity, value) as text for each row about the bus and the ECU."""
-    run, timing = log.metadata, latency(log)
+    run, timing, longest, delay = log.metadata, latency(log), sample_to_jets_ms(log), actuator_delay_ms(log)
+    # The time of the emulator is not compared with the core's budget.
+    on_this_machine = [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
+    if run.ecu.clock_mhz is None:
+        within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"
+        on_this_machine = [
+            ("control step on this machine, p50 / p90 / p99 / max", _measured(timing)),
+            ("the same against the budget", f"{within} of {timing.steps} steps; holds for this machine only"),
+        ]
+    changed = run.changed_weights.items()
+    weights = ", ".join(f"{name} {ours:g} (bundle {bundles:g})" for name, (ours, bundles) in changed)
+    clock = "" if run.ecu.clock_mhz is None else f" at {run.ecu.clock_mhz:g} MHz"
+    of_actuator = f", {delay:g} ms of it the actuator's delay" if delay else ""
     actuator = run.config.vehicle.actuator_delay
     return [
         *_control_rows(log),
-        *(("disturbance", _acted(one, run.fault_seed)) for one in run.faults),
+        *(
+            ("disturbance", f"{one.text}: acted {one.acted} time{'s' * (one.acted != 1)}, seed {run.fault_seed}")
+            for one in run.faults
+        ),
         ("plant", run.plant),
-        ("ECU", _ecu(run)),
+        ("ECU", _ECUS.get(run.ecu.kind, run.ecu.kind) + clock),
         ("control step computed by", run.computed_by),
-        ("cost weights", _weights(run)),
+        ("cost weights", f"not the bundle's: {weights}" if weights else "the bundle's"),
         ("virtual compute time", _charged(run)),
         ("periods left out by the ECU (overruns)", str(run.status.overruns)),
-        *_on_this_machine(run, timing),
-        ("sample to jets in virtual time, max", _sample_to_jets(log)),
+        *on_this_machine,
+        (
+            "sample to jets in virtual time, max",
+            "no command arrived" if isnan(longest) else f"{longest:.2f} ms{of_actuator}",
+        ),
         ("actuator's delay / compensated by the ECU", f"{actuator} / {run.config.ecu.delay_steps} periods"),
         ("pressure frames and commands sent", str(log.bus.sent)),
         ("of these lost on the bus", str(log.bus.lost)),
@@ -108,29 +128,19 @@ def headline(log: RunLog) -> str:
             f"Drive {drive.name}: {less} energy against wall drag, {net} with the jets and their price, mean |Cl| "
             f"{drive.abs_Cl_without:.2f} to {drive.abs_Cl:.2f}."
         )
-    parts = [part for part in (warning, injected(log), _without(log), text, _short(means)) if part is not None]
-    return " ".join(parts)
-
-
-def _without(log: RunLog) -> str | None:
-    """State which sensors the ECU excluded as faulty; None if it excluded no sensor."""
     times = [f"{name} from t = {log.series['t'][period]:.1f} t_c on" for name, period in set_aside(log)]
-    return f"The ECU set aside {', '.join(times)}." if times else None
-
-
-def _short(means: Averages | NoAverages) -> str | None:
-    """Return a warning if the averages cover too few cycles; otherwise None."""
-    if isinstance(means, NoAverages) or (count := min(means.before.cycles, means.under.cycles)) >= ENOUGH_CYCLES:
-        return None
-    return f"Too short to judge by: cycles averaged {count}, at least {ENOUGH_CYCLES} are needed."
+    without = f"The ECU set aside {', '.join(times)}." if times else None
+    short = None
+    if not isinstance(means, NoAverages) and (count := min(means.before.cycles, means.under.cycles)) < ENOUGH_CYCLES:
+        short = f"Too short to judge by: cycles averaged {count}, at least {ENOUGH_CYCLES} are needed."
+    parts = (warning, injected(log), without, text, short)
+    return " ".join(part for part in parts if part is not None)
 
 
 def injected(log: RunLog) -> str | None:
     """State the disturbances in a sentence; None for an undisturbed run."""
-    faults = log.metadata.faults
-    if not faults:
-        return None
-    return f"Disturbed ({'; '.join(one.text for one in faults)})."
+    texts = "; ".join(one.text for one in log.metadata.faults)
+    return f"Disturbed ({texts})." if texts else None
 
 
 def _judged(log: RunLog, found: Averages) -> str:
@@ -165,10 +175,6 @@ def _control_rows(log: RunLog) -> list[tuple[str, str]]:
     ]
 
 
-def _acted(one: InjectedFault, seed: int) -> str:
-    return f"{one.text}: acted {one.acted} time{'' if one.acted == 1 else 's'}, seed {seed}"
-
-
 def _bus_rows(log: RunLog) -> list[tuple[str, str]]:
     traffic = log.traffic
     waits = ", ".join(f"{name} {wait:.3f} ms" for name, wait in traffic.longest_wait_ms.items())
@@ -185,56 +191,19 @@ def _bus_rows(log: RunLog) -> list[tuple[str, str]]:
     ]
 
 
-def _weights(run: RunMetadata) -> str:
-    changed = run.changed_weights
-    words = (f"{name} {ours:g} (bundle {bundles:g})" for name, (ours, bundles) in changed.items())
-    return f"not the bundle's: {', '.join(words)}" if changed else "the bundle's"
-
-
-def _ecu(run: RunMetadata) -> str:
-    kinds = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
-    clock = "" if run.ecu.clock_mhz is None else f" at {run.ecu.clock_mhz:g} MHz"
-    return kinds.get(run.ecu.kind, run.ecu.kind) + clock
-
-
 def _charged(run: RunMetadata) -> str:
-    period = run.config.period_ns / 1e6
-    if run.ecu.clock_mhz is None:
-        charged = run.config.ecu.compute_time_ms
-        return f"{charged:g} ms of a period of {period:g} ms: {_fits(charged, period)}"
-    if run.ecu.modelled_ms is None or run.ecu.modelled_ms_max is None:
+    period, ecu = run.config.period_ns / 1e6, run.ecu
+    if ecu.clock_mhz is None:
+        longest = run.config.ecu.compute_time_ms
+        times = f"{longest:g} ms"
+    elif ecu.modelled_ms is None or ecu.modelled_ms_max is None:
         return "by the core's modelled cycles: no control step ran"
-    longest = run.ecu.modelled_ms_max
-    return (
-        f"by the core's modelled cycles, with a plan {run.ecu.modelled_ms:.2f} / {longest:.2f} ms (median / max) of a "
-        f"period of {period:g} ms: {_fits(longest, period)}"
-    )
-
-
-def _fits(needed_ms: float, period_ms: float) -> str:
-    return "fits" if needed_ms <= period_ms else "does not fit"
-
-
-def _on_this_machine(run: RunMetadata, timing: Latency) -> list[tuple[str, str]]:
-    """Return the rows about the wall-clock time of a step on this machine. For an emulated core, this time is not
-    compared with the budget, because it is the time of the emulator, not of the core."""
-    if run.ecu.clock_mhz is not None:
-        return [("emulating a step on this machine, p50 / p90 / p99 / max", _measured(timing))]
-    within = f"within {run.budget_ms:g} ms in {timing.steps - timing.over_budget}"
-    return [
-        ("control step on this machine, p50 / p90 / p99 / max", _measured(timing)),
-        ("the same against the budget", f"{within} of {timing.steps} steps; holds for this machine only"),
-    ]
+    else:
+        longest = ecu.modelled_ms_max
+        times = f"by the core's modelled cycles, with a plan {ecu.modelled_ms:.2f} / {longest:.2f} ms (median / max)"
+    return f"{times} of a period of {period:g} ms: {'fits' if longest <= period else 'does not fit'}"
 
 
 def _measured(timing: Latency) -> str:
-    if not timing.steps:
-        return "no control step ran"
-    return f"{timing.p50:.2f} / {timing.p90:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms"
-
-
-def _sample_to_jets(log: RunLog) -> str:
-    longest, delay = sample_to_jets_ms(log), actuator_delay_ms(log)
-    if longest != longest:
-        return "no command arrived"
-    return f"{longest:.2f} ms" + (f", {delay:g} ms of it the actuator's delay" if delay else "")
+    times = f"{timing.p50:.2f} / {timing.p90:.2f} / {timing.p99:.2f} / {timing.max:.2f} ms"
+    return times if timing.steps else "no control step ran"

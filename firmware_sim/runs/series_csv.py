@@ -1,14 +1,13 @@
 """The series of a run as CSV for other programs: one row per control period, with units in the header."""
 
 import csv
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from can_bridge.wire.messages import Mode, Reason
 from contract.atomic import replacing
 from contract.ledger import LEDGER_FIELDS
-from firmware_sim.runs.run_log import COLUMNS, WALL, RunLog
+from firmware_sim.runs.run_log import WALL, RunLog
 
 COLUMN_UNITS: Final = {
     "t": "t_c",
@@ -26,22 +25,19 @@ COLUMN_UNITS: Final = {
     "set_aside": "1",
     "speed": "m/s",
 }
-"""Unit of every column in `COLUMNS`; "name" for modes and reasons, which are written as names."""
+"""Unit of every column, in the order of `run_log.COLUMNS`; "name" for modes and reasons, which are written as names."""
 
 
 def write_csv(path: Path, log: RunLog) -> None:
     """Write the series, completely or not at all; a missing value is empty. Raises StillwakeError on failure."""
+    columns = {}
+    for name, unit in COLUMN_UNITS.items():
+        columns[f"{name} [{unit}]"] = [_text(name, value) for value in log.series[name]]
+    if WALL in log.series:
+        for name, Cp in zip(log.metadata.sensors, log.series[WALL].T, strict=True):
+            columns[f"Cp_{name} [1]"] = [_text("Cp", value) for value in Cp]
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(_rows(log))
-
-
-def _rows(log: RunLog) -> Iterator[list[str]]:
-    wall = log.series.get(WALL)
-    names = [] if wall is None else [f"Cp_{name} [1]" for name in log.metadata.sensors]
-    yield [*(f"{name} [{COLUMN_UNITS[name]}]" for name in COLUMNS), *names]
-    for k in range(len(log.series["t"])):
-        row = [_text(name, float(log.series[name][k])) for name in COLUMNS]
-        yield row if wall is None else [*row, *(_text("Cp", float(value)) for value in wall[k])]
+        csv.writer(file, lineterminator="\n").writerows([columns, *zip(*columns.values(), strict=True)])
 
 
 def _text(name: str, value: float) -> str:

@@ -26,13 +26,8 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over one part of a run; `contract.ledger.DragLedger` defines the coefficients.
-
-    Attributes:
-        cycles: number of whole shedding cycles in the average.
-        duration: total length of these cycles in t_c.
-        frequency: frequency of these cycles, in cycles per t_c.
-    """
+    """Time averages over whole shedding cycles in one part of a run; `contract.ledger.DragLedger` defines the
+    coefficients. `duration` is in t_c, `frequency` in cycles per t_c."""
 
     cycles: int
     duration: float
@@ -50,13 +45,8 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """The averages of both parts of a run.
-
-    Attributes:
-        before: averages without control.
-        under: averages with control.
-        averaged: whether each of the run's n control periods contributes to `under`, shape (n,).
-    """
+    """The averages of a run before and under control; `averaged` states whether each of the run's n control periods
+    contributes to `under`, shape (n,)."""
 
     before: Regime
     under: Regime
@@ -100,14 +90,13 @@ def averages(log: RunLog) -> Averages | NoAverages:
     before = slice(0, enabled + 1)
     start = int(np.searchsorted(t, t[enabled] + log.metadata.settle - _ROUNDING)) if enabled < len(t) else len(t)
     under = slice(start, None)
+    part = "without control"
     try:
         free = over_cycles(t[before], log.series["Cl"][before])
-    except PlantError as error:
-        return NoAverages(f"There are no averages: without control, {error}.")
-    try:
+        part = "under control"
         controlled = over_last_cycles(t[under], free.frequency)
     except PlantError as error:
-        return NoAverages(f"There are no averages: under control, {error}.")
+        return NoAverages(f"There are no averages: {part}, {error}.")
     averaged = np.zeros(len(t), dtype=bool)
     averaged[under] = controlled.weights > 0.0
     return Averages(before=_regime(log, before, free), under=_regime(log, under, controlled), averaged=averaged)
@@ -120,8 +109,7 @@ def planned_steps(log: RunLog) -> Flags:
 
 
 def latency(log: RunLog) -> Latency:
-    """Compute the latency over the periods in which the controller planned; the times are NaN if there were no such
-    periods."""
+    """Compute the latency over the periods in which the controller planned; NaN if there were none."""
     planned = log.series["step_ms"][planned_steps(log)]
     if not len(planned):
         return Latency(p50=np.nan, p90=np.nan, p99=np.nan, max=np.nan, steps=0, over_budget=0)
@@ -139,8 +127,7 @@ def actuator_delay_ms(log: RunLog) -> float:
 def sample_to_jets_ms(log: RunLog) -> float:
     """Return the longest time from the sampling of pressures to the jets' action, in ms of virtual time; NaN if no
     command arrived."""
-    ages = log.series["age_ms"][np.isfinite(log.series["age_ms"])]
-    return float(ages.max()) + actuator_delay_ms(log) if len(ages) else float("nan")
+    return float(np.fmax.reduce(log.series["age_ms"])) + actuator_delay_ms(log)
 
 
 def _regime(log: RunLog, part: slice, average: CycleAverage) -> Regime:

@@ -16,7 +16,10 @@ def summary(log: RunLog) -> dict[str, Any]:
 
     `reduction_percent` is null unless the controller was in control in all averaged periods.
     """
-    metadata, held, drive = log.metadata, control(log), drive_totals(log)
+    metadata, held, drive, timing = log.metadata, control(log), drive_totals(log), latency(log)
+    names = ("overruns", "missed", "crc_errors", "not_authentic", "bus_off")
+    counted = {name: getattr(metadata.status, name) for name in names}
+    waits = {name: rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
     return {
         "headline": headline(log),
         "trouble": trouble(log),
@@ -28,9 +31,12 @@ def summary(log: RunLog) -> dict[str, Any]:
         "periods_warm_up": held.warm_up,
         **_averaged(log),
         "drive": None if drive is None else drive.rounded(),
-        **_timed(log),
-        "counters": _counters(log),
-        "bus": _bus(log),
+        **{f"mpc_ms_{name}": rounded(getattr(timing, name)) for name in ("p50", "p90", "p99", "max")},
+        "mpc_budget_ms": metadata.budget_ms,
+        "compute_time_ms": metadata.config.ecu.compute_time_ms,
+        "sample_to_jets_ms_max": rounded(sample_to_jets_ms(log)),
+        "counters": {**counted, "frames_lost": log.bus.lost, "frames_rejected": log.bus.rejected},
+        "bus": {**asdict(log.traffic), "load": rounded(log.traffic.load), "longest_wait_ms": waits},
         "injected_faults": [asdict(one) for one in metadata.faults],
         "fault_seed": metadata.fault_seed,
         "frames_sent": log.bus.sent,
@@ -80,24 +86,3 @@ def _averaged(log: RunLog) -> dict[str, float | None]:
         *(before.cycles, under.cycles, before.frequency),
     )
     return {name: rounded(value) for name, value in zip(names, values, strict=True)}
-
-
-def _timed(log: RunLog) -> dict[str, float | None]:
-    timing = latency(log)
-    return {
-        **{f"mpc_ms_{name}": rounded(getattr(timing, name)) for name in ("p50", "p90", "p99", "max")},
-        "mpc_budget_ms": log.metadata.budget_ms,
-        "compute_time_ms": log.metadata.config.ecu.compute_time_ms,
-        "sample_to_jets_ms_max": rounded(sample_to_jets_ms(log)),
-    }
-
-
-def _counters(log: RunLog) -> dict[str, int]:
-    names = ("overruns", "missed", "crc_errors", "not_authentic", "bus_off")
-    counted = {name: getattr(log.metadata.status, name) for name in names}
-    return {**counted, "frames_lost": log.bus.lost, "frames_rejected": log.bus.rejected}
-
-
-def _bus(log: RunLog) -> dict[str, Any]:
-    waits = {name: rounded(wait) for name, wait in log.traffic.longest_wait_ms.items()}
-    return {**asdict(log.traffic), "load": rounded(log.traffic.load), "longest_wait_ms": waits}

@@ -37,13 +37,8 @@ _SAME_TIME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """The data that all stills of a run share.
-
-    Attributes:
-        view: x and y limits of the pictures in W.
-        size: width and height of the pictures in pixels.
-        sensors: x and y in W of all wall sensors, by name.
-    """
+    """The data that all stills of a run share: x and y limits of the pictures in W, their width and height in pixels,
+    and x and y in W of all wall sensors by name."""
 
     view: View
     size: tuple[int, int]
@@ -51,7 +46,6 @@ class Scene:
 
     @classmethod
     def of(cls, picture: LevelPicture, layout: SensorLayout) -> "Scene":
-        """Return the scene of a plant with this picture and these sensors."""
         places = {name: (float(x), float(y)) for name, (x, y) in zip(layout.names, layout.positions, strict=True)}
         return cls(view=picture.view, size=picture.size, sensors=places)
 
@@ -87,41 +81,26 @@ class WakeRecorder:
         self._kept: list[tuple[int, float, bytes]] = []
 
     def record(self, k: int, t: float, levels: Callable[[], Levels]) -> None:
-        """Record a still at the start of period k, at time t in t_c, if a still is due in this period. Only then is
-        `levels` called."""
+        """Record a still at the start of period k, at time t in t_c. Call `levels` only if a still is due."""
         if k % self._every == 0:
-            self._kept.append((k, t, encode(levels())))
+            buffer = io.BytesIO()
+            grey = np.asarray(levels().astype(np.int16) + MIDDLE, dtype=np.uint8)
+            Image.fromarray(grey).save(buffer, format="WEBP", **_WEBP)
+            self._kept.append((k, t, buffer.getvalue()))
 
     def recorded(self) -> WakeStills:
         """Return the recorded stills."""
-        return WakeStills(
-            scene=self._scene,
-            k=np.array([k for k, _, _ in self._kept], dtype=np.int64),
-            t=np.array([t for _, t, _ in self._kept], dtype=np.float64),
-            stills=tuple(still for _, _, still in self._kept),
-        )
-
-
-def encode(levels: Levels) -> bytes:
-    """Encode levels of shape (height, width) as a still."""
-    buffer = io.BytesIO()
-    grey = np.asarray(levels.astype(np.int16) + MIDDLE, dtype=np.uint8)
-    Image.fromarray(grey).save(buffer, format="WEBP", **_WEBP)
-    return buffer.getvalue()
+        k, t, stills = zip(*self._kept, strict=True)
+        return WakeStills(scene=self._scene, k=np.array(k, dtype=np.int64), t=np.array(t, dtype=float), stills=stills)
 
 
 def save(path: Path, wake: WakeStills) -> None:
     """Write the stills as .npz; `path` is a temporary file of `contract.atomic.replacing`."""
     header = json.dumps({"schema": _SCHEMA, **asdict(wake.scene)})
+    ends = np.cumsum([len(still) for still in wake.stills], dtype=np.int64)
+    packed = np.frombuffer(b"".join(wake.stills), dtype=np.uint8)
     with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            header=header,
-            k=wake.k,
-            t=wake.t,
-            ends=np.cumsum([len(still) for still in wake.stills], dtype=np.int64),
-            stills=np.frombuffer(b"".join(wake.stills), dtype=np.uint8),
-        )
+        np.savez_compressed(file, header=header, k=wake.k, t=wake.t, ends=ends, stills=packed)
 
 
 def load(path: Path, log: RunLog) -> WakeStills:
@@ -160,8 +139,7 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
         raise ValueError("the stills' times are not the series'")
     for still in wake.stills:
         try:
-            with Image.open(io.BytesIO(still), formats=("WEBP",)) as image:
-                size = image.size
+            size = Image.open(io.BytesIO(still), formats=("WEBP",)).size
         except (UnidentifiedImageError, OSError):
             raise ValueError("a still is not a WebP picture") from None
         if size != wake.scene.size:

@@ -116,8 +116,8 @@ def _planned(
     from firmware_sim.bench.spans import Spans
     from firmware_sim.campaign.conduct import Campaign
     from firmware_sim.campaign.plan_file import whole_plan
+    from firmware_sim.campaign.running import MARGIN_PERIODS
     from firmware_sim.campaign.scenario import Place, selected
-    from firmware_sim.campaign.task import MARGIN_PERIODS
 
     check_flow(release, config.flow)
     layout = layout_of(config.body)

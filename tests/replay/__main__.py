@@ -26,9 +26,6 @@ from tests.replay.renewing import PARTS, PROCESSES, PROVENANCE, facts, renew
 from tests.replay.shelf import SHELF, SUFFIX, ShelfError, read
 
 CHANGED: Final = 3
-KINDS: Final = ("python", "c")
-_NAMED: Final = 4
-"""Largest number of state fields that a row of the table lists."""
 
 
 class OtherReleaseError(StillwakeError):
@@ -72,7 +69,15 @@ def main(
     if not is_same:
         console.print(f"recorded on another processor or with another library: Python to {judging.ROUNDING:g} U_inf W")
     periods = sum(len(drive.periods) for drive in drives.values())
-    by_ecu = {kind: _figures([one for one in verdicts if one.kind == kind]) for kind in KINDS}
+    by_ecu = {}
+    for kind in ("python", "c"):
+        of_kind = [one for one in verdicts if one.kind == kind]
+        by_ecu[kind] = {
+            "drives": len(of_kind),
+            "differing": sum(bool(one.periods) for one in of_kind),
+            "differing_periods": sum(len(one.periods) for one in of_kind),
+            "largest_change": max((one.largest for one in of_kind), default=0.0),
+        }
     figures = {"drives": len(drives), "periods": periods, "by_ecu": by_ecu, **spent}
     save(json_file, figures=figures, facts={**record, "python_to_the_bit": is_same, "left_out_in_c": left})
     console.print(f"{len(drives)} drives, {periods} periods in {spent['seconds']} s: {len(differing)} answers differ")
@@ -83,8 +88,8 @@ def main(
 
 
 def provenance() -> dict[str, Any]:
-    """Return the origin of the recordings. Raises OtherReleaseError if they belong to another release than the shipped
-    one; ShelfError if their origin is not recorded."""
+    """Return the origin of the recordings. Raises ShelfError if it is missing, OtherReleaseError if it is another
+    release than the shipped one."""
     try:
         record: dict[str, Any] = json.loads((SHELF / PROVENANCE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -122,19 +127,10 @@ def _is_chosen(name: str, only: Sequence[str]) -> bool:
     return not only or any(fnmatch(name, pattern) for pattern in only)
 
 
-def _figures(verdicts: Sequence[Verdict]) -> dict[str, Any]:
-    return {
-        "drives": len(verdicts),
-        "differing": sum(bool(one.periods) for one in verdicts),
-        "differing_periods": sum(len(one.periods) for one in verdicts),
-        "largest_change": max((one.largest for one in verdicts), default=0.0),
-    }
-
-
 def _print(differing: Sequence[Verdict]) -> None:
     table = Table("drive", "ECU", "periods that differ", "first", "command by, U_inf W", "states, the first ones first")
     for one in sorted(differing, key=lambda one: (one.drive, one.kind)):
-        named = ", ".join(one.changed[:_NAMED]) + f" of {len(one.changed)}" * (len(one.changed) > _NAMED)
+        named = ", ".join(one.changed[:4]) + f" of {len(one.changed)}" * (len(one.changed) > 4)
         count = f"{len(one.periods)} of {len(one.new.frames)}"
         table.add_row(one.drive, one.kind, count, str(one.periods[0]), f"{one.largest:.2g}", named)
     if differing:

@@ -31,25 +31,17 @@ from tests.replay.recording import open_loop, python_ecu, shipped, vehicle
 from tests.replay.shelf import Answers, read
 
 FLAGS: Final = ("-O1", "-ffp-contract=off")
-"""Compiler flags. They compile in a third of the time, and results are equal bit for bit, because nothing is
-contracted."""
+"""They compile in a third of the time, and results are equal bit for bit, because nothing is contracted."""
 ROUNDING: Final = 1e-3
-"""Largest difference of commands of the ECU in Python, in U_inf W (1.3 % of the jets' range), on another processor or
-with another version of ONNX Runtime, which then sums in another order. Modes and reasons must be equal there, and the
-state is not compared."""
+"""Largest difference of commands of the ECU in Python, in U_inf W (1.3 % of the range), where another processor or
+ONNX Runtime sums in another order. Modes and reasons must be equal there; the state is not compared."""
 MOST_DRAWN: Final = 12
-"""Largest number of answers in a picture, for legibility."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """The comparison of one drive of one ECU.
-
-    Attributes:
-        periods: control periods in which the frames, or the state afterwards, differ.
-        largest: largest change of a command, in U_inf W.
-        changed: names of the state's changed fields, in the order in which they change.
-    """
+    """The comparison of one drive of one ECU: the periods in which frames or state differ, the largest change of a
+    command in U_inf W, and the names of the state's changed fields in the order in which they change."""
 
     drive: str
     kind: str
@@ -61,8 +53,7 @@ class Verdict:
 
 
 def verdict(drive: str, kind: str, old: Answers, new: Answers, *, exact: bool = True) -> Verdict:
-    """Compare two answers; a period or a field that is missing in one of them differs. Without `exact` the commands may
-    differ by `ROUNDING`."""
+    """Compare two answers; what is missing in one differs. Without `exact` commands may differ by `ROUNDING`."""
     apart = [abs(one - other) for one, other in zip(old.actions, new.actions, strict=False)]
     differs = [one != other for one, other in zip_longest(old.frames, new.frames)]
     began = dict[str, int]()
@@ -131,7 +122,7 @@ def answers(job: Job) -> list[tuple[str, str, Answers]]:
 
 
 def draw(verdicts: Sequence[Verdict], path: Path) -> None:
-    """Draw recorded and present commands and operating modes over time, the drives with the largest changes first."""
+    """Draw recorded and present commands and modes over time, the drives with the largest changes first."""
     chosen = sorted(verdicts, key=lambda one: -one.largest)[:MOST_DRAWN]
     figure = Figure(figsize=(12, 2.2 * len(chosen)), layout="constrained")
     axes: Any = figure.subplots(len(chosen), 2, squeeze=False)

@@ -38,7 +38,7 @@ PLANS: Final = Path(__file__).with_name("drives.toml")
 KEY: Final = bytes(range(16))
 """The key of the secured drives. It is published and protects nothing."""
 PHASES: Final = 5
-"""Number of phases of a shedding cycle of 25 control periods at which drives begin, in turn."""
+"""Phases of a shedding cycle of 25 control periods at which drives begin, in turn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +77,6 @@ def vehicle(settings: Sequence[str]) -> Iterator[Config]:
 
 @cache
 def shipped() -> Bundle:
-    """Return the shipped release."""
     return open_release(None)
 
 
@@ -95,40 +94,31 @@ class Recorder(Ecu):
     """The ECU, which records its inputs and answers, and which is calibrated and flashed as the plan says."""
 
     def begin(self, plan: Plan) -> None:
-        """Record from now on."""
         self.periods, self.answers = list[Period](), Answers()
         self._plan, self._waiting, self._powered_on = plan, list(plan.calibrate), False
 
     def restore(self, state: EcuState) -> None:
-        """Restore a state and note a power-on: the loop restores a state only at power-on."""
+        """Restore a state, which the loop does only at power-on."""
         super().restore(state)
         self._powered_on = True
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Any) -> list[Frame]:
-        """Run and record one control period."""
         packed, (begin, end) = b"", self._plan.updating
         while self._waiting and now_ns >= self._waiting[0][0] * 1e9:
             _, values = self._waiting.pop(0)
             self.calibrate(self._calibration_limits.changed(self.calibration, values))
             packed = self.calibration.pack()
-        period = Period(
-            now_ns=now_ns,
-            frames=tuple(frames),
-            health=health,
-            updating=begin * 1e9 <= now_ns < end * 1e9,
-            powered_on=self._powered_on,
-            calibration=packed,
-        )
+        given: dict[str, Any] = {"now_ns": now_ns, "frames": tuple(frames), "health": health, "calibration": packed}
+        updating = begin * 1e9 <= now_ns < end * 1e9
+        self.periods.append(Period(**given, updating=updating, powered_on=self._powered_on))
         self._powered_on = False
-        self.periods.append(period)
-        sent = super().step(now_ns, frames, health, updating=period.updating)
+        sent = super().step(now_ns, frames, health, updating=updating)
         self.answers.add(self, sent)
         return sent
 
 
 def open_loop(ecu: CalibratedEcu, periods: Sequence[Period]) -> Answers:
-    """Give an ECU that was just powered on the recorded inputs of another ECU, return its answers, and restore its
-    state and calibration."""
+    """Give an ECU that was just powered on another ECU's inputs; return its answers, and restore state and values."""
     power_on, own, answers = ecu.state, ecu.calibration, Answers()
     for one in periods:
         if one.powered_on:

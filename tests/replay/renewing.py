@@ -31,7 +31,7 @@ _MADE_BY: Final = ("contract", "wake", "can_bridge", "ecu", "firmware_sim", "exp
 
 
 def facts() -> dict[str, Any]:
-    """Return the processor and the library versions on which the bits of the ECU in Python depend."""
+    """Return what the bits of the ECU in Python depend on."""
     return {"processor": machine().partition(",")[0], "versions": versions("onnxruntime", "numpy")}
 
 

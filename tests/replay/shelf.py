@@ -32,14 +32,8 @@ class ShelfError(StillwakeError):
 
 @dataclass(frozen=True, kw_only=True)
 class Period:
-    """The inputs of an ECU in a control period.
-
-    Attributes:
-        frames: frames received since the step before.
-        updating: whether a new release is to be written.
-        powered_on: whether the ECU lost its state before the step.
-        calibration: packed values that the ECU received before the step; empty without any.
-    """
+    """The inputs of an ECU in a control period: the frames since the step before, whether a release is to be written,
+    whether the ECU lost its state before the step, and packed values that it was given before it."""
 
     now_ns: int
     frames: tuple[Frame, ...]
@@ -51,14 +45,8 @@ class Period:
 
 @dataclass(frozen=True, kw_only=True)
 class Answers:
-    """The answers of an ECU, by period.
-
-    Attributes:
-        frames: sent frames.
-        actions: commanded actions, in U_inf W.
-        modes, reasons: their values as sent on the bus.
-        states: checksums of each field of the state after the step, by the field's name.
-    """
+    """The answers of an ECU, by period: sent frames, commanded actions in U_inf W, modes and reasons as on the bus, and
+    checksums of each field of the state after the step, by the field's name."""
 
     frames: list[tuple[Frame, ...]] = field(default_factory=list)
     actions: list[float] = field(default_factory=list)
@@ -78,7 +66,7 @@ class Answers:
 
 
 def _content(value: Any) -> bytes:
-    """Return the bits of a field, with one bit pattern for all NaNs."""
+    """Return the bits of a field, with one pattern for all NaNs."""
     if isinstance(value, np.ndarray):
         return (np.where(np.isnan(value), nan, value) if value.dtype.kind == "f" else value).tobytes()
     return repr(value).encode()
@@ -86,13 +74,8 @@ def _content(value: Any) -> bytes:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """A recorded drive.
-
-    Attributes:
-        settings: settings of the vehicle, in addition to the release's.
-        digest: digest of the bundle that ran.
-        answers: answers of each ECU, "python" or "c"; an ECU that refuses these settings is missing.
-    """
+    """A recorded drive, with the digest of the bundle that ran. An ECU that refuses the settings of the vehicle is
+    missing in `answers`; the others are "python" and "c"."""
 
     name: str
     sentence: str

@@ -42,11 +42,10 @@ def test_every_plan_can_be_driven():
             assert duration_s <= 4.0
 
 
-@pytest.mark.slow  # a hundred control steps, twice
+@pytest.mark.slow  # 75 control steps, twice
 def test_a_constant_of_the_gate_that_is_changed_is_seen_in_python(monkeypatch):
-    periods, of = read(DRIVE).periods, GateLimits.from_config
+    periods, of = read(DRIVE).periods[:75], GateLimits.from_config
     before = open_loop(python_ecu(load_config()), periods)
-    assert not judging.verdict("", "python", before, open_loop(python_ecu(load_config()), periods)).periods
     monkeypatch.setattr(
         GateLimits, "from_config", lambda config: replace(of(config), step_m2_per_s=0.01 * of(config).step_m2_per_s)
     )
@@ -98,19 +97,16 @@ def test_what_differs_is_counted_and_named():
     assert 3 in judging.verdict("", "c", old, longer).periods
 
 
-@pytest.mark.parametrize("kept", [-200, 20, 0])
-def test_a_truncated_file_ends_in_one_line(tmp_path, kept):
-    (tmp_path / DRIVE.name).write_bytes(DRIVE.read_bytes()[:kept])
-    with pytest.raises(ShelfError, match="make replay RENEW=1") as caught:
-        read(tmp_path / DRIVE.name)
-    assert "\n" not in str(caught.value) and DRIVE.name in str(caught.value)
-
-
-def test_a_shelf_of_another_release_is_not_judged(tmp_path, monkeypatch):
+def test_a_truncated_file_and_a_shelf_of_another_release_are_not_judged(tmp_path, monkeypatch):
+    for kept in (-200, 20, 0):
+        (tmp_path / DRIVE.name).write_bytes(DRIVE.read_bytes()[:kept])
+        with pytest.raises(ShelfError, match="make replay RENEW=1") as caught:
+            read(tmp_path / DRIVE.name)
+        assert "\n" not in str(caught.value) and DRIVE.name in str(caught.value)
     monkeypatch.setattr(command, "SHELF", tmp_path)
     with pytest.raises(ShelfError, match="RENEW=1"):
         command.provenance()
     (tmp_path / PROVENANCE).write_text(json.dumps({"release": "other", "digest": "0" * 64}), encoding="utf-8")
-    with pytest.raises(StillwakeError, match=r"of other \(0{12}\).*nothing is judged; make replay RENEW=1") as caught:
+    with pytest.raises(StillwakeError, match=r"of other \(0{12}\).*nothing is judged; make replay RENEW=1") as refused:
         command.main()
-    assert caught.value.status == 4
+    assert refused.value.status == 4

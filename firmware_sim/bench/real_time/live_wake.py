@@ -10,13 +10,12 @@ The computing time of a control period on this machine is measured before the st
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from statistics import median
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -29,8 +28,6 @@ from ecu.real_time.privileges import stay_ordinary
 from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 
-_PERIODS: Final = 20
-"""Number of control periods whose computing time is measured before the start."""
 _ROOM: Final = 0.9
 """Largest share of a control period that the solver may take; the transfer of pressures and other processes need the
 remaining time."""
@@ -39,22 +36,23 @@ COARSE: Final = (0.75, 15)
 acts as on the default grid (docs/explanation/solver.md)."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Speed:
-    """Computing time that a plant needs on this machine.
-
-    Attributes:
-        typical_ms: median wall time of a control period.
-        worst_ms: longest wall time of a control period.
-    """
+class Speed(NamedTuple):
+    """Computing time that a plant needs on this machine: median and longest wall time of a control period."""
 
     typical_ms: float
     worst_ms: float
 
     @classmethod
-    def of(cls, times_ms: Sequence[float]) -> "Speed":
-        """Compute the median and the maximum of measured times."""
-        return cls(typical_ms=median(times_ms), worst_ms=max(times_ms))
+    def of(cls, wake: TruckWake, periods: int = 20, clock: Callable[[], float] = time.perf_counter) -> "Speed":
+        """Measure control periods with the jets shut, including the sampling of pressures; then restore the wake's
+        state."""
+        begin, times = wake.state(), []
+        for _ in range(periods):
+            began = clock()
+            wake.advance(0.0)
+            times.append((clock() - began) * 1e3)
+        wake.reset(begin)
+        return cls(median(times), max(times))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:
         """Return None if the plant is fast enough, or a warning if it is only just fast enough. If the plant is too
@@ -76,39 +74,19 @@ class Speed:
         return None
 
 
-def measured(
-    wake: TruckWake, periods: int = _PERIODS, clock: Callable[[], float] = time.perf_counter
-) -> tuple[float, ...]:
-    """Measure the wall time in ms of each of `periods` control periods with the jets shut, including the sampling of
-    pressures; then restore the wake's state."""
-    begin = wake.state()
-    times = []
-    for _ in range(periods):
-        began = clock()
-        wake.advance(0.0)
-        times.append((clock() - began) * 1e3)
-    wake.reset(begin)
-    return tuple(times)
-
-
 _LONGEST_END_S: Final = 5.0
 """Longest wait in s for the solver's process to end: it may have to finish a control period before Python exits."""
 
 
 class LiveWake(NeverCopied):
     """A live wake in a separate process, used as a context manager; entering it takes seconds. Raises StillwakeError if
-    the plant cannot be opened.
+    the plant cannot be opened. `speed` is the computing time of a control period, measured before the start.
 
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
         progress: called with (time done, total time) in t_c while the flow develops from the initial state.
         drive: speeds of the inflow from the first period on; the time steps in `config.flow` must be short enough for
             these speeds.
-
-    Attributes:
-        layout: sensors of the body.
-        description: solver, grid and time step.
-        speed: computing time of a control period, measured before the start.
     """
 
     INSTEAD: ClassVar = "its solver is a process; start another wake"
@@ -138,8 +116,8 @@ class LiveWake(NeverCopied):
         self._is_busy = False
 
     def sampled(self) -> Array | None:
-        """Return Cp at the end of the latest period; None while that period is being computed. Raises PlantError if the
-        flow diverged or the process ended."""
+        """Return Cp at the end of the latest period; None while it is computed. Raises PlantError if the flow diverged
+        or the process ended."""
         if self._is_busy and not self._pipe.poll():
             return None
         if self._is_busy:
@@ -182,14 +160,12 @@ class LiveWake(NeverCopied):
 
 def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
     """Run in the solver's process: let the flow develop, then compute one control period for each received action."""
-    # A terminal or a service manager may send a signal to all processes of the vehicle. This process ignores the
-    # signal, because the vehicle ends it after its own last frames.
+    # A terminal or a service manager may signal all processes of the vehicle, which itself ends this process.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     stay_ordinary()
     from firmware_sim.bench.driven import driving
     from wake.plants import open_plant
-    from wake.truck.truck_wake import TruckWake
 
     def send(*word: object) -> None:
         pipe.send(word)
@@ -198,7 +174,7 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
         with open_plant("wake", Path(), config, progress=lambda *at: send("settling", *at), start=start) as wake:
             assert isinstance(wake, TruckWake)
             wake.advance(0.0)
-            speed = Speed.of(measured(wake))
+            speed = Speed.of(wake)
             with nullcontext() if drive is None else driving(wake, drive, config):
                 send("ready", speed, wake.description, wake.sample().Cp)
                 while True:

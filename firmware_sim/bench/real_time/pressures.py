@@ -7,7 +7,6 @@ import numpy as np
 from contract.arrays import Array
 from contract.errors import DatasetError
 from contract.recording.dataset import Dataset
-from contract.recording.episode import Episode
 from contract.sensor_layout import SensorLayout
 
 
@@ -18,8 +17,7 @@ class Pressures(Protocol):
     description: str
 
     def sampled(self) -> Array | None:
-        """Return Cp, shape (sensors,), at the present sampling instant; None if the flow has not reached this instant
-        yet."""
+        """Return Cp, shape (sensors,), at the present sampling instant; None if the flow has not reached it yet."""
 
     def drive(self, action: float) -> None:
         """Ramp the jets from their action at this sampling instant to `action`, in U_inf W, at the next sampling
@@ -28,18 +26,20 @@ class Pressures(Protocol):
 
 class Replay:
     """Recorded pressures, one row per period, which do not respond to the jets. Raises DatasetError if the episode does
-    not exist.
+    not exist. `rounds` counts how often the recording started again; the pressures jump each time.
 
     Args:
         episode: name of the episode; if None, the first episode without a controller, preferably without jets.
-
-    Attributes:
-        layout, description: sensors and description of the recording; see `Pressures`.
-        rounds: number of times that the recording started again; the pressures jump each time.
     """
 
     def __init__(self, dataset: Dataset, episode: str | None = None) -> None:
-        chosen = _episode(dataset, episode)
+        known = {item.name: item for item in dataset.episodes}
+        if episode is None:
+            chosen = min(known.values(), key=lambda one: (one.role == "controlled", bool(one.series["action"].any())))
+        elif episode in known:
+            chosen = known[episode]
+        else:
+            raise DatasetError(f"episode {episode!r}: the data set has {', '.join(known)}")
         self.layout, self._cp = dataset.layout, chosen.series["Cp"]
         self.description = (
             f"open loop: recorded episode {chosen.name}, {len(chosen)} periods; the pressures do not respond to the "
@@ -49,7 +49,7 @@ class Replay:
         self.rounds = 0
 
     def sampled(self) -> Array:
-        """Return the recorded row of this period; after the last row the first row follows."""
+        """Return the recorded row of this period; the first row follows the last row."""
         if self._next == len(self._cp):
             self._next = 0
             self.rounds += 1
@@ -59,12 +59,3 @@ class Replay:
 
     def drive(self, action: float) -> None:
         """Ignore the action: a recording does not respond."""
-
-
-def _episode(dataset: Dataset, name: str | None) -> Episode:
-    if name is None:
-        return min(dataset.episodes, key=lambda one: (one.role == "controlled", bool(one.series["action"].any())))
-    for item in dataset.episodes:
-        if item.name == name:
-            return item
-    raise DatasetError(f"episode {name!r}: the data set has {', '.join(item.name for item in dataset.episodes)}")

@@ -84,22 +84,20 @@ def run_vehicle(
     if course.stage_times is not None:
         times = StageTimes(VehicleStage) if course.periods is None else StageTimes(VehicleStage, course.periods)
     bus.receive_all()  # drops the frames that arrived before the run
-    # A frame's time of arrival is the time when the receive thread reads it, on a clock that does not change with the
-    # computer's date. So the frame's wait in the kernel counts as part of its transmission time.
+    # A frame arrives when the receive thread reads it, so its wait in the kernel counts as transmission time.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
         receiving = stack.enter_context(ReceiveThread(bus, inbox.put))
         first_ns = clock.now_ns() + LEAD_IN_NS
         deadlines = Deadlines(period_ns=config.period_ns, due_ns=first_ns, grace_ns=config.period_ns // 2)
-        loop = VehicleLoop(config, node, pressures, bus, inbox, deadlines, stage_times=times)
+        loop = VehicleLoop(config, node, pressures, bus.send, inbox, deadlines, stage_times=times)
         messages = message_set(config.bus)
         silence = Silence(messages.command.spec, messages, "ECU", report)
         figures, begun, has_given_up = loop.figures, 0, False
         while not is_stopped() and (course.periods is None or begun < course.periods):
             if course.drive is not None:
-                # In periods without pressures the live wake's time does not advance, and the drive's time must not
-                # advance either.
+                # In periods without pressures neither the live wake's time nor the drive's time may advance.
                 driven_s = (begun - figures.unsampled) * config.period_ns / 1e9
                 node.speed = node.stated_speed = course.drive.speed(driven_s)
             loop.period(enable_request=enable_from is not None and begun >= enable_from)

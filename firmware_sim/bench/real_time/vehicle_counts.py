@@ -23,13 +23,12 @@ class Durations:
         self._total = 0
 
     def add(self, duration_ns: int) -> None:
-        """Count one time."""
         self._counts[min(max(duration_ns, 0), LONGEST_NS) // RESOLUTION_NS] += 1
         self._total += 1
 
     def quantile_ms(self, share: float) -> float:
         """Return the nearest-rank quantile in ms, rounded down to 10 us: the smallest counted time that the given share
-        of the times does not exceed. A share of 1.0 gives the largest time; NaN is returned if no times were added."""
+        of the times does not exceed; NaN if there are no times."""
         if self._total == 0:
             return nan
         # In binary, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 in place of 7.
@@ -42,17 +41,14 @@ class VehicleFigures:
     """Counts of one run.
 
     Attributes:
-        periods: number of periods that were started.
         left_out: number of periods that the vehicle did not start, because it was late by at least half a period.
         unsampled: number of periods without pressures, because the live wake was late.
-        commands: number of valid jet commands received.
+        commands: number of valid jet commands.
         misses: number of periods without a valid command, counted from the first valid command on.
         at_once: number of commands that act in the period in which they arrived.
         unsent: number of pressure frames that the bus did not accept.
         ages: times from the sampling of a command's pressures to the command's arrival.
         lateness: delays of the sampling after its scheduled instant.
-        modes: number of commands in each mode.
-        latest_mode: mode of the newest command.
         ended: number of periods that have ended; the commands of these periods are known.
         squares: sum of the squared actions of the ended periods, in (U_inf W)^2.
         largest: largest magnitude of an action, in U_inf W.
@@ -75,14 +71,8 @@ class VehicleFigures:
 
     @property
     def rms_action(self) -> float:
-        """Root mean square of the action over all ended periods, in U_inf W; NaN before the first period has ended."""
+        """Root mean square of the action over all ended periods, in U_inf W; NaN before the first has ended."""
         return sqrt(self.squares / self.ended) if self.ended else nan
-
-    def acted(self, action: float) -> None:
-        """Count the action of a period that has ended."""
-        self.ended += 1
-        self.squares += action * action
-        self.largest = max(self.largest, abs(action))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for a results file; a figure without measurements is None."""

@@ -6,7 +6,8 @@ periods.
 """
 
 from collections.abc import Callable
-from typing import Final, Protocol
+from contextlib import suppress
+from typing import Final
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from ecu.real_time.inbox import Inbox
 from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
 from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
-from firmware_sim.bench.vehicle_node import Actuation, VehicleNode
+from firmware_sim.bench.vehicle_node import VehicleNode
 
 UNSENT_LIMIT: Final = 50
 """Number of consecutively refused frames at which the bus is considered lost: 50 periods of 20 ms are a second."""
@@ -32,17 +33,11 @@ LONGEST_FAREWELL: Final = 10
 """Largest number of periods for these frames, because the live wake may have no pressures for some of the periods."""
 
 
-class Sends(Protocol):
-    """The part of the interface `Bus` that the loop uses."""
-
-    def send(self, frame: Frame) -> None:
-        """Send one frame; raises BusError if the bus does not accept the frame."""
-
-
 class VehicleLoop:
     """The vehicle's loop, which runs periods one by one.
 
     Args:
+        send: sends one frame; raises BusError if the bus does not accept the frame.
         stage_times: record to which the times of each period's stages are added; None for no record.
         now_ns, sleep_until: functions of the clock, which must be the clock of the deadlines and the inbox.
 
@@ -56,7 +51,7 @@ class VehicleLoop:
         config: Config,
         node: VehicleNode,
         pressures: Pressures,
-        bus: Sends,
+        send: Callable[[Frame], None],
         inbox: Inbox,
         deadlines: Deadlines,
         *,
@@ -64,15 +59,12 @@ class VehicleLoop:
         now_ns: Callable[[], int] = clock.now_ns,
         sleep_until: Callable[[int], None] = clock.sleep_until,
     ) -> None:
-        self._node, self._pressures, self._bus, self._inbox = node, pressures, bus, inbox
-        self._deadlines = deadlines
-        self._stage_times = stage_times
+        self._node, self._pressures, self._send, self._inbox = node, pressures, send, inbox
+        self._deadlines, self._stage_times = deadlines, stage_times
         self._now_ns, self._sleep_until = now_ns, sleep_until
         messages = message_set(config.bus)
         self._parse, self._spec = messages.command.parse, messages.command.spec
-        self._unsent_in_a_row = 0
-        self._has_begun = False
-        self._overslept = 0
+        self._unsent_in_a_row = self._overslept = 0
         self.figures = VehicleFigures()
         self.heard = Heard()
 
@@ -80,18 +72,20 @@ class VehicleLoop:
         """Wait for the next sampling instant and run its period. Raises BusError if the bus has refused UNSENT_LIMIT
         frames in a row; PlantError if the live wake failed."""
         due_ns = self._next_instant()
-        if self._has_begun:
-            self._end_period(due_ns)
-        self._begin_period(due_ns, enable_request=enable_request)
-        self._has_begun = True
+        self._end_period(due_ns)
+        if self._stage_times is not None:
+            self._stage_times.begin()
+        self.figures.periods += 1
+        self.figures.lateness.add(self._now_ns() - due_ns)
+        self._note(VehicleStage.PERIOD, self._deadlines.number)
+        self._note(VehicleStage.SCHEDULED, due_ns)
+        self._sample(due_ns, enable_request=enable_request, is_noted=True)
         self._deadlines = self._deadlines.after(self._now_ns())
 
     def finish(self) -> None:
         """Wait for the end of the last period and apply its command; then shut the jets and withdraw the request."""
-        due_ns = self._next_instant()
-        if self._has_begun:
-            self._end_period(due_ns)
-        sent = 0
+        due_ns, sent = self._next_instant(), 0
+        self._end_period(due_ns)
         for _ in range(LONGEST_FAREWELL):
             sent += self._sample(due_ns, enable_request=False)
             if sent == FAREWELL:
@@ -112,40 +106,33 @@ class VehicleLoop:
             self._deadlines = self._deadlines.after(now_ns)
 
     def _end_period(self, due_ns: int) -> None:
-        """Pass the frames received in the period that ends now to the jets' driver."""
+        """Pass the frames received in the period that ends now to the jets' driver; do nothing before the first
+        period."""
+        if not self.figures.periods:
+            return
         frames = self._inbox.before(due_ns)
         self.heard.add(frames)
         actuation = self._node.apply_commands([frame for frame in frames if self._spec.names(frame)])
-        figures = self.figures
-        figures.acted(actuation.action)
+        figures, action = self.figures, actuation.action
+        figures.ended += 1
+        figures.squares += action * action
+        figures.largest = max(figures.largest, abs(action))
         if actuation.command is None:
             figures.misses += figures.commands > 0
             return
+        arrived_ns = actuation.command.timestamp_ns
+        command = self._parse(actuation.command.data[: self._spec.protected])
+        assert command is not None  # the jets' driver has accepted it
         figures.commands += 1
-        self._look_at(actuation, actuation.command)
-
-    def _look_at(self, actuation: Actuation, frame: Frame) -> None:
-        command = self._parse(frame.data[: self._spec.protected])
-        if command is None:
-            return
-        self.figures.modes[command.mode] += 1
-        self.figures.latest_mode = command.mode
-        self.figures.at_once += not actuation.next_period
+        figures.modes[command.mode] += 1
+        figures.latest_mode = command.mode
+        figures.at_once += not actuation.next_period
         if actuation.sampled_ns is not None:
-            self.figures.ages.add(frame.timestamp_ns - actuation.sampled_ns)
-        self._note(VehicleStage.COMMAND_ARRIVED, frame.timestamp_ns)
+            figures.ages.add(arrived_ns - actuation.sampled_ns)
+        self._note(VehicleStage.COMMAND_ARRIVED, arrived_ns)
         echoed = NOTHING if command.pressure_counter is None else command.pressure_counter
         self._note(VehicleStage.ECHOED_COUNTER, echoed)
         self._note(VehicleStage.ACTUATED, self._now_ns())
-
-    def _begin_period(self, due_ns: int, *, enable_request: bool) -> None:
-        if self._stage_times is not None:
-            self._stage_times.begin()
-        self.figures.periods += 1
-        self.figures.lateness.add(self._now_ns() - due_ns)
-        self._note(VehicleStage.PERIOD, self._deadlines.number)
-        self._note(VehicleStage.SCHEDULED, due_ns)
-        self._sample(due_ns, enable_request=enable_request, is_noted=True)
 
     def _sample(self, due_ns: int, *, enable_request: bool, is_noted: bool = False) -> bool:
         """Send the pressures of this instant; returns whether the bus accepted them."""
@@ -160,7 +147,7 @@ class VehicleLoop:
         )
         self._pressures.drive(self._node.foreseen_action)
         try:
-            self._bus.send(frame)
+            self._send(frame)
             self._unsent_in_a_row = 0
         except BusError as error:
             self.figures.unsent += is_noted
@@ -172,17 +159,11 @@ class VehicleLoop:
             self._note(VehicleStage.SAMPLED, sampled_ns)
             self._note(VehicleStage.SENT, self._now_ns())
             self._note(VehicleStage.PRESSURE_COUNTER, self._node.counter_of(frame))
-        self._send_speed(due_ns)
+        speed = self._node.speed_frame(now_ns=due_ns, age_ns=max(0, self._now_ns() - due_ns))
+        if speed is not None:
+            with suppress(BusError):  # frames that the bus refuses are counted for pressures only
+                self._send(speed)
         return True
-
-    def _send_speed(self, due_ns: int) -> None:
-        frame = self._node.speed_frame(now_ns=due_ns, age_ns=max(0, self._now_ns() - due_ns))
-        if frame is None:
-            return
-        try:
-            self._bus.send(frame)
-        except BusError:
-            return  # frames that the bus refuses are counted for pressures only
 
     def _note(self, stage: VehicleStage, value: int) -> None:
         if self._stage_times is not None:

@@ -23,9 +23,8 @@ from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from contract.arrays import Array
 from contract.config.tree import Config
-from firmware_sim.bench.disturbances import Disturbances
+from firmware_sim.bench.disturbances import NODES, Disturbances, NodeFault
 from firmware_sim.bench.disturbing import Disturbing
-from firmware_sim.bench.run_faults import NODES, NodeFault
 
 
 class Plug:

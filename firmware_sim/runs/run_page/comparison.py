@@ -45,8 +45,7 @@ _FIGURES: Final = (
 
 
 class Cell(NamedTuple):
-    """A figure of one run as text, and its difference from the first run's figure. The difference is `_SAME` for zero,
-    and empty for the first run or if a figure is missing."""
+    """A figure of one run as text, and its difference from the first run's figure; no difference is empty."""
 
     value: str
     difference: str
@@ -75,7 +74,7 @@ def figure_rows(logs: Sequence[RunLog]) -> list[tuple[str, list[Cell]]]:
 
 
 def differing(logs: Sequence[RunLog]) -> list[tuple[str, list[str]]]:
-    """Return (property, one text per run) for every property that differs between the runs."""
+    """Return (property, one text per run) for every property that differs."""
     made = [_made_with(log) for log in logs]
     names = list(dict.fromkeys(name for one in made for name in one))
     rows = [(name, [one.get(name, NONE) for one in made]) for name in names]

@@ -3,10 +3,8 @@
 import base64
 import hashlib
 import json
-from dataclasses import dataclass
 from importlib.resources import files
-from importlib.resources.abc import Traversable
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from markupsafe import Markup
 
@@ -27,10 +25,9 @@ _WIDGETS: Final = (
 _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Inlined:
-    """The scripts and styles that a template puts into a page. `policy` is the page's content security policy: it
-    permits only these scripts, and no request to another address."""
+class Inlined(NamedTuple):
+    """The scripts and styles of a page, and its content security policy, which permits only these scripts, and no
+    request to another address."""
 
     policy: str
     styles: Markup
@@ -38,10 +35,10 @@ class Inlined:
 
 
 def inlined(main: str) -> Inlined:
-    """Return the styles and scripts of the live page's widgets, with the script `main` from this package's folder
-    `page`."""
+    """Return the styles and scripts of the live page's widgets, with the script `main` from the folder `page`."""
     scripts = [_text(*place) for place in (*_WIDGETS, (*_OWN, main))]
-    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in scripts)
+    digests = (base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii") for script in scripts)
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
     return Inlined(
         policy=f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {hashes}",
         styles=Markup("\n".join(_text(*place) for place in _STYLES)),
@@ -56,12 +53,7 @@ def as_json(values: Any) -> Markup:
 
 
 def _text(package: str, folder: str, name: str) -> str:
-    place: Traversable = files(package) / folder
-    text = place.joinpath(*name.split("/")).read_text(encoding="utf-8")
+    text = files(package).joinpath(folder, *name.split("/")).read_text(encoding="utf-8")
     if marks := [mark for mark in _FORBIDDEN if mark in text.lower()]:
         raise ValueError(f"{name}: {marks[0]!r} would end its HTML element")
     return text
-
-
-def _digest(script: str) -> str:
-    return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")

@@ -23,12 +23,8 @@ from firmware_sim.runs.series_csv import COLUMN_UNITS
 from wake.pictures.drawing import FIELD_COLOURS, outline
 from wake.pictures.level_picture import TOP
 
-RUN: Final = "Run"
-"""Name of the channel group with the series of a run."""
 _NO_UNIT: Final = {"1": "", "name": ""}
 _BODY: Final = (209, 209, 209)
-_QUALITY: Final = 90
-"""JPEG quality of the pictures; Foxglove and Rerun both show this format."""
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
@@ -48,25 +44,17 @@ def write_run(path: Path, folder: RunFolder) -> Counter[str]:
 def run_group(log: RunLog) -> ChannelGroup:
     """Return a run's series as channels, whose times are the periods' starts, in s from the start of the run."""
     point = log.metadata.config.operating_point
-    channels = [
-        NamedChannel(
-            name, _NO_UNIT.get(unit := COLUMN_UNITS[name], unit), log.series[name], WORDS.get(name.title(), {})
-        )
-        for name in COLUMNS
-    ]
+    units = {name: _NO_UNIT.get(unit, unit) for name, unit in COLUMN_UNITS.items()}
+    channels = [NamedChannel(name, units[name], log.series[name], WORDS.get(name.title(), {})) for name in COLUMNS]
     channels += [NamedChannel(name, "", log.series[name]) for name in WITHOUT if name in log.series]
     wall = log.series.get(WALL, np.empty((0, 0)))
     channels += [NamedChannel(f"Cp_{name}", "", cp) for name, cp in zip(log.metadata.sensors, wall.T, strict=False)]
     return ChannelGroup(
-        name=RUN,
-        times_s=_seconds(log, np.arange(len(log.series["t"]))),
+        name="Run",
+        times_s=np.arange(len(log.series["t"])) * log.metadata.config.period_ns / 1e9,
         channels=tuple(channels),
         comment=f"U_inf = {point.speed:g} m/s, W = {point.width:g} m, t_c = {point.convective_time:g} s",
     )
-
-
-def _seconds(log: RunLog, period: Any) -> Any:
-    return period * log.metadata.config.period_ns / 1e9
 
 
 def _dated(folder: RunFolder, log: RunLog) -> Iterator[tuple[str, int, Any]]:
@@ -89,7 +77,7 @@ def _dated(folder: RunFolder, log: RunLog) -> Iterator[tuple[str, int, Any]]:
             picture = Image.fromarray(colours.astype(np.uint8)[wake.levels(index).astype(int) + TOP])
             ImageDraw.Draw(picture).polygon(body, fill=_BODY)
             buffer = io.BytesIO()
-            picture.save(buffer, format="JPEG", quality=_QUALITY)
+            picture.save(buffer, format="JPEG", quality=90)  # which Foxglove and Rerun both show
             shown = CompressedImage(frame_id="wake", format="jpeg", data=buffer.getvalue())
             found.append((WAKE_TOPIC, k * period_ns, shown))
     for topic, time_ns, message in sorted(found, key=lambda one: one[1]):

@@ -1,14 +1,20 @@
-"""The report of a run as one self-contained HTML page: verdict, tables, series, recorded wake, settings."""
+"""The report of a run as one self-contained HTML page (verdict, tables, series, recorded wake, settings), and a run as
+one picture."""
 
+import io
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
+
+import matplotlib as mpl
+import matplotlib.image
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 from firmware_sim.runs import pages, run_log, wake_stills
 from firmware_sim.runs.control import trouble
-from firmware_sim.runs.metadata import settings_lines
-from firmware_sim.runs.pictures import overview_figure
+from firmware_sim.runs.metadata import settings_of
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.run_page.inlined import as_json, inlined
@@ -16,7 +22,11 @@ from firmware_sim.runs.run_page.run_data import run_data
 from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 from firmware_sim.runs.statistics import NoAverages, averages
 from firmware_sim.runs.wake_stills import WakeStills
-from wake.pictures.drawing import check_suffix
+from wake.pictures.drawing import BLOWING, SUCKING, check_suffix
+
+_MOST_FRAMES: Final = 50_000
+"""Largest number of frames in a log for which a page shows the messages; reading them takes ten seconds."""
+_BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
 
 
 class ReadRun(NamedTuple):
@@ -39,28 +49,26 @@ def read_run(folder: RunFolder) -> ReadRun:
 def write_report(folder: RunFolder, target: Path | None = None) -> Path:
     """Write the page of a run into its folder, or to `target`, and return the page's path. Raises StillwakeError if the
     folder contains no run, one of its files is damaged, or the page cannot be written."""
-    # This import is inside the function, because it imports all of python-can's readers, which takes a second.
-    from firmware_sim.runs.run_page.bus_messages import BUS_HEADS, bus_rows
-
     run = read_run(folder)
-    log = run.log
-    wake, messages = wake_of(folder, log), bus_rows(folder, log)
+    log, metadata = run.log, run.log.metadata
+    wake = wake_of(folder, log)
+    settings = [f"{name} = {value}" for name, value in settings_of(metadata).items()]
     return pages.write(
         folder.report if target is None else target,
         "report.html.j2",
-        title=f"stillwake run of {log.metadata.origin.day}",
+        title=f"stillwake run of {metadata.origin.day}",
         inlined=inlined("report.js"),
-        run=log.metadata,
+        run=metadata,
         trouble=trouble(log),
         headline=headline(log),
         drag_rows=drag_rows(log),
         averaged=not isinstance(averages(log), NoAverages),
         service_rows=service_rows(log),
-        bus_heads=BUS_HEADS,
-        bus_rows=messages,
+        bus_heads=_BUS_HEADS,
+        bus_rows=_bus_rows(folder, log),
         uncontrolled_picture=pages.data_uri(run.uncontrolled),
         controlled_picture=pages.data_uri(run.controlled),
-        settings=settings_lines(log.metadata),
+        settings=[*settings, *(f"{name} {value}" for name, value in metadata.versions.items())],
         replay=as_json(run_data(log, wake, "")),
     )
 
@@ -69,6 +77,27 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
     """Read the recorded wake; return None for a folder of an earlier version. Raises StillwakeError if the file is
     damaged, or its times differ from the times of the series."""
     return wake_stills.load(folder.wake, log) if folder.wake.exists() else None
+
+
+def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
+    """Return a row for each identifier in the log of frames; no rows if the log is missing or too long. Raises
+    StillwakeError for a damaged log."""
+    if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
+        return []
+    # These imports are inside the function, because they import all of python-can's readers, which takes a second.
+    from can_bridge.logs.log_reader import CanLog
+    from can_bridge.tools.raw_bus import id_text
+    from can_bridge.tools.summary import Summary
+
+    found, rows = Summary(config=log.metadata.config.bus), list[tuple[str, ...]]()
+    for message in CanLog(folder.frames):
+        found.add(message)
+    for _, one in sorted(found.messages.items()):
+        checks = ", ".join(f"{text} {count}" for text, count in one.verdicts.items())
+        ending = (str(one.lost), checks) if one.is_protected else ("", "")
+        name = one.name or "of another node"
+        rows.append((id_text(one.latest), name, str(one.count), f"{one.mean_rate_hz:.1f}", *ending))
+    return rows
 
 
 def write_picture(folder: RunFolder, target: Path) -> None:
@@ -83,4 +112,29 @@ def write_picture(folder: RunFolder, target: Path) -> None:
     # PDF has no metadata field for a description, so its field for the subject has the digest.
     described = {"Subject" if kind == "pdf" else "Description": f"stillwake bundle {run.log.metadata.digest}"}
     with replacing(target) as temporary:
-        overview_figure(run.log, run.uncontrolled, run.controlled).savefig(temporary, format=kind, metadata=described)
+        _overview_figure(run).savefig(temporary, format=kind, metadata=described)
+
+
+def _overview_figure(run: ReadRun) -> Figure:
+    """Plot the wake before and under control above the time series of drag and action, with a legend."""
+    s, t = run.log.series, run.log.series["t"]
+    figure = Figure(figsize=(10.0, 9.7), dpi=100, layout="constrained")
+    axes = figure.subplots(4, 1, height_ratios=(3.1, 3.1, 1.6, 1.6))
+    for axis, picture in zip(axes, (run.uncontrolled, run.controlled), strict=False):
+        axis.imshow(mpl.image.imread(io.BytesIO(picture), format="png"))
+        axis.set_axis_off()
+    for axis, name, label in zip(axes[2:], ("Cd", "action"), ("$C_d$ (wall)", r"action / $U_\infty W$"), strict=True):
+        axis.plot(t, s[name], color="black" if name == "Cd" else "tab:orange", linewidth=1.1)
+        axis.axvline(t[run.log.enabled_at], color="0.4", linewidth=1.0, linestyle=":")
+        axis.set_ylabel(label)
+        axis.grid(alpha=0.25)
+    axes[-1].set_xlabel(r"$t U_\infty / W$   (dotted: control requested)")
+    dot: dict[str, Any] = {"marker": "o", "linestyle": "", "markeredgecolor": "black", "markeredgewidth": 0.5}
+    marks = [
+        Line2D([], [], **dot, markersize=7, markerfacecolor="#35b779", label="sensor of the controller, by its $C_p$"),
+        Line2D([], [], marker=".", linestyle="", color="0.35", markersize=4, label="other wall sensors"),
+        Line2D([], [], marker=">", linestyle="", markersize=9, color=BLOWING, label="jet blows"),
+        Line2D([], [], marker="<", linestyle="", markersize=9, color=SUCKING, label="jet sucks"),
+    ]
+    figure.legend(handles=marks, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    return figure

@@ -10,8 +10,7 @@ import numpy as np
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.geometry import HALF_WIDTH, JET_WIDTH
-from firmware_sim.runs.control import SKIPPED, set_aside
-from firmware_sim.runs.pictures import mode_spans
+from firmware_sim.runs.control import SKIPPED, mode_spans, set_aside
 from firmware_sim.runs.reasons import BECAUSE, DOES
 from firmware_sim.runs.run_log import WALL, RunLog
 from firmware_sim.runs.statistics import NoAverages, averages, latency, planned_steps, rounded, sample_to_jets_ms
@@ -22,13 +21,7 @@ _SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor=([^,]+)")
 
 
 class Disturbed(NamedTuple):
-    """A disturbance over a span of a run.
-
-    Attributes:
-        what: text of the disturbance without its time.
-        first: first period in which the disturbance may act.
-        after: period after the last period in which the disturbance may act.
-    """
+    """A disturbance of the periods from `first` to before `after`, with its text without its time."""
 
     what: str
     first: int
@@ -36,7 +29,7 @@ class Disturbed(NamedTuple):
 
     @property
     def sensor(self) -> tuple[str, str] | None:
-        """Sensor and kind of the disturbance if it acts on one sensor; otherwise None."""
+        """Sensor and kind of a disturbance of one sensor; otherwise None."""
         match = _SENSOR.match(self.what)
         return None if match is None else (match[2], match[1])
 
@@ -52,8 +45,7 @@ def disturbed(log: RunLog) -> Iterator[Disturbed]:
 
 
 def _period(log: RunLog, seconds: str) -> int | None:
-    """Return the first period that starts at or after a time, given as text in s from the start of the run; None if the
-    text is not a time."""
+    """Return the first period that starts at or after a time in s, given as text; None if the text is not a time."""
     try:
         return max(0, int(-(-float(seconds) * 1e9 // log.metadata.config.period_ns)))
     except (ValueError, OverflowError):
@@ -67,12 +59,7 @@ _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and skipped the p
 
 
 class RunEvent(NamedTuple):
-    """An event at the start of a control period.
-
-    Attributes:
-        period: index of the period in the run's series.
-        kind: "set" for a change from outside the ECU, "state" for a change of the ECU's state.
-    """
+    """An event at the start of a period: "set" is a change from outside, "state" one of the ECU's state."""
 
     period: int
     kind: str
@@ -107,9 +94,8 @@ def _states(log: RunLog) -> Iterator[RunEvent]:
     for mode, first, _ in mode_spans(log):
         because = BECAUSE[Reason(int(reasons[first]))]
         change = mode if before is None else f"{before} to {mode}"
-        yield RunEvent(
-            first, "state", f"{change}: {f'{because}; ' if because and mode != SKIPPED else ''}{_DOES[mode]}"
-        )
+        because = f"{because}; " if because and mode != SKIPPED else ""
+        yield RunEvent(first, "state", f"{change}: {because}{_DOES[mode]}")
         before = mode
 
 
@@ -138,28 +124,23 @@ def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
         "latency": _latency(log),
         "sensors": list(log.metadata.sensors),
         "wall": _numbers(log.series[WALL].T) if WALL in log.series else None,
-        "scene": None if wake is None else _scene(log, wake),
-        "wake": None if wake is None else _stills(wake),
+        **({"scene": None, "wake": None} if wake is None else _recorded(log, wake)),
     }
 
 
-def _scene(log: RunLog, wake: WakeStills) -> dict[str, Any]:
-    body = log.metadata.config.body
+def _recorded(log: RunLog, wake: WakeStills) -> dict[str, Any]:
+    config, (width, height) = log.metadata.config, wake.scene.size
     slot = HALF_WIDTH - 0.5 * JET_WIDTH
-    return {
+    scene = {
         "view": list(wake.scene.view),
-        "body": _numbers(outline(body)),
-        "jets": [[body.length, slot], [body.length, -slot]],
+        "body": _numbers(outline(config.body)),
+        "jets": [[config.body.length, slot], [config.body.length, -slot]],
         "sensors": [{"name": name, "x": x, "y": y} for name, (x, y) in wake.scene.sensors.items()],
         "used": list(log.metadata.sensors),
-        "action_limit": log.metadata.config.flow.action_limit,
+        "action_limit": config.flow.action_limit,
     }
-
-
-def _stills(wake: WakeStills) -> dict[str, Any]:
-    width, height = wake.scene.size
     stills = [base64.b64encode(still).decode("ascii") for still in wake.stills]
-    return {"width": width, "height": height, "k": wake.k.tolist(), "stills": stills}
+    return {"scene": scene, "wake": {"width": width, "height": height, "k": wake.k.tolist(), "stills": stills}}
 
 
 def _latency(log: RunLog) -> dict[str, Any]:

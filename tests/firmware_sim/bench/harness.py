@@ -19,7 +19,7 @@ from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.bench.virtual_loop import BusPorts, VirtualLoop
+from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.run_log import WALL, RunLog
 from tests.ecu.conftest import RecordingController, make_bundle
 from wake.plant.sample import Sample
@@ -41,19 +41,15 @@ class Oscillator:
         self.asked: list[tuple[int, int, float | None]] = []
 
     def sample(self) -> Sample:
-        phase = np.linspace(0.0, 3.0, sensors.COUNT)
-        return Sample(
-            t=0.2 * (self.period + self.substep / self.substeps),
-            Cp=self.x * np.cos(phase) + self.v * np.sin(phase),
-            Cd=1.0 + self.x**2,
-            Cl=self.v,
-            Cd_slot_pressure=0.1 * self.x,
-            Cd_slot_viscous=-0.01 * self.v,
-            Cd_momentum=-(self.action**2),
-            jet_power=0.0,
-            Uy_probe=self.x - self.v,
-            action=self.action,
-        )
+        phase, x, v = np.linspace(0.0, 3.0, sensors.COUNT), self.x, self.v
+        slots = {"Cd_slot_pressure": 0.1 * x, "Cd_slot_viscous": -0.01 * v, "Cd_momentum": -(self.action**2)}
+        forces = {"Cd": 1.0 + x**2, "Cl": v, **slots, "jet_power": 0.0}
+        cp = x * np.cos(phase) + v * np.sin(phase)
+        return Sample(t=self.t, Cp=cp, **forces, Uy_probe=x - v, action=self.action)
+
+    @property
+    def t(self) -> float:
+        return 0.2 * (self.period + self.substep / self.substeps)
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
         assert self.substep < substep <= self.substeps
@@ -83,10 +79,6 @@ class LiveOscillator(Oscillator):
         self.seen: list[tuple[float, float | None]] = []
         """Reynolds number and wind at each sample."""
 
-    @property
-    def t(self) -> float:
-        return 0.2 * (self.period + self.substep / self.substeps)
-
     def sample(self) -> Sample:
         self.seen.append((self.config.reynolds, None if self.wind is None else self.wind(self.t)))
         return super().sample()
@@ -107,13 +99,11 @@ class Harness:
         self.captured: list[Frame] = []
         self.bus = bus = SimulatedBus(config.bus, self.captured.append, corrupts=corrupts)
         self.ports = {name: bus.port(name) for name in wrapped}
-        ports = BusPorts(
-            **{name: wrap(self.ports[name]) for name, wrap in wrapped.items()}, ecu_health=self.ports["ecu"].health
-        )
+        at_vehicle, at_ecu = (wrapped[name](self.ports[name]) for name in ("vehicle", "ecu"))
         ticks = iter(range(10**6))
-        self.loop = VirtualLoop(
-            self.plant, VehicleNode(NAMES, config), self.ecu, bus, ports, config, clock=lambda: 0.001 * next(ticks)
-        )
+        around: dict[str, Any] = {"ecu_health": self.ports["ecu"].health, "clock": lambda: 0.001 * next(ticks)}
+        node = VehicleNode(NAMES, config)
+        self.loop = VirtualLoop(self.plant, node, self.ecu, bus, at_vehicle, at_ecu, config, **around)
 
     def run(self, periods: int) -> list:
         # Raised once: a request that stands at power-on is none.
@@ -162,15 +152,9 @@ class Run:
         config = Config() if config is None else config
         self.plant = LiveOscillator(config) if plant is None else plant
         self.frames: list[Frame] = []
-        self.controller = Waves()
-        self.log: RunLog = Simulation(
-            make_bundle(),
-            config,
-            spans=SPANS,
-            controller=self.controller,
-            disturbances=Disturbances.parse(texts),
-            seed=seed,
-        ).run(self.plant, capture=self.frames.append)
+        around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), "seed": seed}
+        run = Simulation(make_bundle(), config, spans=SPANS, **around)
+        self.log: RunLog = run.run(self.plant, capture=self.frames.append)
         self.acted = [one.acted for one in self.log.metadata.faults]
         self.pressures: list[Any] = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
         self.commands: list[Any] = [codec.parse_jet_command(frame.data) for frame in self.of(JET_COMMAND)]

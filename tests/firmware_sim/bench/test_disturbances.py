@@ -14,9 +14,8 @@ from contract.recording import dataset
 from contract.shipped import RECORDING
 from firmware_sim.bench import disturbances as kinds
 from firmware_sim.bench import sensor_faults as sensed
-from firmware_sim.bench.disturbances import Disturbance, Disturbances, parse_disturbance
-from firmware_sim.bench.run_faults import NodeFault, parse_node_fault
-from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
+from firmware_sim.bench.disturbances import Disturbance, Disturbances, NodeFault, parse_disturbance
+from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION, Bias, Dead, Drift, Noise, Quantise, Stuck, Swap
 from tests.examples import examples
 
 SENSORS = ("lower_36", "base_7", "upper_39", "base_0")
@@ -66,12 +65,12 @@ def test_many_are_read_back_from_their_texts_and_from_a_pickle(items, start_s, l
     assert Disturbances.parse(several.texts) == several
     assert pickle.loads(pickle.dumps(several)) == several
     assert hash(several) == hash(Disturbances.parse(several.texts))
+
+
+def test_each_is_read_from_its_text_and_what_makes_no_sense_or_could_not_act_is_refused_with_the_reason():
     for text, disturbance in EXAMPLES.items():
         assert parse_disturbance(text) == disturbance
         assert Disturbances(items=(disturbance,)).texts == (text,)
-
-
-def test_what_makes_no_sense_or_could_not_act_is_refused_with_the_reason():
     for text, message in (
         ("", "no disturbance ''; there are noise, bias"),
         ("nose:level=1", "no disturbance 'nose'"),
@@ -89,6 +88,7 @@ def test_what_makes_no_sense_or_could_not_act_is_refused_with_the_reason():
         ("stuck_jets=-1.5", r"stuck_jets = -1\.5: must be between -1 and 1"),
         ("action_limit=1.5", r"action_limit = 1\.5: must be above 0 and at most 1"),
         ("ecu:drip", "no fault 'drip'"),
+        ("ECU:babble", "no disturbance 'ECU'"),
         ("ecu:disconnect:kind=device_gone", "would end the run with an error"),
         ("noise:level=1@1..", r"'noise:level=1@1\.\.': begins after the end of the run, at 1 s"),
         ("ecu:drop:probability=1@1..", "begins after the end of the run"),
@@ -97,9 +97,6 @@ def test_what_makes_no_sense_or_could_not_act_is_refused_with_the_reason():
     ):
         with pytest.raises(ConfigError, match=message):
             Disturbances.parse([text]).check(Config(), SENSORS, duration_s=1.0)
-    for text in ("", "drop:probability=0.1", "background:drop:probability=1", "ECU:babble"):
-        with pytest.raises(ConfigError, match="must begin with the node whose port has the fault"):
-            parse_node_fault(text)
 
 
 @pytest.mark.slow  # reads the recording
@@ -108,3 +105,36 @@ def test_the_unit_of_levels_is_the_global_deviation_of_the_recording():
     about_their_means = pressures - pressures.mean(axis=0)
     # The scaling of a training counts mirror images, too: sensors that mirror each other share a mean. To four digits.
     assert np.sqrt((about_their_means**2).mean()) == pytest.approx(GLOBAL_DEVIATION, abs=1e-4)
+
+
+READINGS = np.random.default_rng(1).standard_normal((4000, 2))
+
+
+def test_frame_by_frame_is_as_at_once_and_the_argument_stays():
+    readings = READINGS[:80]
+    before = readings.copy()
+    for one, at in (
+        (Noise(level=0.5), ()),
+        (Bias(sensor="", level=0.5), (1,)),
+        (Drift(sensor="", level=0.5, over_s=1.0), (0,)),
+        (Stuck(sensor=""), (0,)),
+        (Dead(sensor=""), (1,)),
+        (Swap(sensors=("a", "b")), (0, 1)),
+        (Quantise(step=5.0), ()),
+    ):
+        at_once, singly, halved = (one.begun(at, Config(), 2) for _ in range(3))
+        expected = at_once(readings)
+        np.testing.assert_array_equal(np.stack([singly(frame) for frame in readings]), expected, strict=True)
+        np.testing.assert_array_equal(np.vstack([halved(readings[:20]), halved(readings[20:])]), expected)
+        np.testing.assert_array_equal(readings, before)
+
+
+def test_noise_has_its_size_and_depends_on_the_seed():
+    fault, same, other = (Noise(level=0.5).begun((), Config(), seed) for seed in (2, 2, 3))
+    change = fault(READINGS) - READINGS
+    # 4,000 draws: the deviation of a standard deviation is 1.1 %
+    assert change.std(axis=0) == pytest.approx([0.5 * GLOBAL_DEVIATION] * 2, rel=0.05)
+    assert abs(np.asarray(np.corrcoef(change.T))[0, 1]) < 0.06
+    np.testing.assert_array_equal(same(READINGS) - READINGS, change)
+    assert not np.array_equal(other(READINGS) - READINGS, change)
+    assert not np.array_equal(fault(READINGS) - READINGS, change)

@@ -81,11 +81,12 @@ def test_with_a_key_the_ecu_in_c_sends_the_frames_that_the_one_in_python_sends(r
 @pytest.mark.mcu
 def test_a_core_that_is_too_slow_leaves_periods_out(release, sources):
     """At a clock at which a plan takes more than a period, every second period at least is left out."""
-    log = run(release, loop_ecu(MCU, sources, clock_mhz=2.0))
-    ecu, rows = log.metadata.ecu, dict(service_rows(log))
-    assert ecu.modelled_ms is not None and ecu.modelled_ms > CONFIG.period_ns / 1e6
+    ecu, spans = loop_ecu(MCU, sources, clock_mhz=2.0), replace(SPANS, controlled=1.6)
+    log = Simulation(release.bundle, CONFIG, spans=spans, ecu=ecu).run(LiveOscillator(CONFIG))
+    core, rows = log.metadata.ecu, dict(service_rows(log))
+    assert core.modelled_ms is not None and core.modelled_ms > CONFIG.period_ns / 1e6
     assert rows["ECU"] == "in C, on an emulated Cortex-M7 at 2 MHz"
-    assert f"{ecu.modelled_ms:.2f} / {ecu.modelled_ms_max:.2f} ms" in rows["virtual compute time"]
+    assert f"{core.modelled_ms:.2f} / {core.modelled_ms_max:.2f} ms" in rows["virtual compute time"]
     assert np.isnan(log.series["step_ms"]).any()
     assert log.metadata.status.overruns > 0
     assert rows["virtual compute time"].endswith("does not fit")

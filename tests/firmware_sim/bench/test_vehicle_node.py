@@ -22,7 +22,7 @@ from contract import sensors
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
-from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.vehicle_node import EchoTracker, VehicleNode
 from tests.each import each
 from tests.examples import examples
 
@@ -50,9 +50,9 @@ class Commands:
         return self.sender.frame(codec.emit_jet_command(command), now_ns=0)
 
 
-def request(node: VehicleNode, *, wanted=True, frames=1, now_ns=0) -> Frame:
+def request(node: VehicleNode, *, wanted=True, now_ns=0) -> Frame:
     """Sample, with the request for control."""
-    return [node.sample(np.zeros(sensors.COUNT), enable_request=wanted, now_ns=now_ns) for _ in range(frames)][-1]
+    return node.sample(np.zeros(sensors.COUNT), enable_request=wanted, now_ns=now_ns)
 
 
 @pytest.fixture
@@ -83,36 +83,50 @@ def test_pressures_are_the_named_sensors_in_pascal(node):
     assert node.frames_sent == 2
 
 
-@each("pressure_pa", [3276.8, -3276.8, 1e6, float("inf"), float("nan")])
-def test_a_pressure_out_of_range_saturates_and_is_marked(pressure_pa):
-    cp = np.full(sensors.COUNT, 0.3)
-    cp[sensors.NAMES.index("upper_00")] = pressure_pa / Q
-    message = parsed(VehicleNode(NAMES, CONFIG).sample(cp, enable_request=True, now_ns=0))
-    assert message.valid == (True, False, True, True)
-    # One that is no number is sent as 0; half a step.
-    sent = 0.0 if np.isnan(pressure_pa) else np.sign(pressure_pa) * 3276.7
-    assert message.pressure_pa == pytest.approx([0.3 * Q, sent, 0.3 * Q, 0.3 * Q], abs=0.0501)
-
-
-@each("sign", [1.0, -1.0])
-def test_the_very_end_of_the_range_is_valid_and_what_is_next_to_it_is_not(sign):
-    """At a dynamic pressure of 512 Pa, a power of two, products and quotients are exact."""
-    config = replace(CONFIG, operating_point=OperatingPoint(speed=32.0, density=1.0))
-    node, limit = VehicleNode(NAMES, config), sign * message_set(config.bus).pressure_limit_pa
-    for pressure_pa, valid in ((limit, True), (np.nextafter(limit, sign * np.inf), False)):
-        cp = np.full(sensors.COUNT, pressure_pa / 512.0)
-        assert parsed(node.sample(cp, enable_request=True, now_ns=0)).valid == (valid,) * 4
+def test_a_pressure_out_of_range_saturates_and_is_marked_from_the_very_end_of_the_range_on(node):
+    for pressure_pa in (3276.8, -3276.8, 1e6, float("inf"), float("nan")):
+        cp = np.full(sensors.COUNT, 0.3)
+        cp[sensors.NAMES.index("upper_00")] = pressure_pa / Q
+        message = parsed(node.sample(cp, enable_request=True, now_ns=0))
+        assert message.valid == (True, False, True, True), pressure_pa
+        # One that is no number is sent as 0; half a step.
+        sent = 0.0 if np.isnan(pressure_pa) else np.sign(pressure_pa) * 3276.7
+        assert message.pressure_pa == pytest.approx([0.3 * Q, sent, 0.3 * Q, 0.3 * Q], abs=0.0501)
+    # At a dynamic pressure of 512 Pa, a power of two, products and quotients are exact.
+    node = VehicleNode(NAMES, replace(CONFIG, operating_point=OperatingPoint(speed=32.0, density=1.0)))
+    limit = message_set(CONFIG.bus).pressure_limit_pa
+    for sign in (1.0, -1.0):
+        for pressure_pa, valid in ((sign * limit, True), (sign * np.nextafter(limit, np.inf), False)):
+            cp = np.full(sensors.COUNT, pressure_pa / 512.0)
+            assert parsed(node.sample(cp, enable_request=True, now_ns=0)).valid == (valid,) * 4
 
 
 @each("hold", [0, 1, 2])
 def test_missing_commands_hold_and_then_shut(hold):
     node, commands = VehicleNode(NAMES, Config(ecu=EcuConfig(hold_periods=hold))), Commands()
     request(node)
-    for _ in range(3):
-        full = node.apply_commands([commands(0.05)]).action
+    *_, full = [node.apply_commands([commands(0.05)]).action for _ in range(3)]
     driven = [node.apply_commands([]) for _ in range(4)]
     assert [item.action for item in driven] == [full] * hold + [0.0] * (4 - hold)
-    assert all(item.command is None and item.sampled_ns is None for item in driven)
+    assert {(item.command, item.sampled_ns) for item in driven} == {(None, None)}
+
+
+@given(st.sampled_from([16, 256]), st.lists(st.tuples(st.integers(1, 3), st.integers(0, 3)), max_size=400))
+def test_every_honest_echo_has_its_frames_age_and_one_of_a_frame_that_was_not_sent_has_none(period, events):
+    """As if numbered without end: an ECU that echoes the newest frames, some of them late, none twice out of order."""
+    tracker, number, echoed = EchoTracker(counter_period=period), -1, -1
+    assert tracker.received(0).age is None
+    for frames, late in events:
+        for _ in range(frames):
+            number += 1
+            tracker = tracker.sent(number % period, 1000 * number)
+        echoed = max(echoed, number - late, 0)
+        tracker = tracker.received(echoed % period)
+        assert (tracker.age, tracker.sampled_ns) == (number - echoed, 1000 * echoed)
+        ahead = tracker.received((number + 1) % period)
+        assert (ahead.age, ahead.sampled_ns) == (None, None)
+        # From the next one on it is followed again.
+        assert ahead.received(number % period).age == 0
 
 
 def test_the_age_behind_a_command_is_read_off_its_echo(node, trusted):
@@ -131,17 +145,10 @@ def test_a_command_drives_enabled_in_a_mode_that_does_and_on_pressures_alone(nod
         assert node.apply_commands([trusted(0.05, mode=mode, enable=False)]).action == 0.0, mode
     assert node.apply_commands([trusted(0.05)]).action != 0.0
     assert node.apply_commands([trusted(0.05, echo=None)]).action == 0.0
-
-
-def test_without_a_request_of_its_own_the_vehicle_drives_nothing(node, trusted):
+    # Nor without a request of its own; then it does not hold either.
     assert node.apply_commands([trusted(0.05)]).action != 0.0
     request(node, wanted=False)
-    assert node.apply_commands([trusted(0.05)]).action == 0.0
-    assert node.apply_commands([]).action == 0.0  # nor does it hold
-    request(node)
-    assert node.apply_commands([trusted(0.05)]).action != 0.0
-    fresh, commands = VehicleNode(NAMES, CONFIG), Commands()
-    assert [fresh.apply_commands([commands(0.05)]).action for _ in range(3)] == [0.0] * 3
+    assert [node.apply_commands(frames).action for frames in ([trusted(0.05)], [])] == [0.0, 0.0]
 
 
 @each("frames", ["fd", "classic"])
@@ -198,7 +205,7 @@ def test_control_given_up_comes_back_only_after_the_request_was_low_once():
     # Whatever the ECU sends, and however long; on the bus the request is low.
     assert not any(driven_through(node, commands, [True] * 300))
     assert not parsed(request(node)).enable_request
-    assert not parsed(request(node, wanted=False)).enable_request
+    request(node, wanted=False)
     assert not node.has_given_up
     assert driven_through(node, commands, [True, True]) == [True, True]
     assert parsed(request(node)).enable_request
@@ -216,36 +223,25 @@ def test_commands_missing_while_the_ecu_has_no_control_do_not_count():
     assert not node.has_given_up
 
 
-def test_a_reversal_takes_as_many_periods_as_the_jets_own_limit_allows():
-    config = replace(CONFIG, vehicle=VehicleConfig(action_step=0.04))
-    node, commands = VehicleNode(NAMES, config), Commands()
-    request(node)
-    wanted = [0.0, 0.0, 0.07, 0.07, -0.07, -0.07, -0.07, -0.07]
-    driven = [node.apply_commands([commands(action)]).action for action in wanted]
-    # Flows have steps of 0.0002 m2/s on the wire.
-    assert driven == pytest.approx([0.0, 0.0, 0.04, 0.07, 0.03, -0.01, -0.05, -0.07], abs=2e-6)
-    # Shutting is never slowed down.
-    assert node.apply_commands([commands(-0.07, enable=False)]).action == 0.0
-
-
-def test_a_command_for_this_period_after_one_for_the_next_does_not_leap():
-    config = replace(CONFIG, vehicle=VehicleConfig(action_step=0.04))
-    node, commands = VehicleNode(NAMES, config), Commands()
-    request(node)
-    wanted = [(0.0, True)] * 3 + [(0.04, True), (0.04, True), (0.0, True), (-0.04, False), (-0.04, True), (-0.07, True)]
-    driven = [node.apply_commands([commands(action, next_period=ahead)]).action for action, ahead in wanted]
-    # In the third last period 0.0 was to be reached, and -0.04 is wanted at once: both would be a step of 0.08.
-    assert driven == pytest.approx([0.0] * 4 + [0.04, 0.04, 0.0, 0.0, -0.04], abs=2e-6)
-
-
-def test_late_jets_follow_every_command_so_many_periods_later():
-    late = replace(CONFIG, vehicle=VehicleConfig(actuator_delay=2))
-    node, commands = VehicleNode(NAMES, late), Commands()
-    request(node)
-    wanted = [0.0, 0.01, -0.02, 0.03, 0.0]
-    followed = [node.apply_commands([commands(action)]).action for action in wanted]
-    # The first frame only makes the stream known.
-    assert followed == pytest.approx([0.0, 0.0, 0.0, 0.01, -0.02], abs=1e-5)
+def test_the_jets_follow_within_their_step_and_after_their_delay():
+    slow, late = VehicleConfig(action_step=0.04), VehicleConfig(actuator_delay=2)
+    ahead = [(0.0, True)] * 3 + [(0.04, True), (0.04, True), (0.0, True), (-0.04, False), (-0.04, True), (-0.07, True)]
+    for vehicle, wanted, expected in (
+        (slow, [0.0, 0.0, 0.07, 0.07, *[-0.07] * 4], [0.0, 0.0, 0.04, 0.07, 0.03, -0.01, -0.05, -0.07]),
+        # Planned ahead: in the third last period 0.0 was to be reached, and -0.04 is wanted at once: both would be a
+        # step of 0.08.
+        (slow, ahead, [0.0] * 4 + [0.04, 0.04, 0.0, 0.0, -0.04]),
+        # The first frame only makes the stream known.
+        (late, [0.0, 0.01, -0.02, 0.03, 0.0], [0.0, 0.0, 0.0, 0.01, -0.02]),
+    ):
+        node, commands = VehicleNode(NAMES, replace(CONFIG, vehicle=vehicle)), Commands()
+        request(node)
+        pairs = [one if isinstance(one, tuple) else (one, False) for one in wanted]
+        driven = [node.apply_commands([commands(action, next_period=after)]).action for action, after in pairs]
+        # Flows have steps of 0.0002 m2/s on the wire.
+        assert driven == pytest.approx(expected, abs=2e-6), expected
+        if vehicle is slow:  # shutting is never slowed down
+            assert node.apply_commands([commands(-0.07, enable=False)]).action == 0.0
 
 
 def test_with_a_key_forged_and_replayed_commands_drive_nothing():

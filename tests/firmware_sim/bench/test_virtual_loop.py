@@ -1,6 +1,8 @@
 """The loop in virtual time: when a command takes effect, and what becomes of late, lost and damaged frames."""
 
-from dataclasses import asdict
+from contextlib import suppress
+from dataclasses import asdict, replace
+from functools import partial
 from math import ceil, isnan
 
 import numpy as np
@@ -8,12 +10,14 @@ import pytest
 
 from can_bridge.bus.faults.fault import FaultyBus, wrap
 from can_bridge.bus.faults.frame_faults import Drop, FlipBits
+from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
-from can_bridge.wire.messages import Mode
-from contract.config.vehicle import BusConfig
+from can_bridge.wire.messages import Mode, Reason
 from contract.errors import BusError
+from ecu.ecu import Ecu
 from tests.each import each
+from tests.ecu.conftest import RecordingController, make_bundle
 from tests.firmware_sim.bench.harness import INTERMISSION_NS, WARM
 
 
@@ -68,6 +72,11 @@ def test_a_command_that_misses_its_period_acts_in_the_next(harness, compute_ms):
     assert [row.age_ms for row in rows[WARM + 1 :]] == pytest.approx(expected)
     assert h.ecu.status().overruns == 0
     assert h.loop.totals().lost == 0
+    # Planned ahead, it acts in the period after that in which it arrives.
+    h = harness(compute_ms, plan_ahead=True)
+    rows = h.run(16)
+    assert min(end - (k + 1) * period_ns for k, end in enumerate(h.ends(JET_COMMAND))) > 0
+    assert h.targets()[WARM + 2 :] == [row.command for row in rows[WARM:-2]]
 
 
 @each("compute_ms, every", [(19.95, 1), (20.05, 2), (25.0, 2), (41.0, 3)])
@@ -87,28 +96,7 @@ def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute
         h.run(1)
         assert h.loop.totals().lost == 0
         assert h.loop.totals().sent > totals.sent, extra
-    ages = [row.age_ms for row in rows[-8:] if not isnan(row.age_ms)]
-    assert ages
-    assert min(ages) > compute_ms
-
-
-def test_bit_rates_that_cannot_carry_the_pressures_are_refused(harness):
-    with pytest.raises(BusError, match=r"takes 34\.0965 ms, the control period is 20 ms: raise bus\.nominal_bitrate"):
-        harness(8.0, bus=BusConfig(nominal_bitrate=1000))
-
-
-# Planned ahead.
-
-
-def test_a_command_that_misses_its_boundary_leaves_the_jets_for_a_period(harness):
-    h = harness(19.9, plan_ahead=True)
-    rows = h.run(20)
-    # It is through in the period after the one it was computed in, and acts in the one after that.
-    assert min(end - (k + 1) * h.config.period_ns for k, end in enumerate(h.ends(JET_COMMAND))) > 0
-    assert h.targets()[WARM + 2 :] == [row.command for row in rows[WARM:-2]]
-
-
-# Waits and losses.
+    assert min(row.age_ms for row in rows[-8:] if not isnan(row.age_ms)) > compute_ms
 
 
 def test_pressures_that_wait_for_the_bus_make_the_step_late_and_no_miss(harness):
@@ -140,37 +128,56 @@ def faulty(harness):
     def made(fault, compute_ms: float = 8.0, **settings):
         ports = list[FaultyBus]()
 
-        def port(spec, seed: int):
-            def wrapped(bus):
-                ports.append(wrap(bus, [fault(**settings, frame_ids=(spec.frame_id,))], lambda: 0, seed=seed))
-                return ports[-1]
+        def wrapped(bus, spec, seed: int):
+            ports.append(wrap(bus, [fault(**settings, frame_ids=(spec.frame_id,))], lambda: 0, seed=seed))
+            return ports[-1]
 
-            return wrapped
-
-        return harness(compute_ms, vehicle=port(PRESSURE, 1), ecu=port(JET_COMMAND, 2)), ports
+        vehicle, ecu = partial(wrapped, spec=PRESSURE, seed=1), partial(wrapped, spec=JET_COMMAND, seed=2)
+        return harness(compute_ms, vehicle=vehicle, ecu=ecu), ports
 
     return made
 
 
-def acted(ports: list[FaultyBus]) -> list[int]:
-    return [port.injectors[0].acted for port in ports]
-
-
 def test_frames_that_are_dropped_are_lost_and_damaged_ones_rejected_by_their_receiver(faulty):
-    h, ports = faulty(Drop, probability=0.15)
-    rows = h.run(60)
-    pressures, commands = acted(ports)
-    assert min(pressures, commands) > 3
-    assert asdict(h.loop.totals()) == {"sent": 120, "lost": pressures + commands, "rejected": 0}
-    # A period whose command was dropped has no age, and the jets hold.
-    assert sum(isnan(row.age_ms) for row in rows) >= commands
-    h, ports = faulty(FlipBits, probability=0.15)
-    h.run(60)
-    pressures, commands = acted(ports)
-    assert min(pressures, commands) > 3
-    assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": pressures + commands}
-    assert h.ecu.status().crc_errors == pressures
+    for fault, counted in ((Drop, "lost"), (FlipBits, "rejected")):
+        h, ports = faulty(fault, probability=0.15)
+        rows = h.run(60)
+        pressures, commands = (port.injectors[0].acted for port in ports)
+        assert min(pressures, commands) > 3
+        assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": 0, counted: pressures + commands}
+        assert h.ecu.status().crc_errors == (pressures if fault is FlipBits else 0)
+        # A period whose command was dropped has no age, and the jets hold.
+        assert sum(isnan(row.age_ms) for row in rows) >= commands
     # Those that come while the ECU is busy are checked too: it steps in every other period, the last included.
     h, ports = faulty(FlipBits, compute_ms=25.0, probability=0.2)
     h.run(61)
-    assert h.ecu.status().crc_errors == acted(ports)[0] > 8
+    assert h.ecu.status().crc_errors == ports[0].injectors[0].acted > 8
+
+
+@each("counters_apart", [0, 1, 3, 128])
+def test_two_ecus_that_hear_each_other_shut_the_jets(harness, counters_apart):
+    """Whichever of the two streams the vehicle's end-to-end check would have followed."""
+    h = harness(1.0)
+    other, port = Ecu(make_bundle(), RecordingController(), h.config), h.bus.port("other ECU")
+    other.restore(replace(other.state, commands=SenderState(counter=counters_apart)))
+
+    def step() -> None:
+        for frame in other.step(h.bus.now_ns, port.receive_all(), port.health()):
+            with suppress(BusError):  # bus-off
+                port.send(frame)
+        h.bus.call_at(h.bus.now_ns + h.config.period_ns, step)
+
+    h.bus.call_at(3_000_000, step)
+    h.run(60)
+    assert h.targets() == [0.0] * 60
+    for ecu in (h.ecu, other):
+        assert (ecu.status().state, ecu.status().reason) == (Mode.FAULT, Reason.OTHER_ECU)
+
+
+def test_a_damaged_command_on_the_bus_is_no_second_ecu(harness):
+    h = harness(1.0)
+    noise = h.bus.port("noise")
+    for _ in range(30):
+        noise.send(Frame(frame_id=JET_COMMAND.frame_id, data=bytes(JET_COMMAND.length), is_fd=True))
+        h.run(1)
+    assert h.ecu.status().reason is not Reason.OTHER_ECU

@@ -9,7 +9,7 @@ from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
 from firmware_sim.campaign.outcome import KeptCourse, MeanFigures, RunOutcome, RunService
 from firmware_sim.campaign.scenario import UNDISTURBED, Place, Scenario
-from wake.truck.state import State
+from wake.truck.state import State, developed_state
 
 FREE = MeanFigures(Cd=1.0, abs_Cl=0.9, mean_Cl=0.0, rms_action=0.0)
 
@@ -28,26 +28,14 @@ def phase_of(
     failure: str = "",
 ) -> PhaseOutcomes:
     """A run of 100 periods against a free flow with Cd = 1 and |Cl| = 0.9."""
-    course = KeptCourse(
-        t=[0.0, 0.2, 0.4], Cd=[1.0, Cd, Cd], Cl=[0.9, abs_Cl, -abs_Cl], action=[0.0, 0.01, 0.02], enabled_t=0.2
-    )
-    service = RunService(
-        requested=100,
-        in_control=in_control,
-        latches=latches,
-        reasons={} if in_control == 100 else {"STREAM_LOST": 100 - in_control},
-        frames_sent=200,
-        frames_lost=3,
-        frames_rejected=1,
-        violations=len(broken),
-        broken=list(broken),
-    )
-    under = RunOutcome(
-        key="k",
-        figures=MeanFigures(Cd=Cd, abs_Cl=abs_Cl, mean_Cl=0.01, rms_action=0.03),
-        course=course,
-        service=service,
-    )
+    lift, action = [0.9, abs_Cl, -abs_Cl], [0.0, 0.01, 0.02]
+    course = KeptCourse(t=[0.0, 0.2, 0.4], Cd=[1.0, Cd, Cd], Cl=lift, action=action, enabled_t=0.2)
+    frames = {"frames_sent": 200, "frames_lost": 3, "frames_rejected": 1}
+    held = {"requested": 100, "in_control": in_control, "latches": latches, "violations": len(broken)}
+    reasons = {} if in_control == 100 else {"STREAM_LOST": 100 - in_control}
+    service = RunService(**held, **frames, reasons=reasons, broken=list(broken))
+    figures = MeanFigures(Cd=Cd, abs_Cl=abs_Cl, mean_Cl=0.01, rms_action=0.03)
+    under = RunOutcome(key="k", figures=figures, course=course, service=service)
     if failure:
         under = RunOutcome(key="k", failure=failure)
     return PhaseOutcomes(under=under, free=RunOutcome(key="f", figures=FREE, course=replace(course, action=[0.0] * 3)))
@@ -80,12 +68,11 @@ class Worker:
     """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **drag: float) -> None:
-        from wake.truck.state import developed_state
-
         self.ran: list[str] = []
         self.started: dict[str, State] = {}
         self.drag, self.stop_after, self.failing, self.unsafe = drag, 10**6, "", ""
         start = developed_state()
+        start = replace(start, flat=start.flat[:100])  # a small file
         monkeypatch.setattr(conducting, "spread", self)
         # Of another body's wake, as far as a hash can tell.
         other = replace(start, flat=2.0 * start.flat)

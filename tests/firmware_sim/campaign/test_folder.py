@@ -4,6 +4,7 @@ import pytest
 
 from contract.errors import OutputError, StillwakeError
 from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
+from firmware_sim.campaign.outcome import RunOutcome
 from tests.firmware_sim.campaign.conftest import phase_of
 
 LABEL = {"schema": CAMPAIGN_SCHEMA, "seed": 1, "settings": {"a": [1, 2]}}
@@ -14,9 +15,19 @@ def test_a_run_is_kept_by_its_key_and_another_campaign_refused_by_what_differs(t
     folder.check(LABEL, overwrite=False)
     assert not folder.path.exists()
     folder.claim(LABEL)
-    folder.keep("one", phase_of().under)
-    assert folder.outcome("one", "k") == phase_of().under
+    path, without_control = folder.path / "runs" / "one.json", RunOutcome(key="k", figures=phase_of().free.figures)
+    for outcome in (without_control, phase_of(in_control=3, latches=1, broken=["it broke"]).under):
+        folder.keep("one", outcome)
+        assert folder.outcome("one", "k") == outcome
+        whole = path.read_bytes()
+        folder.keep("one", outcome)
+        assert path.read_bytes() == whole
     assert folder.outcome("one", "another key") is None
+    # A damaged file counts as missing.
+    damaged = [b"[]", b"{}", b'{"schema": "stillwake-campaign-run/1"}', b"\xff", b"null"]
+    for content in (*damaged, *(whole[:length] for length in range(0, len(whole) - 1, 7))):
+        path.write_bytes(content)
+        assert folder.outcome("one", "k") is None, content
     other = {**LABEL, "seed": 2}
     with pytest.raises(OutputError, match="other seed;"):
         folder.check(other, overwrite=False)

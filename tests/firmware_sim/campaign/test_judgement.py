@@ -3,15 +3,24 @@
 import json
 from math import isnan
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.campaign.judgement import Use, use_of
+from firmware_sim.campaign.outcome import KeptCourse, MeanFigures
 from firmware_sim.campaign.scenario import Criteria
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 
 numbers = st.floats(-200, 200)
+
+
+def test_means_are_over_the_instants_from_the_end_of_settling_on() -> None:
+    n = np.arange(5.0)
+    series = {"t": 0.2 * n, "Cd": 0.1 * n, "Cl": np.array([9.0, 9.0, -0.3, 0.1, 0.5]), "action": 0.0 * n - 0.02}
+    figures = MeanFigures.over(KeptCourse.of(series, 0.2), from_t=0.4)
+    assert (figures.Cd, figures.abs_Cl, figures.mean_Cl, figures.rms_action) == pytest.approx((0.3, 0.3, 0.1, 0.02))
 
 
 def test_reduction_and_use_follow_their_criteria_over_all_phases() -> None:
@@ -55,7 +64,7 @@ def test_a_broken_invariant_or_a_run_that_did_not_finish_in_one_phase_is_unsafe(
         (scenario_of("one"), [phase_of(), phase_of(broken=["period 7: the jets move in OFF"])]),
         (scenario_of("two"), [phase_of(), phase_of(failure="the flow diverged")]),
     )[1:]
-    assert (broken.safe, broken.use, broken.violations) == (False, Use.USEFUL, 1)
+    assert (broken.safe, broken.use, broken.total("violations")) == (False, Use.USEFUL, 1)
     assert broken.broken == ["phase 1: period 7: the jets move in OFF"]
     assert (failed.safe, failed.use) == (False, Use.NONE)
     assert isnan(failed.reduction.mean)

@@ -1,6 +1,7 @@
 """Single runs on the real wake, for a few periods."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +13,9 @@ from contract.release.checks import Bundle
 from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
-from firmware_sim.campaign.outcome import KeptCourse, RunOutcome, RunService
-from firmware_sim.campaign.running import flow_disturbances, run_task
-from firmware_sim.campaign.task import RunTask
+from firmware_sim.campaign.running import RunTask, flow_disturbances, run_task
 from wake.truck.develop import start_from_rest
+from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.slow  # runs of the solver
@@ -31,88 +31,75 @@ def release(short_release) -> Bundle:
 
 @pytest.fixture(scope="module")
 def task_of(coarse):
-    def made(*disturb: str, controlled: bool = True) -> RunTask:
-        config = Config(flow=coarse.flow)
-        return RunTask(
-            name="one", disturb=disturb, config=config, controlled=controlled, phase=0, seed=1, timing=TIMING
-        )
+    def made(*disturb, controlled=True):
+        given: dict[str, Any] = {"config": Config(flow=coarse.flow), "controlled": controlled, "timing": TIMING}
+        return RunTask(name="one", disturb=disturb, phase=0, seed=1, **given)
 
     return made
 
 
-def course_of(outcome: RunOutcome) -> KeptCourse:
-    assert outcome.course is not None, outcome.failure
-    return outcome.course
+def ran(task: RunTask, release: Bundle, start: State) -> Any:
+    return run_task(task, release, start)
 
 
-def service_of(outcome: RunOutcome) -> RunService:
-    assert outcome.service is not None, outcome.failure
-    return outcome.service
-
-
-def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_the_request(
-    release, task_of, coarse
-) -> None:
+def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_the_request(release, task_of, coarse):
     start = coarse.start
-    free, undisturbed = (run_task(task_of(controlled=controlled), release, start) for controlled in (False, True))
+    free, undisturbed = (ran(task_of(controlled=controlled), release, start) for controlled in (False, True))
     with coarse.plant() as wake:
         drag = [wake.sample().Cd, *(wake.advance(0.0).Cd for _ in range(PERIODS - 1))]
-    assert course_of(free).Cd == pytest.approx(drag, abs=1e-6)
+    assert free.course.Cd == pytest.approx(drag, abs=1e-6)
     # Averaged from 0.8 t_c after the request at 1.2 t_c on: the last four samples.
-    assert free.figures is not None
     assert free.figures.Cd == pytest.approx(np.mean(drag[-4:]), abs=1e-6)
     assert free.service is None
-    assert course_of(undisturbed).enabled_t == pytest.approx(1.2)
-    assert course_of(undisturbed).Cd[: LEAD_IN + 1] == course_of(free).Cd[: LEAD_IN + 1]
-    assert course_of(undisturbed).Cd != course_of(free).Cd
-    assert not any(course_of(undisturbed).action[: LEAD_IN + 1])
-    assert any(course_of(undisturbed).action)
-    service = service_of(undisturbed)
+    assert undisturbed.course.enabled_t == pytest.approx(1.2)
+    assert undisturbed.course.Cd[: LEAD_IN + 1] == free.course.Cd[: LEAD_IN + 1]
+    assert undisturbed.course.Cd != free.course.Cd
+    assert not any(undisturbed.course.action[: LEAD_IN + 1])
+    assert any(undisturbed.course.action)
+    service = undisturbed.service
     assert (service.violations, service.broken, service.latches, undisturbed.failure) == (0, [], 0, "")
     assert service.in_control == service.requested > 0
     # A disturbance of the flow acts without control, too.
-    windy = run_task(task_of("gust:amplitude=0.1,period=2.8", controlled=False), release, start)
-    assert course_of(free).Cd != course_of(windy).Cd
+    windy = ran(task_of("gust:amplitude=0.1,period=2.8", controlled=False), release, start)
+    assert free.course.Cd != windy.course.Cd
 
 
-def test_what_is_raised_in_a_run_is_its_outcome(release, task_of, coarse, monkeypatch) -> None:
-    def diverged(*_arguments: object) -> None:
+def test_what_is_raised_in_a_run_is_its_outcome(release, task_of, coarse, monkeypatch):
+    def diverged(*_arguments: object):
         raise ZeroDivisionError("by nothing")
 
     monkeypatch.setattr(running, "_under_control", diverged)
-    outcome = run_task(task_of(), release, coarse.start)
+    outcome = ran(task_of(), release, coarse.start)
     assert outcome.failure == "ZeroDivisionError: by nothing"
     assert outcome.figures is None
 
 
-def test_an_invariant_that_breaks_is_reported_with_its_period(release, task_of, coarse, monkeypatch) -> None:
+def test_an_invariant_that_breaks_is_reported_with_its_period(release, task_of, coarse, monkeypatch):
     # A vehicle that drives its jets whatever the command is.
     honest = VehicleNode.apply_commands
     monkeypatch.setattr(VehicleNode, "apply_commands", lambda self, frames: replace(honest(self, frames), action=0.01))
-    service = service_of(run_task(task_of(), release, coarse.start))
+    service = ran(task_of(), release, coarse.start).service
     assert service.violations > 0
     assert service.broken[0].startswith("period ")
     assert any("jets_request" in text for text in service.broken)
 
 
-def test_behind_another_body_the_loop_closes_and_a_plant_that_is_not_that_body_is_refused(
-    release, task_of, coarse
-) -> None:
-    task = task_of("body:length=1")
+def test_behind_another_body_the_loop_closes_and_a_plant_that_is_not_that_body_is_refused(release, task_of, coarse):
+    task = replace(task_of("body:length=1"), timing=replace(TIMING, controlled=0.6, settle=0.0))
     flow = replace(task.config.flow, reynolds=100.0)
     square = replace(task, config=replace(task.config, flow=flow, body=BodyConfig(length=1.0, leading_edge_radius=0.0)))
     wake = TruckWake(square.config.flow, body=square.config.body)
     start_from_rest(wake)
     start = wake.state()
-    free, under = (run_task(replace(square, controlled=controlled), release, start) for controlled in (False, True))
-    assert course_of(under).Cd[: LEAD_IN + 1] == course_of(free).Cd[: LEAD_IN + 1]
-    assert service_of(under).violations == 0
-    refused = run_task(replace(task, disturb=("body:length=2",)), release, coarse.start)
+    free, under = (ran(replace(square, controlled=controlled), release, start) for controlled in (False, True))
+    assert under.course.Cd[: LEAD_IN + 1] == free.course.Cd[: LEAD_IN + 1]
+    assert under.service.violations == 0
+    refused = ran(replace(task, disturb=("body:length=2",)), release, coarse.start)
     assert refused.failure == "disturbance 'body:length=2': the plant already has another body"
-    assert "was built for another body" in run_task(replace(square, disturb=()), release, start).failure
+    assert "was built for another body" in ran(replace(square, disturb=()), release, start).failure
 
 
-def test_only_what_acts_on_the_flow_is_left_without_control() -> None:
+def test_only_what_acts_on_the_flow_is_left_without_control():
     texts = ("noise:level=0.5", "gust:amplitude=0.1,period=20", "ecu:drop:probability=0.1", "reynolds=700")
     kept = flow_disturbances((*texts, "body:length=1"))
     assert [text.partition(":")[0].partition("=")[0] for text in kept] == ["gust", "reynolds", "body"]

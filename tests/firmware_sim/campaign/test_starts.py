@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from contract.config.body import BodyConfig
+from contract.config.plant import ForcingConfig
 from contract.config.tree import Config
 from firmware_sim.campaign import starts
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
+from firmware_sim.campaign.starts import digest_of, keep_states, phases_apart, starting_states
 from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
 
@@ -17,18 +18,19 @@ pytestmark = pytest.mark.slow  # advances the real wake
 
 
 def test_phases_follow_each_other_in_the_developed_wake(shared_wake, tmp_path) -> None:
-    folder = CampaignFolder(tmp_path)
-    states = starting_states(folder, Config(), 2)
+    assert phases_apart(3, Config()) == [0, 8, 17]
+    # A cycle of 5 periods in place of 25, of which two make a half.
+    folder, config = CampaignFolder(tmp_path), Config(forcing=ForcingConfig(base_frequency=1.0))
+    states = starting_states(folder, config, 2)
     assert [(state.substep, state.action) for state in states] == [(0, 0.0)] * 2
     shared_wake.reset(replace(developed_state(), substep=0, action=0.0))
     np.testing.assert_array_equal(states[0].flat, developed_state().flat)
-    # Half of a cycle of 25 periods.
-    for _ in range(12):
+    for _ in range(2):
         shared_wake.advance(0.0)
     np.testing.assert_array_equal(states[1].flat, shared_wake.state().flat)
     assert list(tmp_path.iterdir()) == []
     keep_states(folder, states)
-    again = starting_states(folder, Config(), 2)
+    again = starting_states(folder, config, 2)
     assert [digest_of(state) for state in again] == [digest_of(state) for state in states]
     assert digest_of(states[0]) != digest_of(states[1])
 

@@ -13,15 +13,8 @@ PERIOD = 20 * MS
 START = 7_000 * MS
 COUNTERS = 256
 
-TOOK = {
-    "sample": 0.3,
-    "bus_to_ecu": 0.5,
-    "wait": 3.2,
-    "receive": 0.25,
-    "plan": 8.0,
-    "gate": 0.125,
-    "bus_to_vehicle": 0.4,
-}
+ON_ECU = {"bus_to_ecu": 0.5, "wait": 3.2, "receive": 0.25, "plan": 8.0, "gate": 0.125}
+TOOK = {"sample": 0.3, **ON_ECU, "bus_to_vehicle": 0.4}
 """ms of each stage where nothing is planted; the sums are of whole nanoseconds."""
 
 
@@ -42,13 +35,7 @@ class Tables:
         self.idle = np.zeros((self.count, len(IdleStage)), dtype=np.int64)
         for i in range(self.count):
             scheduled = START + i * PERIOD
-            sampled = scheduled + ns["sample"]
-            arrived = sampled + ns["bus_to_ecu"]
-            due = arrived + ns["wait"]
-            plan = due + ns["receive"]
-            planned = plan + ns["plan"]
-            stepped = planned + ns["gate"]
-            command = stepped + ns["bus_to_vehicle"]
+            sampled, arrived, due, plan, planned, stepped, command = (scheduled + np.cumsum(list(ns.values()))).tolist()
             counter = (self.first_counter + i) % COUNTERS
             # The vehicle's numbers begin at 100, the ECU's periods at 3: only the frames' counters connect them.
             self.vehicle[i] = (100 + i, scheduled, sampled, arrived, counter, command, counter, scheduled + PERIOD)
@@ -91,8 +78,7 @@ class Tables:
         for table, column in (
             (self.vehicle, VehicleStage.PRESSURE_COUNTER),
             (self.vehicle, VehicleStage.ECHOED_COUNTER),
+            (self.ecu, EcuStage.PRESSURE_COUNTER),
         ):
             table[after, column] = (table[after, column] - periods) % COUNTERS
-        counters = self.ecu[after, EcuStage.PRESSURE_COUNTER]
-        self.ecu[after, EcuStage.PRESSURE_COUNTER] = (counters - periods) % COUNTERS
         self.vehicle = np.delete(self.vehicle, slice(i, i + periods), axis=0)

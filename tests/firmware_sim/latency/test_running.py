@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,7 +23,7 @@ def test_a_process_that_fails_ends_in_one_line_and_the_others_with_it(tmp_path, 
     def python(code: str) -> list[str]:
         return [sys.executable, "-c", code]
 
-    cases: list[tuple[list[str], str, str]] = [
+    cases: list[tuple[list[str], Any, str]] = [
         (python("print('a line'); exit('error: no such bus')"), "", r"the ecu did not start: error: no such bus$"),
         (python(""), "", "the ecu did not start: it printed nothing"),
         (["/no/such/program"], "", "cannot start the ecu: No such file"),
@@ -43,11 +44,16 @@ def test_a_process_that_fails_ends_in_one_line_and_the_others_with_it(tmp_path, 
             "the ecu did not end within 0 s",
         ),
     ]
+    cases = [(ecu, python(vehicle), message) for ecu, vehicle, message in cases]
+    # In place of the idle loop, which the command's own test starts, a process that takes no time to start.
+    (idle := tmp_path / "idle").write_text("#!/bin/sh\nexec sleep 60\n")
+    idle.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(idle))
     for ecu, vehicle, message in cases:
         if "SIG_IGN" in ecu[-1]:
             monkeypatch.setattr(running, "END_S", 0.5)
         with pytest.raises((BusError, StillwakeError), match=message):
-            recorded(tmp_path, ecu=ecu, vehicle=python(vehicle), periods=10, period_ns=PERIOD, progress=lambda _: None)
+            recorded(tmp_path, ecu=ecu, vehicle=vehicle, periods=10, period_ns=PERIOD, progress=lambda _: None)
         if "getpid" in ecu[-1]:
             pid = int((tmp_path / "ecu.log").read_text())
             assert not Path(f"/proc/{pid}").exists(), message

@@ -36,17 +36,10 @@ def log_of(run_metadata) -> Callable[..., RunLog]:
     """A run of six periods of 0.2 t_c; columns not given are zero."""
 
     def make(enabled_at: int = 2, settle: float = 0.4, **columns) -> RunLog:
-        series = {name: np.zeros(6) for name in COLUMNS}
-        series["t"] = 100.0 + 0.2 * np.arange(6, dtype=np.float64)
+        series = {name: np.zeros(6) for name in COLUMNS} | {"t": 100.0 + 0.2 * np.arange(6.0)}
         series |= {name: np.array(values, dtype=float) for name, values in columns.items()}
-        bus = BusTotals(sent=12, lost=1, rejected=2)
-        return RunLog(
-            series=series,
-            enabled_at=enabled_at,
-            bus=bus,
-            traffic=TRAFFIC,
-            metadata=replace(run_metadata, settle=settle),
-        )
+        bus, metadata = BusTotals(sent=12, lost=1, rejected=2), replace(run_metadata, settle=settle)
+        return RunLog(series=series, enabled_at=enabled_at, bus=bus, traffic=TRAFFIC, metadata=metadata)
 
     return make
 
@@ -75,13 +68,12 @@ def shedding_log(
     request; `changes` are of the metadata.
     """
     count = LEAD_IN + CONTROLLED
-    series = {name: np.zeros(count) for name in COLUMNS}
-    series["t"] = STEP * np.arange(count, dtype=np.float64)
-    series["Cd"][:LEAD_IN] = 1.1
-    series["Cl"][:LEAD_IN] = np.sin(2.0 * np.pi * FREQUENCY * series["t"][:LEAD_IN] - 1.0)
+    series = {name: np.zeros(count) for name in COLUMNS} | {"t": STEP * np.arange(float(count))}
     # The sample at the request is still of the wake without control.
-    series["Cd"][LEAD_IN], series["Cl"][LEAD_IN] = 1.1, np.sin(2.0 * np.pi * FREQUENCY * LEAD_IN * STEP - 1.0)
-    series["Cd"][LEAD_IN + 1 :], series["Cl"][LEAD_IN + 1 :] = np.asarray(Cd), np.asarray(Cl)
+    before, under = slice(LEAD_IN + 1), slice(LEAD_IN + 1, None)
+    series["Cd"][before], series["Cd"][under] = 1.1, np.asarray(Cd)
+    series["Cl"][before] = np.sin(2.0 * np.pi * FREQUENCY * series["t"][before] - 1.0)
+    series["Cl"][under] = np.asarray(Cl)
     series["action"][LEAD_IN + 1 :] = action
     series["mode"][LEAD_IN:] = Mode.CONTROL
     series["step_ms"] += 2.0

@@ -1,18 +1,15 @@
 """Whether control was held, from modes and reasons set by hand."""
 
 from dataclasses import replace
-
-import numpy as np
+from typing import Any
 
 from can_bridge.wire.messages import Mode, Reason
-from firmware_sim.runs.control import LatchedFault, control, held_while_averaged, trouble
-from firmware_sim.runs.statistics import Averages, averages
+from firmware_sim.runs.control import LatchedFault, control, held_while_averaged, mode_spans, trouble
+from firmware_sim.runs.statistics import averages
 
 
-def averaged(log) -> np.ndarray:
-    means = averages(log)
-    assert isinstance(means, Averages)
-    return means.averaged
+def averaged(log) -> Any:
+    return averages(log)
 
 
 def test_a_run_that_is_held_throughout(shedding):
@@ -21,7 +18,7 @@ def test_a_run_that_is_held_throughout(shedding):
     assert (held.requested, held.in_control, held.warm_up, held.fault) == (100, 100, 0, None)
     assert (held.modes, held.shut, held.held) == ({"CONTROL": 100}, 0.0, True)
     assert trouble(log) is None
-    assert held_while_averaged(log, averaged(log))
+    assert held_while_averaged(log, averaged(log).averaged)
 
 
 def test_a_fault_is_named_with_reason_time_and_period(shedding):
@@ -37,7 +34,7 @@ def test_a_fault_is_named_with_reason_time_and_period(shedding):
         "ECU FAULT: DEADLINE at t = 12.4 t_c, 2 periods after enable; the jets were shut for 97 % of the controlled "
         "time."
     )
-    assert not held_while_averaged(log, averaged(log))
+    assert not held_while_averaged(log, averaged(log).averaged)
     # One that was cleared is still one, and one before the request is none.
     log = shedding(modes={1: Mode.FAULT, 2: Mode.FAULT}, reasons={1: Reason.STREAM_LOST})
     assert (trouble(log) or "").startswith("ECU FAULT: STREAM_LOST at t = 12.2 t_c, 1 period after enable")
@@ -51,10 +48,14 @@ def test_periods_that_are_left_out_held_or_still_warm_up_are_not_in_control(shed
     log = shedding(skipped=range(1, 100, 2))
     assert control(log).modes == {"CONTROL": 50, "SKIPPED": 50}
     assert trouble(log) == "CONTROL NOT HELD: in control 50 of 100 periods (SKIPPED 50)."
+    assert mode_spans(shedding(modes={3: Mode.HOLD}, skipped=[5, 6])) == [
+        *(("OFF", 0, 60), ("CONTROL", 60, 63), ("HOLD", 63, 64), ("CONTROL", 64, 65), ("SKIPPED", 65, 67)),
+        ("CONTROL", 67, 160),
+    ]
     log = shedding(modes={7: Mode.HOLD, 8: Mode.DECAY})
     assert trouble(log) == "CONTROL NOT HELD: in control 98 of 100 periods (HOLD 1, DECAY 1)."
     # They lie in the settling time: what is averaged was under control.
-    assert held_while_averaged(log, averaged(log))
+    assert held_while_averaged(log, averaged(log).averaged)
     # A window that still fills at the request is no trouble unless it never does.
     log = shedding(modes=dict.fromkeys(range(12), Mode.WARMUP))
     assert (control(log).warm_up, trouble(log)) == (12, None)
@@ -72,8 +73,7 @@ def test_periods_that_are_left_out_held_or_still_warm_up_are_not_in_control(shed
 
 def test_what_holds_no_control_at_all_has_its_reason(shedding):
     log = shedding()
-    log = replace(log, enabled_at=len(log.series["t"]))
-    assert trouble(log) == "NOT IN CONTROL: control was not requested."
+    assert trouble(replace(log, enabled_at=len(log.series["t"]))) == "NOT IN CONTROL: control was not requested."
     # Computing for ever: OFF as of its only step.
     log = shedding(modes=dict.fromkeys(range(100), Mode.OFF), skipped=range(100), action=0.0)
     assert (control(log).shut, control(log).modes) == (1.0, {"SKIPPED": 100})

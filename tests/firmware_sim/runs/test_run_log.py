@@ -1,20 +1,32 @@
-"""The series of a run on disk, and rows as columns."""
+"""What a run keeps: its series on disk and as CSV, its metadata, and its bus."""
 
+import csv
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import FD
+from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
+from contract.config.loading import load_config
+from contract.config.vehicle import BusConfig
 from contract.errors import StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from contract.npz import read_npz
+from contract.release import bundle
+from ecu.calibrating import release_calibration
 from firmware_sim.runs import run_log
-from firmware_sim.runs.bus_traffic import BusTraffic
+from firmware_sim.runs.bus_traffic import BusTraffic, WaitingTimes
+from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import COLUMNS, WALL, BusTotals, Row, RunLog
+from firmware_sim.runs.series_csv import COLUMN_UNITS, write_csv
 from wake.plant.sample import Sample
 
 NAN = float("nan")
@@ -80,8 +92,6 @@ def test_what_no_run_holds_is_refused(log_of, tmp_path):
         (lambda header: header["metadata"].update(more=1), "more"),
         (lambda header: header["metadata"]["config"]["ecu"].update(hold_periods=-1), "hold_periods"),
         (lambda header: header["metadata"]["status"].update(state=99), "99"),
-        (lambda header: header["bus"].pop("lost"), "lost"),
-        (lambda header: header["metadata"]["weights"].update(lift=-1.0), "lift"),
         # What JSON takes and no page could show.
         (lambda header: header["traffic"]["nodes"]["ECU"].update(bus_off=math.inf), "Infinity is not a number"),
         (lambda header: header.update(enabled_at="x"), "'x': must be a whole number"),
@@ -107,10 +117,9 @@ def test_what_no_run_holds_is_refused(log_of, tmp_path):
 def test_a_row_becomes_one_value_in_every_column(run_metadata):
     entries = {name: float(k) for k, name in enumerate(LEDGER_FIELDS)}
     ecu: dict[str, Any] = {"command": 0.02, "predicted_Cd": 1.0, "predicted_Cl": 2.0, "step_ms": NAN, "age_ms": 8.0}
-    rows = []
-    for t in (1.0, 2.0):
-        cp = np.arange(sensors.COUNT, dtype=np.float64) + t
-        rows.append(Row(sample=Sample(**entries, t=t, Cp=cp, Uy_probe=-t, action=0.01 * t), mode=3, reason=1, **ecu))
+    cp = np.arange(sensors.COUNT, dtype=np.float64)
+    samples = (Sample(**entries, t=t, Cp=cp + t, Uy_probe=-t, action=0.01 * t) for t in (1.0, 2.0))
+    rows = [Row(sample=sample, mode=3, reason=1, **ecu) for sample in samples]
     log = RunLog.of(rows, 1, BusTotals(sent=0, lost=0, rejected=0), run_metadata, traffic=QUIET)
     assert tuple(log.series) == (*COLUMNS, WALL)
     # In the order of the bundle: upper_39, lower_39, base_0, base_9.
@@ -119,3 +128,89 @@ def test_a_row_becomes_one_value_in_every_column(run_metadata):
     assert log.series["base_Cp"].tolist() == [85.5, 86.5]
     for name, values in {"action": [0.01, 0.02], "mode": [3.0, 3.0], **{n: [v, v] for n, v in entries.items()}}.items():
         assert log.series[name].tolist() == values, name
+
+
+def rows_of(path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def test_every_series_has_a_column_with_its_unit(shedding, tmp_path):
+    log = shedding(modes={3: Mode.HOLD}, reasons={3: Reason.STREAM_LOST}, skipped=[4])
+    log.series[WALL] = np.arange(640.0).reshape(160, 4)
+    write_csv(tmp_path / "a.csv", log)
+    rows = rows_of(tmp_path / "a.csv")
+    assert len(rows) == 160
+    assert tuple(COLUMN_UNITS) == COLUMNS
+    assert list(rows[0])[:3] == ["t [t_c]", "Cd [1]", "Cl [1]"]
+    assert list(rows[0])[-4:] == ["Cp_upper_39 [1]", "Cp_lower_39 [1]", "Cp_base_0 [1]", "Cp_base_9 [1]"]
+    assert (rows[63]["mode [name]"], rows[63]["reason [name]"]) == ("HOLD", "STREAM_LOST")
+    assert (rows[64]["step_ms [ms]"], rows[65]["step_ms [ms]"]) == ("", "2")
+    values = [float(rows[63][name]) for name in ("t [t_c]", "action [U_inf W]", "Cp_base_0 [1]")]
+    assert values == [12.6, 0.05, 63 * 4 + 2]
+    # A run without recorded sensors has no columns of them.
+    write_csv(tmp_path / "b.csv", shedding())
+    assert len(rows_of(tmp_path / "b.csv")[0]) == len(COLUMNS)
+
+
+CORE = RunEcu.of("mcu", 480.0, [10_000_000, 12_000_000, 11_000_000])
+
+
+def test_metadata_survive_json_also_those_of_an_earlier_version(run_metadata):
+    fault = InjectedFault(text="noise:level=1", acted=3)
+    other = replace(run_metadata, config=load_config(), signer="0123", ecu=CORE, faults=(fault,), fault_seed=7)
+    for one in (run_metadata, other):
+        tree = json.loads(json.dumps(one.to_tree()))
+        assert RunMetadata.from_tree(tree) == one
+        del tree["ecu"]
+        assert RunMetadata.from_tree(tree).ecu == RunEcu(kind="python")
+
+
+def test_the_bundle_gives_name_sensors_and_settings_and_other_weights_are_named(random_release, run_metadata):
+    release = bundle.load(random_release)
+    own = release_calibration(release, run_metadata.config)
+    weights = release.manifest.mpc.weights
+
+    names = ("settle", "averages", "plant", "computed_by", "status", "origin")
+    given = {name: getattr(run_metadata, name) for name in names}
+    metadata = RunMetadata.of(release, run_metadata.config, calibration=own, **given)
+    assert metadata.controller == f"random (int8, {release.digest[:12]})"
+    assert (metadata.signer, metadata.changed_weights) == (None, {})
+    assert {"python", "machine", "stillwake", "numpy"} <= set(metadata.versions)
+    other = replace(own, weights=replace(weights, lift=9.0), action_limit=0.05)
+    metadata = RunMetadata.of(release, run_metadata.config, calibration=other, **given)
+    assert metadata.changed_weights == {"lift": (9.0, weights.lift)}
+    assert metadata.mpc.weights == weights
+    assert metadata.config.flow.action_limit == pytest.approx(0.05)
+
+
+def test_an_emulated_core_has_median_and_longest_of_the_steps_that_planned():
+    assert (CORE.modelled_ms, CORE.modelled_ms_max) == (11.0, 12.0)
+    # Another ECU's compute time is a setting, and no figure of it.
+    assert RunEcu.of("c", None, [8_000_000]) == RunEcu(kind="c")
+    assert RunEcu.of("mcu", 480.0, []) == RunEcu(kind="mcu", clock_mhz=480.0)
+
+
+COMMAND = Frame(frame_id=FD.command.spec.frame_id, data=bytes(8))
+PRESSURE = Frame(frame_id=FD.pressure.spec.frame_id, data=bytes(16))
+
+
+def test_the_longest_wait_of_our_messages_is_kept():
+    waits = WaitingTimes(messages=FD)
+    bus = SimulatedBus(BusConfig(), observe=waits)
+    one, other = bus.port(), bus.port()
+    one.send(COMMAND)
+    bus.advance_to(10**7)
+    for _ in range(2):
+        one.send(PRESSURE)
+    other.send(COMMAND)
+    another = Frame(frame_id=COMMAND.frame_id, data=b"", is_extended=True)  # its leading bits are zeros
+    other.send(another)
+    bus.advance_to(10**8)
+    traffic = waits.traffic(bus.activity(), {})
+    first_ns, pressure_ns = bus.frame_ns(another), bus.frame_ns(PRESSURE)
+    assert traffic.longest_wait_ms == {
+        "Pressure": (first_ns + pressure_ns) / 1e6,
+        "JetCommand": (first_ns + 2 * pressure_ns) / 1e6,
+    }
+    assert (traffic.frames, traffic.error_frames) == (5, 0)
+    assert traffic.load == bus.activity().load > 0

@@ -14,7 +14,7 @@ from firmware_sim.runs.summary import summary, whole_summary
 FAULT = {"modes": dict.fromkeys(range(2, 100), Mode.FAULT), "reasons": dict.fromkeys(range(2, 100), Reason.DEADLINE)}
 
 
-def test_tables_show_the_figures(shedding, run_metadata):
+def test_tables_show_the_figures(shedding):
     log = shedding()
     rows = {label: values for label, *values in drag_rows(log)}
     assert rows["mean Cd (wall)"] == ["1.1000", "0.8800"]
@@ -32,11 +32,6 @@ def test_tables_show_the_figures(shedding, run_metadata):
     }.items():
         assert service[name] == text, name
     assert service["the same against the budget"].startswith("within 20 ms in 100 of 100 steps")
-    # What is not as usual.
-    log = shedding(weights=replace(run_metadata.weights, lift=9.0))
-    assert dict(service_rows(log))["cost weights"] == "not the bundle's: lift 9 (bundle 0.01)"
-    figures = whole_summary(log)
-    assert (figures["weights"]["lift"], figures["weights_changed"]) == (9.0, ["lift"])
     config = log.metadata.config
     slow = replace(log.metadata, config=replace(config, ecu=replace(config.ecu, compute_time_ms=25.0)))
     assert dict(service_rows(replace(log, metadata=slow)))["virtual compute time"].endswith("20 ms: does not fit")

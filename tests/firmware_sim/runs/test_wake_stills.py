@@ -32,9 +32,9 @@ def recorded(times: np.ndarray) -> WakeStills:
 
 
 def test_levels_come_back_within_the_loss_of_the_codec(log_of, tmp_path):
-    log = log_of()
-    save(tmp_path / "wake.npz", recorded(log.series["t"]))
-    loaded = load(tmp_path / "wake.npz", log)
+    log, path = log_of(), tmp_path / "wake.npz"
+    save(path, recorded(log.series["t"]))
+    loaded = load(path, log)
     assert (loaded.scene, loaded.k.tolist()) == (SCENE, list(range(6)))
     for k in range(6):
         error = loaded.levels(k).astype(int) - street(k)

@@ -16,8 +16,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.pressure_reception import PressureReception
 from ecu.timing import StepTiming
-from firmware_sim.bench.heard_commands import EchoTracker
-from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.vehicle_node import EchoTracker, VehicleNode
 from tests.proofs.ecu import hostile
 from tests.proofs.ecu.hostile_world import Events, RandomEvents, World
 from tests.proofs.ecu.promises import PROMISES

@@ -1,9 +1,10 @@
-"""The own solver in a process of its own."""
+"""The own solver in a process of its own, and whether it keeps up."""
 
 import os
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +12,10 @@ import pytest
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import PlantError
-from firmware_sim.bench.real_time.live_wake import LiveWake
+from firmware_sim.bench.real_time.live_wake import LiveWake, Speed
 from tests.conftest import Coarse
-
-pytestmark = pytest.mark.processes  # each starts one, which loads the solver
+from wake.truck.state import State
+from wake.truck.truck_wake import TruckWake
 
 COARSE = Config(flow=FlowConfig(refinement=0.4, substeps=12))
 ACTIONS = (0.0, 0.03, 0.075, -0.075, 0.02)
@@ -33,6 +34,7 @@ def next_pressures(live: LiveWake) -> np.ndarray:
     return cp
 
 
+@pytest.mark.processes  # loads the solver
 def test_it_is_the_solver_to_the_bit_whatever_stops_reach_its_group(coarse: Coarse, start: Path) -> None:
     with coarse.plant() as wake:
         # One period passes at the start, which compiles.
@@ -60,6 +62,7 @@ def test_it_is_the_solver_to_the_bit_whatever_stops_reach_its_group(coarse: Coar
     assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))
 
 
+@pytest.mark.processes
 @pytest.mark.proofs  # starts the wake's process three times
 def test_a_process_that_dies_or_fails_is_an_error_here(start: Path, tmp_path: Path) -> None:
     with pytest.raises(PlantError, match="not a flow state"):
@@ -71,3 +74,32 @@ def test_a_process_that_dies_or_fails_is_an_error_here(start: Path, tmp_path: Pa
             for _ in range(2):
                 live.drive(0.0)
                 live.sampled()
+
+
+def test_a_wake_that_does_not_keep_up_is_refused_with_the_remedy_and_one_that_only_just_does_is_warned_of() -> None:
+    coarse: dict[str, Any] = {"refinement": 0.75, "substeps": 15}
+    assert Speed(10.0, 11.0).check(20.0, **coarse) is None
+    for times in ((19.0, 19.5), (10.0, 25.0)):
+        assert "periods without pressures are to be expected" in str(Speed(*times).check(20.0, **coarse)), times
+    with pytest.raises(
+        PlantError,
+        match=r"takes 72\.0 ms for a control period of 20 ms .*refinement = 1, flow\.substeps = 30.*: it cannot keep up"
+        r"\. .*--set flow\.refinement=0\.75 --set flow\.substeps=15\), or a vehicle 4 times as slow",
+    ):
+        Speed(72.0, 90.0).check(20.0, refinement=1.0, substeps=30)
+    # The advice is no grid that is in use already; and what it names would do.
+    with pytest.raises(PlantError, match=r"longer steps, or a vehicle 1\.7 times as slow") as caught:
+        Speed(30.0, 30.0).check(20.0, **coarse)
+    assert "refinement=" not in str(caught.value)
+    assert Speed(30.0, 30.0).check(1.7 * 20.0, **coarse) is None
+
+
+def test_the_measurement_leaves_the_wake_as_it_was() -> None:
+    wake = TruckWake(FlowConfig(refinement=0.4, substeps=12))
+    wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
+    wake.solver.run(wake.flow, dt=1e-4, steps=200, action_from=0.0, action_to=0.0)
+    begin = wake.state()
+    ticks = iter([0.0, 0.011, 1.0, 1.013])
+    assert Speed.of(wake, 2, lambda: next(ticks)) == pytest.approx((12.0, 13.0))
+    assert (wake.state().flat == begin.flat).all()
+    assert wake.t == 0.0

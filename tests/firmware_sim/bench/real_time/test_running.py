@@ -25,8 +25,8 @@ from ecu.real_time.stage_times import VehicleStage, load
 from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
 from tests.firmware_sim.bench.harness import NAMES
-from tests.firmware_sim.bench.real_time.in_made_up_time import pressure_in
 from tests.firmware_sim.bench.real_time.test_pressures import episode
+from tests.firmware_sim.bench.real_time.test_vehicle_loop import pressure_in
 
 # A third of a truck's width has a third of its control period: 60 of them take 0.4 s.
 POINT = OperatingPoint(width=2.5 / 3.0)

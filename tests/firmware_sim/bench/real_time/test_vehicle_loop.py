@@ -1,32 +1,133 @@
 """The vehicle's side in real time, on a clock of the test's."""
 
 from math import cos
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import VEHICLE_SPEED
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
 from contract.errors import BusError
+from contract.sensors import TRUCK
 from ecu.ecu import Ecu
+from ecu.real_time.deadlines import Deadlines
+from ecu.real_time.inbox import Inbox
 from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
-from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT
+from firmware_sim.bench.real_time.vehicle_counts import LONGEST_NS, RESOLUTION_NS, Durations
+from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT, VehicleLoop
+from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.each import each
-from tests.firmware_sim.bench.real_time.in_made_up_time import FIRST_NS, MadeUpTime, pressure_in
+from tests.examples import examples
+from tests.firmware_sim.bench.harness import NAMES, Oscillator
 
-PERIOD_NS = Config().period_ns
+CONFIG, FIRST_NS = Config(), 7_000_000_000
+PERIOD_NS = CONFIG.period_ns
+
+
+def pressure_in(frame: Frame) -> Any:
+    return codec.parse_pressure(frame.data)
+
+
+class LiveOscillator:
+    """The plant of two numbers as a flow in real time; without pressures in the periods `late`."""
+
+    layout, description = TRUCK, "an oscillator"
+
+    def __init__(self, substeps: int, late: frozenset[int] = frozenset()) -> None:
+        self.plant, self.late, self.asked = Oscillator(substeps), late, -1
+        self.driven: list[float] = []
+
+    def sampled(self):
+        self.asked += 1
+        return None if self.asked in self.late else self.plant.sample().Cp
+
+    def drive(self, action: float) -> None:
+        self.driven.append(action)
+        self.plant.advance_to(self.plant.substeps, action)
+
+
+class MadeUpTime:
+    """A vehicle's loop, an ECU that answers after `way_ns`, and the clock of both.
+
+    Args:
+        lateness: by how much each sleep ends late, ns; on time when used up.
+        way_ns: from a pressure frame to its command's arrival, by the number of the frame.
+    """
+
+    def __init__(self, ecu, way_ns=lambda number: 9_000_000, lateness=(), late_flow=frozenset(), stage_times=None):
+        self.now_ns, self.ecu, self.way_ns, self.lateness = 0, ecu, way_ns, iter(lateness)
+        self.sent: list[tuple[int, Frame]] = []
+        self.speeds: list[Frame] = []
+        self.arriving: list[tuple[int, Frame]] = []
+        self.is_taking = True
+        self.flow = LiveOscillator(CONFIG.flow.substeps, late_flow)
+        self.node = VehicleNode(NAMES, CONFIG)
+        self.inbox = Inbox(lambda frame: self.now_ns, room=4096)
+        deadlines = Deadlines(period_ns=PERIOD_NS, due_ns=FIRST_NS, grace_ns=PERIOD_NS // 2)
+        clock: dict[str, Any] = {"now_ns": lambda: self.now_ns, "sleep_until": self.sleep_until}
+        parts: Any = (self.node, self.flow, self.send, self.inbox, deadlines)
+        self.loop = VehicleLoop(CONFIG, *parts, stage_times=stage_times, **clock)
+
+    def sleep_until(self, due_ns: int) -> None:
+        self.pass_until(max(due_ns, self.now_ns) + next(self.lateness, 0))
+
+    def pass_until(self, until_ns: int) -> None:
+        """Let time pass, and what is on its way arrive."""
+        self.arriving.sort(key=lambda item: item[0])
+        while self.arriving and self.arriving[0][0] <= until_ns:
+            self.now_ns, frame = self.arriving.pop(0)
+            self.inbox.put(frame)
+        self.now_ns = until_ns
+
+    def send(self, frame: Frame) -> None:
+        if not self.is_taking:
+            raise BusError("frame 0x120 was not sent: made up")
+        if VEHICLE_SPEED.names(frame):
+            self.speeds.append(frame)
+            return
+        number = len(self.sent)
+        self.sent.append((self.now_ns, frame))
+        # The speed comes behind the pressures, and so is of the period before.
+        answers = self.ecu.step(self.now_ns, [*self.speeds[-1:], frame])
+        self.arriving += [(self.now_ns + self.way_ns(number), item) for item in answers]
+
+    def run(self, periods: int) -> None:
+        for k in range(periods):
+            self.loop.period(enable_request=k >= 1)
+
+    @property
+    def instants(self) -> list[int]:
+        """When pressures went out, in periods after the first instant, rounded down."""
+        return [(at - FIRST_NS) // PERIOD_NS for at, _ in self.sent]
 
 
 @pytest.fixture
 def made(bundle_of, recording_controller):
-    def make(config: Config | None = None, **how) -> MadeUpTime:
-        config = Config() if config is None else config
+    def make(**how) -> MadeUpTime:
         step = iter(range(10**6))
-        return MadeUpTime(
-            config, Ecu(bundle_of(), recording_controller(lambda i: 0.03 * cos(next(step))), config), **how
-        )
+        return MadeUpTime(Ecu(bundle_of(), recording_controller(lambda i: 0.03 * cos(next(step))), CONFIG), **how)
 
     return make
+
+
+@examples(100)
+@given(
+    times=st.lists(st.integers(-5, 60_000_000) | st.just(10**15), min_size=1, max_size=60),
+    share=st.sampled_from([0.01, 0.5, 0.99, 1.0]),
+)
+def test_quantiles_of_times_are_numpys_to_the_resolution(times: list[int], share: float) -> None:
+    durations = Durations()
+    for time in times:
+        durations.add(time)
+    # What is beyond the ends is kept at them.
+    exact = np.quantile(np.clip(times, 0, LONGEST_NS), share, method="inverted_cdf") / 1e6
+    assert exact - RESOLUTION_NS / 1e6 < durations.quantile_ms(share) <= exact
 
 
 def test_it_is_the_loop_in_virtual_time_to_the_bit(harness, made) -> None:
