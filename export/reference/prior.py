@@ -41,7 +41,6 @@ def prior_plan(
         free: (H,) 1 where the prior decides the action, 0 elsewhere.
         reach: A, the program's bound on |a|, in U_inf W.
         speed: speed of the vehicle, as a ratio to the design speed.
-        goal: the present goal.
         limit: bound on |a| in this control step, in U_inf W.
     """
     past, y = past_of(window, prior.memory)

@@ -25,8 +25,8 @@ def write_c_release(
 
     Args:
         windows: consecutive recorded windows (L, S+1) of L rows and S sensors, whose rows are written to the folder.
-        ecu: files of the ECU around the control step, and the ECU's documents; None for a folder without ECU.
-        bill: computes the bill of materials from all files of the folder; None for a folder without bill.
+        ecu: files of the ECU around the control step, and the ECU's documents.
+        bill: computes the bill of materials from all files of the folder.
     """
     assert gated.lowered.library is not None
     assert gated.library is not None

@@ -1,8 +1,5 @@
-"""The export of a model folder as a release bundle and, on request, a C library.
-
-The export reads the model, rounds its weights, builds the lowerings, checks them by gates, and writes the files. Every
-lowering has passed its gates before the first file is written.
-"""
+"""The export of a model folder as a release bundle and, on request, a C library. Every lowering has passed its gates
+before the first file is written."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -49,9 +46,9 @@ class CLibrary:
 
     Attributes:
         compiled: compiles the library for its gate.
-        ecu: returns the files of the ECU around the control step, from the release and the rows (n, S+1) of the folder;
-            called after the bundle is written. If it is None, the folder has no ECU.
-        bill: returns the bill of materials, from all files of the folder and the release; called after `ecu`.
+        ecu: returns the files of the ECU around the control step, from the written release and the rows (n, S+1) of the
+            folder; None for a folder without ECU.
+        bill: returns the bill of materials, from all files of the folder and the release.
     """
 
     folder: Path
@@ -76,13 +73,10 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
 def calibration_windows(
     program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Return windows (L, S+1) of the last episode of every kind of forcing, because the networks' inputs differ between
-    kinds.
-
-    There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
+    """Return about `CALIBRATION_WINDOWS` windows (L, S+1), or fewer if the episodes have fewer, of the last episode of
+    every kind of forcing, because the networks' inputs differ between kinds. Episodes with fewer than
     `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a separate kind.
-    Raises ExportError if all episodes are too short; the message states the longest episode.
-    """
+    Raises ExportError, with the longest episode, if all episodes are too short."""
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
         item.provenance.get("forcing_signal", f"of {item.name}"): item
@@ -137,9 +131,8 @@ def export_all(
         config: `config.mpc` is used for the controller; control period and action limit must be the model's.
         precision: "int8" or "float32", for bundle and library.
         key: key to sign the bundle with; the bundle is unsigned if None.
-        named: whether the user named the recording. If not, the recording must be the one to which the model was
-            fitted.
-        estimator: a sensor estimator for the bundle; None for a bundle without estimator.
+        named: whether the user named the recording. If not, it must be the one to which the model was fitted.
+        estimator: a sensor estimator for the bundle.
         notice: called with a line of text if the recording is not the model's.
         phase: called with each of `EXPORT_PHASES` when the phase begins.
 
@@ -194,15 +187,9 @@ def export_library(
     recording: Path,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of an existing release, computed from the model of this release. Raises ExportError if the
-    release is of another model, or rounding gives other integers; StillwakeError as `export_all` does.
-
-    Args:
-        model: directory written by `train`.
-        release: existing release, with the settings of its controller.
-        recording: data set to which the model was fitted.
-        phase: called with each of `EXPORT_PHASES` when the phase begins.
-    """
+    """Write the C library of an existing release, computed from the model of this release, with the release's settings
+    and the recording to which the model was fitted. Raises ExportError if the release is of another model, or rounding
+    gives other integers; StillwakeError as `export_all` does."""
     c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest
     phase("read")
@@ -255,10 +242,7 @@ def _lowered(
 
 def check_settings(own: Config, config: Config) -> None:
     """Raise ExportError if control period or action limit differ from the model's, or if the computing time exceeds the
-    period.
-
-    The manifest would refuse such settings too, but only at the end, when the C library is already written.
-    """
+    period. The manifest would refuse such settings only at the end, when the C library is already written."""
     vehicle = Vehicle.of(config)
     if vehicle.compute_time_ms > vehicle.budget_ms:
         raise ExportError(
@@ -277,13 +261,8 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration. It is the recording to which the model was fitted, or a recording
-    of the model's sensors that the user named.
-
-    Args:
-        of_model: SHA-256 of the recording to which the model was fitted.
-        layout: the sensors that a recording other than the model's must have.
-    """
+    """Read the recording for gates and calibration. It is the recording with the SHA-256 `of_model`, to which the model
+    was fitted, or a recording of the model's sensors that the user named."""
     recording = dataset.read(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if digest != of_model:

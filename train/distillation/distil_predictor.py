@@ -1,10 +1,9 @@
 """Narrower dynamics and decoder for small ECUs, distilled on roll-outs of the trained networks (this project's method).
 
 The paper slims only the encoder, but nearly all computation of a control step is in the other two networks: the
-optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student is trained for
-this use. It learns from whole roll-outs of that length, in which the small errors of single steps add up, and from the
-latents of the encoder that is used on the vehicle. The student also learns the gradient of the cost with respect to the
-plan, which is the only result that the optimiser uses (Sobolev training, Czarnecki et al. 2017).
+optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student learns from
+whole roll-outs of that length, which begin with latents of the vehicle's encoder, and also learns the gradient of the
+cost with respect to the plan, the only result that the optimiser uses (Sobolev training, Czarnecki et al. 2017).
 """
 
 from collections.abc import Mapping
@@ -15,7 +14,8 @@ from torch import Tensor, nn
 
 from contract.config.learning import ModelConfig, TrainConfig
 from train.distillation.lessons import Lessons, plan_slope, predict
-from train.fitting.fit import Checkpoints, Schedule, optimise, seeded
+from train.fitting.checkpoint import Checkpoints
+from train.fitting.fit import optimise, seeded
 from train.fitting.progress import Phase, Progress, silent
 from train.networks.loss import prediction_loss
 from train.networks.model import Predictor
@@ -43,11 +43,7 @@ def distil_predictor(
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)
-    schedule = Schedule(
-        steps=max(1, round(settings.predictor_epochs * len(lessons) / batch_size)),
-        learning_rate=settings.learning_rate,
-        shape=settings.schedule,
-    )
+    steps = max(1, round(settings.predictor_epochs * len(lessons) / batch_size))
     with seeded(settings.seed, device):
         student = Predictor(model.slim).to(device)
 
@@ -71,5 +67,5 @@ def distil_predictor(
                 total = total + settings.slope_weight * terms["slope"]
             return {"total": total, **terms}
 
-        optimise(student, loss, schedule, phase=Phase.PREDICTOR, progress=progress, checkpoints=checkpoints)
+        optimise(student, loss, steps, settings, phase=Phase.PREDICTOR, progress=progress, checkpoints=checkpoints)
     return student

@@ -1,13 +1,11 @@
 """The lessons of a narrower predictor: roll-outs of the trained predictor, their forces, and the gradient of the
-controller's cost.
+controller's cost with respect to the plan, the only result of dynamics and decoder that the optimiser uses (this
+project's method, not the paper's).
 
-The trained predictor, the teacher, gives a roll-out for any actions, not only for recorded actions. A quarter of the
-lessons use the actions that were recorded after the lesson's first state, and a quarter use actions from other places
-in the recording. The other half use plans from an optimisation: a plan begins with recorded actions, and gradient steps
-then lower the controller's cost, as the teacher predicts it.
-
-The optimiser uses only one result of dynamics and decoder: the gradient of the controller's cost with respect to a
-plan. The lessons and the training on this gradient are this project's method, not the paper's.
+The trained predictor, the teacher, gives a roll-out for any actions. A quarter of the lessons use the actions that were
+recorded after the lesson's first state, and a quarter use actions from other places in the recording. The other half
+use plans from an optimisation: a plan begins with recorded actions, and gradient steps then lower the controller's
+cost, as the teacher predicts it.
 
 Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
@@ -37,12 +35,7 @@ class Predicts(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """A roll-out and its forces.
-
-    Attributes:
-        latents: (H + 1, B, N_z), latents at t .. t+H.
-        forces: (H + 1, B, 2), forces at t .. t+H.
-    """
+    """A roll-out: latents (H + 1, B, N_z) and forces (H + 1, B, 2) at t .. t+H."""
 
     latents: Tensor
     forces: Tensor
@@ -73,13 +66,8 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
 
 def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
     """Compute the gradient of a cost with respect to the plans' actions, (B, H), from the gradient with respect to the
-    forces.
-
-    Args:
-        prediction: roll-out of the actions, with its autograd graph.
-        by_force: (H, B, 2), gradient of the cost with respect to the forces at t+1 .. t+H.
-        differentiable: whether the result can be differentiated with respect to the networks' weights.
-    """
+    forces at t+1 .. t+H, (H, B, 2), and the roll-out of the actions, with its autograd graph. If `differentiable`, the
+    result can be differentiated with respect to the networks' weights."""
     (slope,) = torch.autograd.grad(
         prediction.forces[1:], actions, by_force, create_graph=differentiable, retain_graph=True
     )
@@ -129,12 +117,9 @@ def teach(
     *,
     progress: Progress = silent,
 ) -> Lessons:
-    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. Raises DatasetError if no
-    episode is long enough for a window and the horizon.
-
-    Args:
-        latents: (n, N_z), latents of the vehicle's encoder, one for each of n rows.
-    """
+    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
+    those of the vehicle's encoder, one for each of n rows. Raises DatasetError if no episode is long enough for a
+    window and the horizon."""
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)
     generator = np.random.default_rng(config.train.seed)

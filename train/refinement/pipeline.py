@@ -22,7 +22,7 @@ from contract.recording.findings import trainable
 from train import model_store
 from train.distillation.evaluate import evaluate_model
 from train.fitting import unfinished
-from train.fitting.fit import Checkpoints
+from train.fitting.checkpoint import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.threads import torch_threads, without_denormals
 from train.fitting.unfinished import Identity
@@ -51,7 +51,8 @@ def refine_model(
     resume: bool = True,
     threads: int = 1,
 ) -> tuple[TrainedModel, int]:
-    """Train a prior of the plan for a model, and store the model at `output`.
+    """Train a prior of the plan for a model, store the model at `output`, and return it with the number of control
+    periods that the plant was run for.
 
     If the model already has a prior with these sensors and with the sizes in `config`, the training begins with that
     prior. If the model has other sensors, its slim encoder is first distilled for these sensors, and the slim dynamics
@@ -66,10 +67,6 @@ def refine_model(
         flow: returns, for these sensors, the plant and developed wakes without jets, one for each stream.
         workers: runs the closed-loop intervals of an update in parallel; without it they run one after the other.
         resume: whether an interrupted run is continued; if False, the run starts over.
-        threads: number of torch's threads.
-
-    Returns:
-        The stored model, and the number of control periods that the plant was run for.
 
     Raises:
         DatasetError: the model was fitted to another recording, or the sensors are no pairs of mirror images.

@@ -2,9 +2,8 @@
 
     y_{k+1} = sum over i = 0 .. M-1 of  C_i (y_{k-i}, a_{k-i})
 
-In the mirror image of a flow, the differences y of mirrored sensors and the actions a change their sign. So does the
-output of a linear model without a constant term. The model's symmetry is exact, so mirror images would add nothing to a
-fit.
+In the mirror image of a flow, differences y and actions a change their sign, and so does the output of this linear
+model without a constant term. So mirror images would add nothing to a fit.
 """
 
 from collections.abc import Sequence
@@ -25,8 +24,7 @@ _CHUNK: Final = 20_000
 
 def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
     """Check that the sensors are pairs of mirror images, one pair after the other. Raises ConfigError if a name does
-    not exist or is given twice; DatasetError if the two sensors of a pair are not mirror images of each other. The
-    message states the sensors."""
+    not exist or is given twice; DatasetError if the two sensors of a pair are not mirror images of each other."""
     if layout.mirror is None:
         raise DatasetError("the sensors have no mirror images: a prior reads the differences between mirror images")
     columns = layout.indices(sensors)

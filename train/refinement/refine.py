@@ -1,12 +1,10 @@
 """Training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
 
 Streams are flows that continue under the feedback; each update uses one stretch, an interval of closed loop, of several
-streams.
-
-A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base. The
-stretch's gradient is exact. Effects after the stretch's end are left out; the cost of motion in the far wake represents
-them. Streams begin in the developed wake and restart after some stretches, at different times, so that the training
-always includes both the transient from the developed wake and the controlled wake.
+streams. A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base.
+Its gradient is exact; the cost of motion in the far wake represents the effects after its end. Streams begin in the
+developed wake and restart after some stretches, at different times, so that the training always includes both the
+transient from the developed wake and the controlled wake.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,8 +20,7 @@ from contract.config.controller import CostWeights
 from contract.config.learning import RefineConfig
 from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
-from train.fitting import checkpoint, unfinished
-from train.fitting.fit import Checkpoints
+from train.fitting.checkpoint import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Reached
 from train.refinement.feedback import Feedback
@@ -61,9 +58,8 @@ class Refined:
 
     Attributes:
         feedback: feedback with averaged weights.
-        stretches: for each of the newest stretches near the design speed, an array (n, p + 1) with one row for each of
-            n control periods: p pressure differences and the action. If no stretch is near the design speed, these are
-            the newest stretches at any speed.
+        stretches: for each of the newest stretches near the design speed, or at any speed if there is none, an array
+            (n, p + 1) with one row for each of n control periods: p pressure differences and the action.
         periods: number of control periods that the plant was run for.
     """
 
@@ -140,19 +136,15 @@ def refine(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Refined:
-    """Train the feedback, or continue an interrupted training.
+    """Train the feedback, or continue an interrupted training. Raises PlantError if the flow diverged, or a stretch is
+    too long for the tape's memory; StillwakeError if a checkpoint cannot be written, or is damaged.
 
     Args:
         make: returns the initial feedback.
         starts: developed wakes without jets, one for each stream.
         deviations: (2 p,) standard deviations of Cp of the sensors in p pairs; they are the unit of sensor noise.
         side_by_side: runs an update's stretches in parallel; without it they run one after the other on `flow`.
-        seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number, so
-            that a resumed training repeats the draws of an uninterrupted training.
-
-    Raises:
-        PlantError: the flow diverged, or a stretch is too long for the tape's memory.
-        StillwakeError: a checkpoint cannot be written, or is damaged.
+        seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number.
     """
     feedback, mean = make(), make()
     run = _Training(
@@ -161,7 +153,7 @@ def refine(
         optimiser=torch.optim.Adam(feedback.parameters(), lr=settings.learning_rate),
         streams=[Stream.begun(start, feedback, settings.slowest) for start in starts],
     )
-    if checkpoints is not None and (tree := checkpoint.load(checkpoints.path(Phase.REFINE), checkpoints.identity)):
+    if checkpoints is not None and (tree := checkpoints.load(Phase.REFINE)):
         run.take(tree)
     if side_by_side is None:
 
@@ -172,9 +164,8 @@ def refine(
         tasks = _tasks(run, starts, settings, deviations, np.random.default_rng([seed, run.done]))
         _update(run, side_by_side(tasks), settings, progress)
         if checkpoints is not None and (run.done % KEEP_EVERY == 0 or run.done == settings.updates):
-            checkpoint.save(checkpoints.path(Phase.REFINE), checkpoints.identity, run.as_tree())
             reached = Reached(phase=Phase.REFINE, step=run.done, total=settings.updates)
-            unfinished.note(checkpoints.folder, checkpoints.identity, reached)
+            checkpoints.save(Phase.REFINE, run.as_tree(), reached)
     return Refined(feedback=run.mean, stretches=tuple(run.stretches or run.off_design), periods=run.periods)
 
 

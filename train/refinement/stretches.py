@@ -17,12 +17,7 @@ from train.refinement.windows import Price, Stream, Stretch, StretchReadings, di
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """A stretch that will be run.
-
-    Attributes:
-        number: number of the stretch's stream.
-        readings, speeds, action_limit: arguments of `differentiate`.
-    """
+    """A stretch of the stream with this number that will be run, with arguments of `differentiate`."""
 
     number: int
     feedback: Feedback
@@ -35,12 +30,8 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
-    """A stretch that has been run.
-
-    Attributes:
-        stream: the stream after the stretch.
-        gradients: gradients with respect to the feedback's parameters, in the order of the parameters.
-    """
+    """A stretch that has been run: the stream after it, and the gradients with respect to the feedback's parameters, in
+    their order."""
 
     number: int
     stream: Stream

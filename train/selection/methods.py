@@ -119,16 +119,13 @@ def select(
     settings: TrainConfig,
     progress: Progress = silent,
 ) -> tuple[str, ...]:
-    """Return the names of the chosen sensors, in the method's order.
+    """Return the names of the chosen sensors, in the method's order, from rows with all sensors' columns.
 
     "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection
     with the ridge student. "random": the best of `RANDOM_DRAWS` choices according to the ridge student. "hand": by
-    position alone. Raises ConfigError for an unknown method, too few sensors, or "hand" if the sensors have no mirror
-    images or no base; DatasetError if `rows` has too few windows.
-
-    Args:
-        rows: samples with all sensors' columns.
-        settings: settings of the training; the method uses their seed and, for "shap", their numbers of draws.
+    position alone. Of the settings, the method uses the seed and, for "shap", the numbers of draws. Raises ConfigError
+    for an unknown method, too few sensors, or "hand" if the sensors have no mirror images or no base; DatasetError if
+    `rows` has too few windows.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")

@@ -78,10 +78,8 @@ class RidgeStudent:
     windows.
 
     Attributes:
-        gram: (F, F) products of the fitted windows' lags with each other.
-        cross: (F, N_z) products of the fitted windows' lags with the latents.
-        judged_gram: (F, F) products of the test windows' lags with each other.
-        judged_cross: (F, N_z) products of the test windows' lags with the latents.
+        gram, cross: products of the fitted windows' lags with each other (F, F) and with the latents (F, N_z).
+        judged_gram, judged_cross: the same products of the test windows.
         judged_power: mean square of the test windows' latents, summed over N_z.
         lags: number of lags of each column.
         noise_power: mean square of the noise on each column; the last entry is the action's.

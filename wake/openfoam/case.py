@@ -21,14 +21,13 @@ PROBE_OBJECT: Final = "wakeProbe"
 
 @dataclass(frozen=True, kw_only=True)
 class CaseClock:
-    """The end and the time step of an icoFoam run, in t_c, and the numbers of time steps between outputs."""
+    """The end and the time step of an icoFoam run, in t_c, and the numbers of time steps between two written states and
+    between two measurements."""
 
     end: float
     dt: float
     steps_per_write: int
-    """Number of time steps between two written states."""
     steps_per_sample: int
-    """Number of time steps between two measurements."""
 
 
 def write_mesh(folder: Path, mesh: Mesh) -> None:

@@ -1,8 +1,4 @@
-"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), and exploration noise.
-
-Every forcing signal is a pure function of its settings, its length and a random generator, normalised to [-1, 1] and
-scaled to the action limit.
-"""
+"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), and exploration noise."""
 
 from collections.abc import Callable
 from typing import Final, Literal
@@ -19,11 +15,9 @@ ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
     """Compute the training waveform, (steps,), in U_inf W. The carrier's frequency is near the shedding frequency and
-    varies with low-pass filtered noise; its amplitude follows a slow sinusoid; the result is clipped.
-
-    The noise is filtered by a second-order Butterworth low-pass and normalised by its largest magnitude. The envelope
-    reaches 1 + depth, so that the strongest part of the signal is clipped and explores the full amplitude.
-    """
+    varies with noise, low-pass filtered and normalised by its largest magnitude; its amplitude follows a slow sinusoid.
+    The envelope reaches 1 + depth, so that the strongest part of the signal is clipped and explores the full
+    amplitude."""
     dt = flow.control_period
     # The filter starts from zero, so the first few cut-off periods of its output are discarded.
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
@@ -36,18 +30,6 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
     envelope = 1.0 + forcing.envelope_depth * np.sin(2.0 * np.pi * (forcing.envelope_frequency * t + rng.random()))
     signal: Array = flow.action_limit * np.clip(envelope * np.sin(phase), -1.0, 1.0)
     return signal
-
-
-def chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """Compute a linear sweep at full amplitude from `chirp_start` to `chirp_end`; shape (steps,), in U_inf W."""
-    del rng
-    return _sweep(steps, forcing.chirp_start, forcing.chirp_end, flow)
-
-
-def extended_chirp(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """Compute a linear sweep at full amplitude from `extended_chirp_start` to `extended_chirp_end`; shape (steps,)."""
-    del rng
-    return _sweep(steps, forcing.extended_chirp_start, forcing.extended_chirp_end, flow)
 
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
@@ -66,10 +48,9 @@ def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) ->
 def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator, *, rms: float) -> Array:
     """Compute coloured noise to add to a controller's commands; shape (steps,), in U_inf W.
 
-    The noise is an Ornstein-Uhlenbeck process sampled every control period: Gaussian, stationary from the first step
-    on, with autocorrelation exp(-lag / `exploration_time`). For one seed, a longer signal begins with the shorter
-    signal. The noise is not clipped; the sum of command and noise is clipped later. `rms` is a fraction of the action
-    limit.
+    The noise is an Ornstein-Uhlenbeck process: Gaussian, stationary from the first step on, with autocorrelation
+    exp(-lag / `exploration_time`). For one seed, a longer signal begins with the shorter signal. The noise is not
+    clipped; the sum of command and noise is clipped later. `rms` is a fraction of the action limit.
     """
     kept = np.exp(-flow.control_period / forcing.exploration_time)
     white = rng.standard_normal(steps)
@@ -78,13 +59,8 @@ def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.ra
     return signal
 
 
-def none(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
-    """Return zeros of shape (steps,): no forcing."""
-    del forcing, flow, rng
-    return np.zeros(steps)
-
-
 def _sweep(steps: int, start: float, end: float, flow: FlowConfig) -> Array:
+    """Compute a linear sweep of the frequency at full amplitude; shape (steps,), in U_inf W."""
     t = np.arange(steps) * flow.control_period
     rate = (end - start) / (max(steps, 1) * flow.control_period)
     return flow.action_limit * np.sin(2.0 * np.pi * (start * t + 0.5 * rate * t**2))
@@ -93,7 +69,9 @@ def _sweep(steps: int, start: float, end: float, flow: FlowConfig) -> Array:
 Signal = Callable[[int, ForcingConfig, FlowConfig, np.random.Generator], Array]
 SIGNALS: Final[dict[ForcingName, Signal]] = {
     "training": training,
-    "chirp": chirp,
-    "extended_chirp": extended_chirp,
-    "none": none,
+    "chirp": lambda steps, forcing, flow, _: _sweep(steps, forcing.chirp_start, forcing.chirp_end, flow),
+    "extended_chirp": lambda steps, forcing, flow, _: _sweep(
+        steps, forcing.extended_chirp_start, forcing.extended_chirp_end, flow
+    ),
+    "none": lambda steps, *_: np.zeros(steps),
 }

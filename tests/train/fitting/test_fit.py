@@ -12,9 +12,10 @@ from contract.config.learning import FinishConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError, TrainingError
 from train.distillation.evaluate import evaluate
-from train.fitting.checkpoint import Identity
-from train.fitting.fit import Checkpoints, fit_joint
+from train.fitting.checkpoint import Checkpoints
+from train.fitting.fit import fit_joint
 from train.fitting.progress import Phase
+from train.fitting.unfinished import Identity
 
 pytestmark = pytest.mark.slow  # networks are trained
 

@@ -110,11 +110,11 @@ def test_joint_loss_against_a_sample_by_sample_unroll():
         "covariance": covariance,
         "total": prediction + 0.3 * force + 0.6 * decode + 0.7 * variance + 0.4 * covariance,
     }
-    for name, value in terms.as_dict().items():
+    for name, value in terms.items():
         torch.testing.assert_close(value, expected[name], rtol=1e-5, atol=1e-6)
 
     parameters = list(model.parameters())
-    found = torch.autograd.grad(terms.total, parameters, retain_graph=True)
+    found = torch.autograd.grad(terms["total"], parameters, retain_graph=True)
     for gradient, wanted in zip(found, torch.autograd.grad(expected["total"], parameters), strict=True):
         torch.testing.assert_close(gradient, wanted, rtol=1e-4, atol=1e-5)
 

@@ -15,7 +15,7 @@ from contract.controller.goal import Goal
 from contract.errors import ConfigError, DatasetError, StillwakeError
 from contract.sensors import TRUCK
 from tests.train.refinement.oscillator import DRAG, MIDDLES, START, Oscillator
-from train.fitting.fit import Checkpoints
+from train.fitting.checkpoint import Checkpoints
 from train.fitting.progress import Phase, silent
 from train.fitting.unfinished import Identity
 from train.refinement.feedback import Feedback
