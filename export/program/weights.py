@@ -194,12 +194,10 @@ class PriorWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "PriorWeights":
-        """Read a state dict. `of_two_speeds` converts a model with one variable for the speed.
-
-        In a model of version 1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and
-        "slope", both (n, F, p + 1); "slope" is the change of "first" if the speed rises by the design speed.
-        Alternatively, it has "hidden", (n, M, p + 1), in place of filters, first and slope.
-        """
+        """Read a state dict. `of_two_speeds` converts a model with one variable for the speed. In a model of version
+        1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and "slope", both (n, F,
+        p + 1); "slope" is the change of "first" if the speed rises by the design speed. Alternatively, it has "hidden",
+        (n, M, p + 1), in place of filters, first and slope."""
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
             name = "hidden" if is_dense else "first"

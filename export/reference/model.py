@@ -114,12 +114,9 @@ class DecoderLayers:
 
 def encode(program: ControllerProgram, window: Array) -> Array:
     """Compute the latent state z_t = f_enc(S_t), (..., n_z), of the window S_t (..., L, S+1), oldest row first; row k
-    is (Cp_k, a_{k-1}), unscaled. The encoder reads the newest `encoder_rows` rows.
-
-    With x_k the scaled row k of the window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) c + sigmoid(i)
-    tanh(g) and h = sigmoid(o) tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) +
-    b_2.
-    """
+    is (Cp_k, a_{k-1}), unscaled. The encoder reads the newest `encoder_rows` rows. With x_k the scaled row k of the
+    window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) c + sigmoid(i) tanh(g) and h = sigmoid(o)
+    tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) + b_2."""
     return linear(program.encoder.output, encoder_layers(program, window).latent)
 
 
@@ -134,10 +131,8 @@ def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
 
 
 def step(program: ControllerProgram, z: Array, a: Array) -> Array:
-    """Compute the next latent state z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z).
-
-    f_dyn = W_3 ELU(LN(W_2 ELU(LN(W_1 [z, a / action_std] + b_1)) + b_2)) + b_3.
-    """
+    """Compute the next latent state z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z). f_dyn = W_3
+    ELU(LN(W_2 ELU(LN(W_1 [z, a / action_std] + b_1)) + b_2)) + b_3."""
     return z + linear(program.dynamics.output, dynamics_layers(program, z, a).hidden2)
 
 

@@ -37,11 +37,9 @@ def control_step(
     limit: float | None = None,
 ) -> ControlStep:
     """Compute the outputs of `controller.onnx`; the arguments are those in `contract.controller.interface`, with the
-    program's weights and limit in place of None, or of a larger limit.
-
-    If the plan starts at a prior, the optimiser uses only the terms that the prior does not take into account
-    (`unknown_to_prior`). The returned terms and cost are those of the given weights.
-    """
+    program's weights and limit in place of None, or of a larger limit. If the plan starts at a prior, the optimiser
+    uses only the terms that the prior does not take into account (`unknown_to_prior`). The returned terms and cost are
+    those of the given weights."""
     previous_action = float(window[-1, -1])
     z = encode(program, window)
     start = starting_plan(program, window, plan, free, weights, speed, limit)
@@ -113,11 +111,9 @@ def gradient(
     weights: Array | None = None,
     start: Array | None = None,
 ) -> Array:
-    """Compute the gradient dJ/da_k, shape (..., H), by the discrete adjoint.
-
-    Let lambda_k = dJ/dz_{t+k}; lambda_H comes from the forces at t+H alone. Backwards in k, (lambda_k, dJ/da_k) =
-    step_adjoint(lambda_{k+1}), and the contribution of the forces at t+k is added to each lambda_k.
-    """
+    """Compute the gradient dJ/da_k, shape (..., H), by the discrete adjoint. Let lambda_k = dJ/dz_{t+k}; lambda_H comes
+    from the forces at t+H alone. Backwards in k, (lambda_k, dJ/da_k) = step_adjoint(lambda_{k+1}), and the contribution
+    of the forces at t+k is added to each lambda_k."""
     latents = rollout(program, z, plan)
     forces = decode(program, latents[..., 1:, :])
     local = cost_gradient(forces, plan, previous_action, _weights(program, weights), start)

@@ -73,9 +73,7 @@ def filtered_sums(prior: PriorWeights, window: Array) -> Array:
 
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
     """Return the M rows (y_i, a_i) before the present row, (M, p + 1), and the present pressure differences y_t, (p,).
-
-    The window does not contain the oldest of these rows, so a copy of the second-oldest row is used in its place.
-    """
+    The window does not contain the oldest of these rows, so a copy of the second-oldest row is used in its place."""
     newest = window[-memory:]
     # In the window, a row has the action that precedes the row's pressures. The present action is not yet decided.
     rows = np.column_stack([newest[:, :-1:2] - newest[:, 1:-1:2], np.append(newest[1:, -1], 0.0)])

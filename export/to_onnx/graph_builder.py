@@ -24,11 +24,9 @@ IR_VERSION: Final = 8
 
 
 class Graph:
-    """A collection of nodes; every value has a name.
-
-    A graph from `body()` becomes the body of a Scan (`scan`). A body reads any value of the graphs around it by name,
-    and its constants are stored in the outermost graph. Equal constants are stored once.
-    """
+    """A collection of nodes; every value has a name. A graph from `body()` becomes the body of a Scan (`scan`). A body
+    reads any value of the graphs around it by name, and its constants are stored in the outermost graph. Equal
+    constants are stored once."""
 
     def __init__(self, parent: "Graph | None" = None) -> None:
         self._root: Graph = self if parent is None else parent._root
@@ -94,11 +92,9 @@ class Graph:
     def scan(
         self, body: "Graph", *, states: Sequence[str], sequences: Sequence[str], reverse: bool = False
     ) -> tuple[str, ...]:
-        """Run `body` over the first axis of `sequences`. Returns the final states, then the stacked outputs.
-
-        The body's inputs are the states and then one slice of every sequence. Its outputs are the new states and then
-        the values to stack. With `reverse`, slices are read, and outputs are stacked, from the last to the first.
-        """
+        """Run `body` over the first axis of `sequences`. Returns the final states, then the stacked outputs. The body's
+        inputs are the states and then one slice of every sequence. Its outputs are the new states and then the values
+        to stack. With `reverse`, slices are read, and outputs are stacked, from the last to the first."""
         stacked = len(body._outputs) - len(states)
         directions = {"scan_input_directions": [int(reverse)] * len(sequences)}
         if stacked:
@@ -173,12 +169,9 @@ def dequantised(
     graph: Graph, values: npt.NDArray[np.int8], scales: npt.NDArray[np.float32], name: str, *, axis: int = 0
 ) -> str:
     """Store the integers of a matrix, one byte per weight and one scale per row, and return the name of its float32
-    value.
-
-    This value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators that
-    only rearrange values (Transpose, Slice, Unsqueeze). Version 1.20 aborts when it moves one that has one scale per
-    row.
-    """
+    value. This value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators
+    that only rearrange values (Transpose, Slice, Unsqueeze). Version 1.20 aborts when it moves one that has one scale
+    per row."""
     stored, by_row = graph.stored(values, f"{name}.int8"), graph.stored(scales, f"{name}.scale")
     zero_points = graph.stored(np.zeros(len(scales), np.int8), "zero_points")
     return graph.op("DequantizeLinear", stored, by_row, zero_points, axis=axis)

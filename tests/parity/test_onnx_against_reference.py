@@ -84,32 +84,22 @@ def test_a_closed_loop_of_steps_stays_together():
         np.testing.assert_allclose(found, plan, rtol=0, atol=2.5e-5)
 
 
-def test_actions_stay_within_a_limit_that_float32_rounds_up():
+def test_actions_stay_within_a_limit_that_float32_rounds_up_and_committed_ones_come_back_to_the_bit():
     limit = 0.075
     assert float(np.float32(limit)) > limit
-    unsmoothed = CostWeights(smoothness=0.0)
-    mpc = MpcConfig(horizon=6, iterations=20, learning_rate=0.05, weights=unsmoothed)
+    mpc = MpcConfig(horizon=8, iterations=20, learning_rate=0.05, weights=CostWeights(smoothness=0.0))
     program = random_program(6, model=SMALL, mpc=mpc, action_limit=limit)
     controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
     rng = np.random.default_rng(0)
-    touched = 0.0
-    for _ in range(10):
-        plan = controller.control_step(random_window(program, rng), np.zeros(6), np.ones(6)).plan
-        assert np.abs(plan).max() <= limit
-        touched = max(touched, np.abs(plan).max())
-    assert touched == pytest.approx(limit, rel=1e-6)
-
-
-def test_committed_actions_come_back_to_the_bit():
-    program = random_program(8, model=SMALL, mpc=MpcConfig(horizon=8))
-    controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
-    rng = np.random.default_rng(8)
     plan = rng.uniform(-0.07, 0.07, 8).astype(np.float32).astype(np.float64)
-    free = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
-    found = controller.control_step(random_window(program, rng), plan, free).plan
-    shifted = np.append(plan[1:], plan[-1])
-    np.testing.assert_array_equal(found[free == 0], shifted[free == 0])
-    assert (found[free == 1] != shifted[free == 1]).all()
+    free, shifted, touched = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0]), np.append(plan[1:], plan[-1]), 0.0
+    for _ in range(10):
+        found = controller.control_step(random_window(program, rng), plan, free).plan
+        assert np.abs(found).max() <= limit
+        touched = max(touched, np.abs(found).max())
+        np.testing.assert_array_equal(found[free == 0], shifted[free == 0])
+        assert (found[free == 1] != shifted[free == 1]).all()
+    assert touched == pytest.approx(limit, rel=1e-6)
 
 
 def test_gate_refuses_the_graph_of_the_rounded_program():

@@ -56,12 +56,9 @@ def optimise(
     checkpoints: Checkpoints | None = None,
 ) -> None:
     """Minimise `loss(step)["total"]` over the module's parameters in place, with `steps` steps of Adam. The learning
-    rate is constant or has one cycle (warm-up, then cosine to zero; Smith 2017).
-
-    Call this function inside `seeded`: the generator's state is saved and restored with the checkpoint. Raises
-    the errors of `Checkpoints`; TrainingError as soon as loss or weights are not finite, and then removes the
-    checkpoints.
-    """
+    rate is constant or has one cycle (warm-up, then cosine to zero; Smith 2017). Call this function inside `seeded`:
+    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`; TrainingError
+    as soon as loss or weights are not finite, and then removes the checkpoints."""
     optimiser = torch.optim.Adam(module.parameters(), lr=settings.learning_rate)
     rate = _rate(optimiser, steps, settings)
     first = 0

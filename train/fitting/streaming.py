@@ -1,13 +1,12 @@
-"""An encoder that reads a stream: one LSTM step for each sample instead of L steps, because the LSTM's state is not
+"""Training of an encoder on a stream: one LSTM step for each sample instead of L steps, because the LSTM's state is not
 reset (this project's method).
 
 The networks are those of the windowed encoder, which starts from a zero state in every window; a streamed encoder's
 state can depend on all earlier rows. Training reads sequences of L - 1 + `STRETCH` rows from a zero state and uses the
 last `STRETCH` latents, so that one pass through the LSTM gives `STRETCH` samples. An encoder trained in this way also
-reads windows well, so training on streams is a cheap preparation of a windowed encoder (`train.distillation.distil`).
+reads windows well, so this is a cheap preparation of a windowed encoder (`train.distillation.distil`).
 """
 
-import torch
 from torch import Tensor
 
 from contract.config.tree import Config
@@ -23,21 +22,6 @@ from train.samples.sampler import SegmentSampler, add_sensor_noise
 _MORE = 8
 """Ratio of the batch size to the batch size of windowed training. It is larger than 1 because neighbouring latents are
 similar, and additional latents of a stream cost little."""
-
-
-def encode_stream(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute n latents, (n, N_z), one for each row; the LSTM's state is not reset within an episode.
-
-    The first L - 1 latents of an episode, while the state settles, are NaN as in `distil.encode_all`.
-    """
-    with torch.no_grad():
-        parts = []
-        for span in rows.spans():
-            hidden, _ = encoder.lstm(rows.inputs[None, span])
-            latents = encoder.read_out(hidden[0])
-            latents[: encoder.window - 1] = float("nan")
-            parts.append(latents)
-        return torch.cat(parts)
 
 
 def fit_stream(

@@ -81,9 +81,7 @@ class _Recurrence(torch.autograd.Function):
 
 def _forward(projected: Tensor, weight: Tensor, window: int, *, keep: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Return gates, cells, hidden states and tanh(c), for every step if `keep`, otherwise for the last step only.
-
-    Shapes are (L, 4H, N), (L + 1, H, N), (L + 1, H, N), (L, H, N) with N = W S windows; without `keep`, (1, ...).
-    """
+    Shapes are (L, 4H, N), (L + 1, H, N), (L + 1, H, N), (L, H, N) with N = W S windows; without `keep`, (1, ...)."""
     (gate_rows, rows, count), width = projected.shape, weight.shape[1]
     size = (rows - window + 1) * count
     flat = projected.reshape(gate_rows, rows * count)

@@ -24,11 +24,9 @@ class Batch:
 
 
 class SegmentSampler:
-    """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step.
-
-    A sample is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one
-    segment has W = segment + ahead windows. Each pass covers every episode with shuffled segments from a random offset.
-    """
+    """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step. A sample
+    is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one segment has
+    W = segment + ahead windows. Each pass covers every episode with shuffled segments from a random offset."""
 
     def __init__(self, rows: Rows, *, window: int, ahead: int, segment: int, batch_size: int, seed: int) -> None:
         """Prepare the sampler. Raises DatasetError if an episode is too short for one segment."""

@@ -56,12 +56,9 @@ class EpisodePlan:
 
 def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
     """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 + 2,500 steps for training, 10,000 of
-    the chirp, 10,000 of the extended chirp.
-
-    The training steps are split into independent episodes with seeds `seed`, `seed` + 1, ... that start at phases
-    spread evenly over a shedding cycle, so that they differ in more than the forcing. A chirp cannot be split, because
-    its sweep rate depends on its duration.
-    """
+    the chirp, 10,000 of the extended chirp. The training steps are split into independent episodes with seeds `seed`,
+    `seed` + 1, ... that start at phases spread evenly over a shedding cycle, so that they differ in more than the
+    forcing. A chirp cannot be split, because its sweep rate depends on its duration."""
     count = _PAPER_TRAINING_EPISODES
     training = (
         EpisodePlan(forcing="training", steps=50_000 // count, seed=seed + i, lead=round(SHEDDING_PERIOD * i / count))

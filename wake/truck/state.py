@@ -41,10 +41,8 @@ class Origin:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
     """All data that determine how the flow continues: velocities and pressures, the number of substeps since t = 0, and
-    the action in force.
-
-    A plant rejects a state whose origin differs from the plant, and accepts a state without origin.
-    """
+    the action in force. A plant rejects a state whose origin differs from the plant, and accepts a state without
+    origin."""
 
     flat: Array
     substep: int

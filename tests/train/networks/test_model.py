@@ -36,15 +36,6 @@ def test_names_and_shapes_of_the_weights_are_the_paper_s():
     }
 
 
-def test_dropout_acts_in_training_only():
-    torch.manual_seed(0)
-    decoder = WakeModel(4, ModelConfig()).decoder
-    latent = torch.randn(5, 8)
-    assert not torch.equal(decoder(latent), decoder(latent))
-    decoder.eval()
-    assert torch.equal(decoder(latent), decoder(latent))
-
-
 def test_terms_by_hand_and_by_formula():
     predicted = torch.tensor([[[1.0, 2.0]], [[0.0, 0.0]]])
     target = torch.tensor([[[0.0, 0.0]], [[3.0, 0.0]]])

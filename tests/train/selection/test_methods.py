@@ -28,13 +28,12 @@ def encoder(small_config) -> Encoder:
     return WakeModel(90, small_config.model).encoder
 
 
-@pytest.mark.slow  # two rankings by SHAP
-def test_every_method_chooses_as_many_as_asked_and_the_same_again(encoder, rows, small_config):
+@pytest.mark.slow  # a ranking by SHAP
+def test_every_method_chooses_as_many_as_asked(encoder, rows, small_config):
     settings = replace(small_config.train, shap_background=4, shap_explained=5, shap_samples=2)
     for method in METHODS:
         names = select(method, encoder, rows, 3, settings=settings)
         assert len(sensors.TRUCK.indices(names)) == 3, method  # refuses unknown and repeated names
-        assert names == select(method, encoder, rows, 3, settings=settings), method
         for count in (0, 91):
             with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
                 select(method, encoder, rows, count, settings=settings)
