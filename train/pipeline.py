@@ -88,7 +88,7 @@ def train_all(
         scaling = fit_scaling(episodes, layout)
         train_rows = prepare(episodes, scaling, mirrored=layout.mirror is not None, layout=layout)
         test_rows = prepare(recording.with_role("test"), scaling, mirrored=False, layout=layout)
-        checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen, threads), resume)
+        checkpoints = Checkpoints.of(output, Identity.of(config, digest, device, chosen, threads), resume)
         used = sorted({*unfinished.threads(checkpoints.folder), threads})
         if len(used) > 1:
             notice(
@@ -151,14 +151,6 @@ def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str]
     check_count(config.train.sensors, len(layout))
     if config.train.selection == "hand":
         select_by_hand(config.train.sensors, layout)
-
-
-def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
-    folder = unfinished.folder_of(output)
-    if not resume:
-        unfinished.clear(folder)
-    unfinished.check(folder, identity)
-    return Checkpoints(folder=folder, identity=identity, resume=True)
 
 
 def _choice(

@@ -127,7 +127,12 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         value; gymnasium.error.ResetNeeded before the first reset."""
         if self._step_count is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        commanded = _single_value(action)
+        values = np.asarray(action, dtype=np.float64)
+        if values.size != 1:
+            raise PlantError(f"action of shape {values.shape}: must be one value")
+        commanded = float(values.item())
+        if not np.isfinite(commanded):
+            raise PlantError(f"action {commanded}: must be finite")
         limit = self.plant.config.action_limit
         # Rounding to float32 can move the bound by one ulp; an action at the rounded bound must not count as clipped.
         clipped = bool(abs(commanded) > np.float32(limit))
@@ -194,16 +199,6 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     def _info(self, sample: Sample, clipped: bool) -> dict[str, Any]:
         ledger = {name: getattr(sample, name) for name in LEDGER}
         return ledger | {"clipped": clipped, "clipped_count": self._clipped_count}
-
-
-def _single_value(action: npt.ArrayLike) -> float:
-    values = np.asarray(action, dtype=np.float64)
-    if values.size != 1:
-        raise PlantError(f"action of shape {values.shape}: must be one value")
-    value = float(values.item())
-    if not np.isfinite(value):
-        raise PlantError(f"action {value}: must be finite")
-    return value
 
 
 # Importing this module registers the environment, because Gymnasium 1.0 no longer reads entry points.

@@ -99,10 +99,7 @@ def case_speed(program: ControllerProgram, number: int) -> float:
 
 
 def check_lowering(
-    program: ControllerProgram,
-    lowering: Controller,
-    name: str,
-    windows: Sequence[Array],
+    program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]
 ) -> ParityReport:
     """Compare a lowering with the reference. Raises ExportError, which states the difference, if a difference exceeds
     its tolerance or is not a number. `program` is the program that the lowering should compute, for int8 weights with

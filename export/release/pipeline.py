@@ -222,12 +222,7 @@ def _write_library(library: CLibrary, release: Bundle, gated: Gated, windows: Se
 
 
 def _lowered(
-    program: ControllerProgram,
-    episodes: Dataset,
-    precision: str,
-    *,
-    with_library: bool,
-    phase: Callable[[str], None],
+    program: ControllerProgram, episodes: Dataset, precision: str, *, with_library: bool, phase: Callable[[str], None]
 ) -> tuple[Lowered, list[Array]]:
     """Return the program rounded and lowered, and the windows for its gates."""
     windows = gate_windows(program, episodes.with_role("test"), episodes.layout)

@@ -52,15 +52,7 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
     else:
         arrays = {**float_arrays(program)}
     precision = precision_of(program)
-    definitions = settings(effective(program), precision)
-    return static_sources(precision) | weights_files(arrays, definitions, ALIGNMENTS[precision])
-
-
-def weights_files(
-    arrays: Mapping[str, ArrayValues], definitions: Mapping[str, int | str | np.float32], alignment: int
-) -> dict[str, bytes]:
-    """Return `sw_settings.h` with these definitions, and the arrays, which have their C names, both as a C source file
-    and as packed bytes."""
+    alignment = ALIGNMENTS[precision]
     rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
     hot = {name: arrays[name] for name in _HOT if name in arrays}
     constants = {"sw_own_weights": numbers("sw_weights", rest, alignment)}
@@ -69,11 +61,11 @@ def weights_files(
         constants["sw_own_hot"] = numbers("sw_hot", hot, alignment)
         sizes |= constants["sw_own_hot"].settings("SW_HOT")
     tables = "\n\n".join(table(name, arrays[name]) for name in _TABLES if name in arrays)
-    return {
-        PROGRAM_SETTINGS: settings_header({**definitions, "SW_ALIGNMENT": alignment, **sizes}),
-        PROGRAM_WEIGHTS: numbers_source(
-            "the numbers of one program", ['"stillwake.h"', '"sw_weights.h"'], constants, tables
-        ),
+    definitions = {**settings(effective(program), precision), "SW_ALIGNMENT": alignment, **sizes}
+    headers = ['"stillwake.h"', '"sw_weights.h"']
+    return static_sources(precision) | {
+        PROGRAM_SETTINGS: settings_header(definitions),
+        PROGRAM_WEIGHTS: numbers_source("the numbers of one program", headers, constants, tables),
         image_payload.WEIGHTS_PART: b"".join(each.packed() for each in constants.values()),
     }
 
@@ -91,11 +83,7 @@ def with_answer(library: Mapping[str, bytes], answer: tuple[float, float]) -> di
     assert source.count(unknown) == 1
     values = member(answer).packed()
     packed[place : place + len(values)] = values
-    return {
-        **library,
-        PROGRAM_WEIGHTS: source.replace(unknown, known),
-        image_payload.WEIGHTS_PART: bytes(packed),
-    }
+    return {**library, PROGRAM_WEIGHTS: source.replace(unknown, known), image_payload.WEIGHTS_PART: bytes(packed)}
 
 
 def numbers(struct: str, arrays: Mapping[str, ArrayValues], alignment: int) -> Numbers:

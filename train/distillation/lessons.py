@@ -109,13 +109,7 @@ class Lessons:
 
 
 def teach(
-    teacher: WakeModel,
-    latents: Tensor,
-    rows: Rows,
-    scaling: Scaling,
-    config: Config,
-    *,
-    progress: Progress = silent,
+    teacher: WakeModel, latents: Tensor, rows: Rows, scaling: Scaling, config: Config, *, progress: Progress = silent
 ) -> Lessons:
     """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
     those of the vehicle's encoder, one for each of n rows. Raises DatasetError if no episode is long enough for a

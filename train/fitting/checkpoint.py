@@ -36,6 +36,16 @@ class Checkpoints:
     resume: bool = False
     every: int = 100
 
+    @classmethod
+    def of(cls, output: Path, identity: Identity, resume: bool) -> "Checkpoints":
+        """Return the checkpoints of the model `output`, from which a training continues; without `resume` they are
+        removed first. Raises as `train.fitting.unfinished.check` does."""
+        folder = unfinished.folder_of(output)
+        if not resume:
+            unfinished.clear(folder)
+        unfinished.check(folder, identity)
+        return cls(folder=folder, identity=identity, resume=True)
+
     def path(self, phase: Phase) -> Path:
         return self.folder / f"{phase}.pt"
 

@@ -21,7 +21,6 @@ from contract.recording import dataset
 from contract.recording.findings import trainable
 from train import model_store
 from train.distillation.evaluate import evaluate_model
-from train.fitting import unfinished
 from train.fitting.checkpoint import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.threads import torch_threads, without_denormals
@@ -77,12 +76,8 @@ def refine_model(
     model_folder.check_free(output)
     trained = replace(model.config.train, seed=config.train.seed)
     settings = replace(model.config, train=trained, refine=config.refine, mpc=config.mpc)
-    folder = unfinished.folder_of(output)
-    if not resume:
-        unfinished.clear(folder)
     identity = Identity.of_refinement(settings, model.dataset_sha256, sensors, threads)
-    unfinished.check(folder, identity)
-    checkpoints = Checkpoints(folder=folder, identity=identity, resume=True)
+    checkpoints = Checkpoints.of(output, identity, resume)
     with torch_threads(threads), without_denormals():
         if tuple(sensors) != model.sensors:
             model = _with_sensors(model, dataset_path, settings, sensors, progress, checkpoints)
@@ -110,7 +105,7 @@ def refine_model(
             prior[RESTING] = resting
         model = replace(model, config=settings, prior=prior, versions={**model.versions, **versions()})
         model_store.save(output, model)
-    shutil.rmtree(folder, ignore_errors=True)
+    shutil.rmtree(checkpoints.folder, ignore_errors=True)
     return model, refined.periods
 
 

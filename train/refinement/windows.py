@@ -188,12 +188,7 @@ def closed_loop(
     stream.rows, stream.speeds = torch.stack(rows[-kept:]).detach().numpy(), np.array(past[-kept:])
     stream.state, stream.stretches = flow.state(), stream.stretches + 1
     return ClosedLoop(
-        seen=seen,
-        actions=actions,
-        leaves=leaves,
-        commands=commands,
-        read=windows,
-        true_rows=np.array(true_rows),
+        seen=seen, actions=actions, leaves=leaves, commands=commands, read=windows, true_rows=np.array(true_rows)
     )
 
 

@@ -53,27 +53,16 @@ def _sorted(wanted: Mask, by: Array) -> list[int]:
     return [int(column) for column in columns[np.argsort(by[columns], kind="stable")]]
 
 
-def pod_modes(rows: Rows, count: int) -> Array:
-    """Return the leading `count` modes of the standardised pressures of N sensors, (N, count), in order of falling
-    variance."""
+def select_qr(rows: Rows, count: int) -> tuple[int, ...]:
+    """Return the indices of the first `count` pivots of a QR decomposition of the transposed leading POD modes, in
+    order. These sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose
+    row of the modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and
+    Brunton, "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018)."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
     _, vectors = np.linalg.eigh(pressure.T @ pressure)
-    return vectors[:, ::-1][:, :count]
-
-
-def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int, ...]:
-    """Return the indices of the first `count` pivots of a QR decomposition of the transposed POD modes, in order.
-
-    These sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose row of
-    the modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and Brunton,
-    "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018).
-
-    Args:
-        modes: size of the basis, at least `count`, because a basis of r modes distinguishes at most r sensors.
-    """
     # PyPI's python-sensors 0.4 computes these pivots too, but needs scikit-learn, matplotlib and pandas.
-    basis = pod_modes(rows, max(count, modes or 0))
+    basis = vectors[:, ::-1][:, :count]
     _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
     return tuple(order[:count].tolist())
 

@@ -42,10 +42,7 @@ class TimeMean:
 
 
 def mean_flow(
-    wake: TruckWake,
-    actions: Array,
-    skip: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    wake: TruckWake, actions: Array, skip: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Flow:
     """Run the plant from its present state with the actions, one per control period. Return the mean of its flows at
     the ends of all control periods except the first `skip`. `progress` is called with (periods done, total)."""

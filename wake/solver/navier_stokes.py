@@ -127,16 +127,13 @@ class FlowSolver(CopiedWhole):
         fastest = max(float(flow.u.max()), -float(flow.u.min()))
         if not fastest < 20.0:
             flow.flat[:] = self._before.flat
-            raise self._diverged(dt, steps, max(abs(action_from), abs(action_to)))
-
-    def _diverged(self, dt: float, steps: int, action: float) -> PlantError:
-        flow, rows = self._before, self.domain.slot_rows
-        flow.faces_u[self.domain.slot_column, rows] = action * self.slot_profile[rows]
-        convective = stability.convective_number(self.grid, flow, dt)
-        viscous = stability.viscous_number(self.grid, self.viscosity, dt)
-        return PlantError(
-            f"the flow diverged within {steps} steps of dt = {dt:.3g}: {stability.advice(convective, viscous, dt)}"
-        )
+            before, rows = self._before, self.domain.slot_rows
+            before.faces_u[self.domain.slot_column, rows] = (
+                max(abs(action_from), abs(action_to)) * self.slot_profile[rows]
+            )
+            convective = stability.convective_number(self.grid, before, dt)
+            advice = stability.advice(convective, stability.viscous_number(self.grid, self.viscosity, dt), dt)
+            raise PlantError(f"the flow diverged within {steps} steps of dt = {dt:.3g}: {advice}")
 
     def slot_velocity(self, action_from: float, action_to: float, steps: int) -> Array:
         """Return the jets' velocities at the end of each stage of a ramp's steps, (steps, 3, slots' rows)."""

@@ -106,10 +106,7 @@ def check_steady(wake: TruckWake, state: State) -> None:
     and the remedy."""
     wake.reset(state)
     flow = wake.flow
-    uneven = max(
-        float(np.abs(flow.u - flow.u[:, ::-1]).max()),
-        float(np.abs(flow.v + flow.v[:, ::-1]).max()),
-    )
+    uneven = max(float(np.abs(flow.u - flow.u[:, ::-1]).max()), float(np.abs(flow.v + flow.v[:, ::-1]).max()))
     remedy = "`stillwake develop FILE --steady` computes the steady wake"
     if uneven > _UNEVEN or state.action != 0.0:
         raise PlantError(

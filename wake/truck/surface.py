@@ -136,11 +136,7 @@ class Surface:
         values = self._matrix @ flow.flat
         cp, rest = values[: self._sensors], values[self._sensors :]
         return Measured(
-            Cp=cp,
-            Cd=float(rest[0]),
-            Cl=float(rest[1]),
-            slots=self._slots.measure(flow),
-            Uy_probe=float(rest[2]),
+            Cp=cp, Cd=float(rest[0]), Cl=float(rest[1]), slots=self._slots.measure(flow), Uy_probe=float(rest[2])
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
@@ -152,9 +148,12 @@ class Surface:
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
         """Return the weights with which the flow's values sum to a component's value at a point in the flow."""
+        return self._terms(component, bilinear(*self._grid.axes(component), px, py))
+
+    def _terms(self, component: Component, entries: list[tuple[tuple[int, int], float]]) -> Terms:
         terms: Terms = defaultdict(float)
-        for (i, j), w in bilinear(*self._grid.axes(component), px, py):
-            terms[self._layout.index(component, i, j)] += w
+        for face, w in entries:
+            terms[self._layout.index(component, *face)] += w
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
@@ -168,10 +167,7 @@ class Surface:
         while len(found) < 2:
             entries = bilinear(xs, ys, x + distance * nx, y + distance * ny)
             if all(usable[face] for face, _ in entries):
-                terms: Terms = defaultdict(float)
-                for face, w in entries:
-                    terms[self._layout.index(component, *face)] += w
-                found.append((distance, terms))
+                found.append((distance, self._terms(component, entries)))
                 distance += spacing
             else:
                 distance += 0.0625 * spacing

@@ -48,12 +48,12 @@ def test_a_copy_within_a_period_is_a_plant_of_its_own(coarse):
         assert len(poisson._solve_half.signatures) == compiled
 
 
-def test_the_number_of_threads_changes_no_bit_and_is_left_alone():
+def test_the_number_of_threads_changes_no_bit_and_is_left_alone(coarse):
     """Of BLAS, while the plant is made and while it runs; and of plants at once."""
 
     def ended_at(action: float) -> bytes:
-        wake = TruckWake()
-        wake.reset(developed_state())
+        wake = TruckWake(coarse.flow)
+        wake.reset(coarse.start)
         wake.advance(action)
         return wake.flow.flat.tobytes()
 
