@@ -54,7 +54,7 @@ def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[
     precision = precision_of(program)
     alignment = ALIGNMENTS[precision]
     rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
-    hot = {name: arrays[name] for name in _HOT if name in arrays}
+    hot: dict[str, ArrayValues] = {name: arrays[name] for name in _HOT if name in arrays}
     constants = {"sw_own_weights": numbers("sw_weights", rest, alignment)}
     sizes = constants["sw_own_weights"].settings("SW_WEIGHTS") | {"SW_HOT_BYTES": 0}
     if hot:

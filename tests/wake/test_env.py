@@ -149,7 +149,6 @@ def gone_on_with(env: Any) -> list[Any]:
 
 
 WAYS: list[Callable[[Any], list[Any]]] = [
-    lambda one: gone_on_with(copy.copy(one)),
     lambda one: gone_on_with(copy.deepcopy(gymnasium.wrappers.TimeLimit(one, 9)).unwrapped),
     lambda one: gone_on_with(cloudpickle.loads(cloudpickle.dumps(one))),
 ]
