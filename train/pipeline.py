@@ -18,9 +18,8 @@ from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from train import model_store
 from train.distillation.distil import distil, encode_all
-from train.distillation.distil_predictor import distil_predictor
 from train.distillation.evaluate import evaluate_model
-from train.distillation.lessons import teach
+from train.distillation.lessons import distil_predictor, teach
 from train.fitting import unfinished
 from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import device_named, fit_joint

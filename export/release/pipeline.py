@@ -8,11 +8,14 @@ from datetime import date
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller import c_folder as c_folder_format
+from contract.controller.c_folder import BILL, EXPECTED, RECORDED, rows_text, write_folder
+from contract.controller.image_payload import with_layout
 from contract.controller.interface import CompileLibrary
 from contract.errors import ExportError
 from contract.model import model_folder
@@ -32,9 +35,10 @@ from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram, program_of
 from export.program.windows import recorded_windows
 from export.release.bundle import Vehicle, write_release
-from export.release.c_folder import rows_of, write_c_release
 from export.release.gated import Gated, gate
 from export.release.lowering import Lowered, lower
+from export.to_c.builds import build_files
+from export.to_c.library import documents
 
 EXPORT_PHASES: Final = ("read", "round weights", "make and check", "write")
 """The phases of an export, in order."""
@@ -269,3 +273,36 @@ def _recording_of(
             raise ExportError(f"{other}, and of other sensors, in {difference}")
         notice(f"gates and calibration: {other}")
     return recording
+
+
+def write_c_release(
+    folder: Path,
+    gated: Gated,
+    windows: Sequence[Array],
+    ecu: Mapping[str, bytes] | None = None,
+    bill: Callable[[Mapping[str, bytes]], bytes] | None = None,
+) -> None:
+    """Write the library's folder, completely or not at all. Raises LibraryError if the folder contains something other
+    than a library; StillwakeError if the folder cannot be written.
+
+    Args:
+        windows: consecutive recorded windows (L, S+1) of L rows and S sensors, whose rows are written to the folder.
+        ecu: files of the ECU around the control step, and the ECU's documents.
+        bill: computes the bill of materials from all files of the folder.
+    """
+    assert gated.lowered.library is not None
+    assert gated.library is not None
+    recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
+    library = with_layout({**gated.lowered.library, **({} if ecu is None else ecu)})
+    contents = {**library, **recorded, **documents(library), **build_files(library)}
+    write_folder(folder, contents if bill is None else {**contents, BILL: bill(contents)})
+
+
+def recorded_rows(windows: Sequence[Array]) -> str:
+    """Return the rows of consecutive windows as text, one row per line, with the digits of float32."""
+    return rows_text(rows_of(windows))
+
+
+def rows_of(windows: Sequence[Array]) -> Array:
+    """Return the n different rows of consecutive windows (L, S+1), as an array (n, S+1)."""
+    return np.concatenate([windows[0], *(window[-1:] for window in windows[1:])])

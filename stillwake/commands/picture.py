@@ -19,7 +19,7 @@ from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from firmware_sim.runs.run_log import RunLog
-    from wake.recording.forcing import ForcingName
+    from wake.recording.episode_plan import ForcingName
     from wake.truck.truck_wake import TruckWake
 
 _USUAL_DURATION: Final = 25.0
@@ -182,7 +182,7 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
 
 
 def _signal(config: Config, steps: int, forcing: str) -> npt.NDArray[np.float64]:
-    from wake.recording.forcing import SIGNALS, sine
+    from wake.recording.episode_plan import SIGNALS, sine
 
     kind, _, text = forcing.partition(":")
     texts = shared.pairs(text.split(",") if text else [], "sine:amplitude=0.05", FORCINGS[kind] or ("no parameter",))

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from contract.arrays import Index
 from contract.config.tree import Config
+from contract.recording.needs import STRETCH as STRETCH
 from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import optimise, seeded
 from train.fitting.progress import Phase, Progress, silent
-from train.fitting.streaming import fit_stream
 from train.networks.loss import prediction_loss
 from train.networks.model import Encoder
 from train.samples.rows import Rows
@@ -72,3 +72,40 @@ def distil(
         steps = sampler.steps(settings.distil_epochs)
         optimise(slim, loss, steps, settings, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
     return slim
+
+
+_MORE = 8
+"""Ratio of the batch size to the batch size of windowed training. It is larger than 1 because neighbouring latents are
+similar, and additional latents of a stream cost little."""
+
+
+def fit_stream(
+    student: Encoder,
+    target: Tensor,
+    rows: Rows,
+    config: Config,
+    *,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> None:
+    """Train an encoder in place, over `config.train.stream_epochs`, to reproduce the n latents `target` (n, N_z) from
+    rows of the encoder's sensors, read as a stream (this project's method). Call this function inside
+    `train.fitting.fit.seeded`. Raises DatasetError if an episode is too short for a window and a sequence of `STRETCH`
+    rows.
+
+    A stream has one LSTM step for each sample instead of L steps, because the LSTM's state is not reset. Training reads
+    sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents. An encoder trained in
+    this way also reads windows well, so this is a cheap preparation of a windowed encoder.
+    """
+    settings, window = config.train, config.model.window
+    sampler = SegmentSampler(
+        rows, window=window, ahead=0, segment=STRETCH, batch_size=settings.batch_size * _MORE, seed=settings.seed
+    )
+    noise = rows.noise(settings.sensor_noise)
+
+    def loss(step: int) -> dict[str, Tensor]:
+        batch = add_sensor_noise(sampler.batch(step), noise)
+        return {"total": prediction_loss(student.encode_stream(batch.inputs), target[batch.ends])}
+
+    steps = sampler.steps(settings.stream_epochs)
+    optimise(student, loss, steps, settings, phase=Phase.STREAM, progress=progress, checkpoints=checkpoints)

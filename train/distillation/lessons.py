@@ -1,6 +1,10 @@
-"""The lessons of a narrower predictor: roll-outs of the trained predictor, their forces, and the gradient of the
-controller's cost with respect to the plan, the only result of dynamics and decoder that the optimiser uses (this
-project's method, not the paper's).
+"""Narrower dynamics and decoder for small ECUs, distilled on roll-outs of the trained networks (this project's method).
+
+The paper slims only the encoder, but nearly all computation of a control step is in the other two networks: the
+optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student learns from
+lessons: whole roll-outs of that length, which begin with latents of the vehicle's encoder, their forces, and the
+gradient of the controller's cost with respect to the plan, the only result that the optimiser uses (Sobolev training,
+Czarnecki et al. 2017).
 
 The trained predictor, the teacher, gives a roll-out for any actions. A quarter of the lessons use the actions that were
 recorded after the lesson's first state, and a quarter use actions from other places in the recording. The other half
@@ -10,19 +14,24 @@ cost, as the teacher predicts it.
 Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from contract.config.controller import CostWeights
+from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.tree import Config
 from contract.release.manifest import Scaling
 from train.distillation.evaluate import rollout_starts
+from train.fitting.checkpoint import Checkpoints
+from train.fitting.fit import optimise, seeded
 from train.fitting.progress import Phase, Progress, silent
-from train.networks.model import Decoder, Dynamics, WakeModel
+from train.networks.loss import prediction_loss
+from train.networks.model import Decoder, Dynamics, Predictor, WakeModel
 from train.samples.rows import Rows
 
 
@@ -159,3 +168,54 @@ def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scalin
         by_force=by_force.transpose(0, 1),
         slope=slope,
     )
+
+
+_FEWER = 4
+"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1, because each roll-out has H
+predictions."""
+
+
+def distil_predictor(
+    lessons: Lessons,
+    model: ModelConfig,
+    settings: TrainConfig,
+    *,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> Predictor:
+    """Train dynamics and decoder of the slim widths to reproduce the teacher's roll-outs.
+
+    The loss is the sum of three terms. The first is the mean square of the latents' difference over h = 1 .. H, the
+    second the forces' Smooth L1 over h = 0 .. H; latents and forces are in standard deviations. The third is
+    `slope_weight` times the mean square of the difference between the student's and the teacher's gradients of the
+    cost, divided by the mean square of the teacher's gradient. Returns the student in evaluation mode, with the slim
+    widths of `model`, on the lessons' device.
+    """
+    device = lessons.actions.device
+    batch_size = max(2, settings.batch_size // _FEWER)
+    steps = max(1, round(settings.predictor_epochs * len(lessons) / batch_size))
+    with seeded(settings.seed, device):
+        student = Predictor(model.slim).to(device)
+
+        def loss(step: int) -> Mapping[str, Tensor]:
+            generator = np.random.default_rng((settings.seed, step))
+            drawn = torch.as_tensor(generator.integers(len(lessons), size=batch_size), device=device)
+            lesson = lessons.drawn(drawn)
+            latents, forces, by_force = (
+                value.transpose(0, 1) for value in (lesson.latents, lesson.forces, lesson.by_force)
+            )
+            actions = lesson.actions.requires_grad_(True)
+            predicted = predict(student, latents[0], actions)
+            terms = {
+                "prediction": prediction_loss(predicted.latents[1:], latents[1:]),
+                "force": nn.functional.smooth_l1_loss(predicted.forces, forces),
+            }
+            total = terms["prediction"] + terms["force"]
+            if settings.slope_weight:
+                slope = plan_slope(predicted, actions, by_force, differentiable=True)
+                terms["slope"] = (slope - lesson.slope).square().mean() / lesson.slope.square().mean()
+                total = total + settings.slope_weight * terms["slope"]
+            return {"total": total, **terms}
+
+        optimise(student, loss, steps, settings, phase=Phase.PREDICTOR, progress=progress, checkpoints=checkpoints)
+    return student

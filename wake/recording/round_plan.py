@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from wake.recording.episode_plan import SHEDDING_PERIOD, EpisodePlan
-from wake.recording.forcing import exploration
+from wake.recording.episode_plan import SHEDDING_PERIOD, EpisodePlan, exploration
 
 ControlledRole = Literal["train", "controlled"]
 CalmRole = Literal["train", "calm"]

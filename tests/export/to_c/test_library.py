@@ -14,8 +14,8 @@ from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
 from export.program.windows import random_window
 from export.reference.mpc import control_step
-from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
+from export.release.pipeline import recorded_rows
 from export.to_c.library import c_library
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)

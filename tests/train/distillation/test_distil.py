@@ -11,9 +11,8 @@ import torch
 
 from contract import sensors
 from train.distillation.distil import distil, encode_all
-from train.distillation.distil_predictor import distil_predictor
 from train.distillation.evaluate import latent_error, rollout_starts
-from train.distillation.lessons import teach
+from train.distillation.lessons import distil_predictor, teach
 from train.fitting.fit import seeded
 from train.networks.model import Predictor, WakeModel
 from train.samples.rows import fit_scaling, prepare

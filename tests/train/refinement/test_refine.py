@@ -22,10 +22,8 @@ from train.fitting.checkpoint import Checkpoints
 from train.fitting.progress import Phase, silent
 from train.fitting.unfinished import Identity
 from train.refinement.feedback import Feedback
-from train.refinement.pipeline import SPEEDS_AT_REST, resting_by_speed
-from train.refinement.predictor import PREDICTOR_RIDGE, check_pairs, predictor
-from train.refinement.refine import Refined, refine
-from train.refinement.stretches import Done, Task, done
+from train.refinement.pipeline import PREDICTOR_RIDGE, SPEEDS_AT_REST, check_pairs, predictor, resting_by_speed
+from train.refinement.refine import Done, Refined, Task, done, refine
 from train.refinement.windows import ROUNDED, Price, Stream, StretchReadings, differentiate
 
 MEMORY, LIMIT = 6, 0.075

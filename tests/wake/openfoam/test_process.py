@@ -81,6 +81,7 @@ def test_steps_reach_the_program_upper_jet_first(case, coarse_mesh):
 @pytest.mark.parametrize(
     ("after", "what"),
     [
+        ("raise SystemExit(3)", "stopped with status 3"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGFPE)", "ended by SIGFPE"),
         ("raise SystemExit(0)", "reached its end"),
         ("time.sleep(600)", r"has not finished a time step in 0\.5 s"),
@@ -152,7 +153,7 @@ class Pipes(Stand):
 
 
 def test_divergence_in_the_last_step_is_refused_by_that_step_even_if_nobody_samples(coarse_mesh, tmp_path, monkeypatch):
-    probes, steps = len(pressure_points(coarse_mesh)), iter((1.0, 1.0, 1.0, np.nan))
+    probes, steps = len(pressure_points(coarse_mesh)), iter((1.0, 1.0, np.nan))
 
     def readings(pressure: float) -> Readings:
         return Readings(forces=np.ones((3, 3, 3)), pressures=np.full(probes, pressure), wake=np.ones(3))

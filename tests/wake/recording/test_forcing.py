@@ -7,7 +7,7 @@ from scipy.signal import hilbert
 
 from contract.config.plant import FlowConfig, ForcingConfig
 from tests.examples import examples
-from wake.recording.forcing import SIGNALS
+from wake.recording.episode_plan import SIGNALS
 
 FLOW, FORCING = FlowConfig(), ForcingConfig()
 

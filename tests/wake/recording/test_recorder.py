@@ -33,7 +33,9 @@ def test_samples_follow_the_timing_convention(tmp_path, monkeypatch, coarse):
     monkeypatch.setattr(recorder, "TruckWake", lambda config, *, body: wake)
     monkeypatch.setattr(episode_job, "developed_state", lambda: coarse.start)
     first = wake.reset(coarse.start)
-    episode = recorded(tmp_path / "a.h5", [EpisodePlan(forcing="training", steps=5, seed=5)]).episodes[0]
+    plan = EpisodePlan(forcing="training", steps=5, seed=5)
+    record(tmp_path / "a.h5", [plan], Config(flow=coarse.flow), block_steps=3)
+    episode = read(tmp_path / "a.h5").episodes[0]
     series = episode.series
     assert series["t"] == pytest.approx(0.2 * np.arange(5))
     assert series["Cd"][0] == pytest.approx(first.Cd, abs=2**-15)  # stored in 16 bits
