@@ -29,7 +29,6 @@ def random_program(
     that none is the identity.
 
     Args:
-        seed: random seed of the weights.
         model: widths of the networks and length of the window; those of the paper if None.
         mpc: settings of the optimiser; those of the paper if None.
         prior_memory: number of rows that the prior reads; 0 for no prior. The prior has five units, which read the

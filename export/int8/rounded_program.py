@@ -94,7 +94,6 @@ def precision_of(program: Program) -> WeightPrecision:
 
 
 def rounded_to_nearest(program: ControllerProgram) -> RoundedProgram:
-    """Round every weight to the nearest integer."""
     return RoundedProgram.of(program, lambda _, weight: quantise_matrix(weight))
 
 

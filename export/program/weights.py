@@ -68,7 +68,6 @@ class EncoderWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "EncoderWeights":
-        """Read a state dict."""
         tensors = _Tensors("encoder", state)
         width = tensors.size("lstm.weight_hh_l0", axis=1)
         inputs = tensors.size("lstm.weight_ih_l0", axis=1)
@@ -109,7 +108,6 @@ class DynamicsWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "DynamicsWeights":
-        """Read a state dict."""
         tensors = _Tensors("dynamics", state)
         latent, first, second = (tensors.size(f"{name}.weight", axis=0) for name in ("output", "input", "hidden"))
         weights = cls(
@@ -145,7 +143,6 @@ class DecoderWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "DecoderWeights":
-        """Read a state dict."""
         tensors = _Tensors("decoder", state)
         width, latent = tensors.shape("input.weight", 2)
         count = len({name.split(".")[1] for name in state if name.startswith("blocks.")})

@@ -120,12 +120,10 @@ def threads(folder: Path) -> tuple[int, ...]:
 
 
 def has_checkpoints(folder: Path) -> bool:
-    """Return whether the folder has checkpoints from which a training can continue."""
     return any(folder.glob("*.pt"))
 
 
 def clear(folder: Path) -> None:
-    """Remove the folder with all checkpoints."""
     shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -31,7 +31,6 @@ class CaseClock:
 
 
 def write_mesh(folder: Path, mesh: Mesh) -> None:
-    """Create the case's folders and write its mesh."""
     for name in ("system", "constant/polyMesh"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     foam_files.write_poly_mesh(mesh, folder / "constant" / "polyMesh")

@@ -19,7 +19,6 @@ def document(kind: str, name: str, body: str) -> str:
 
 
 def dictionary(name: str, entries: Mapping[str, Any]) -> str:
-    """Return the text of a dictionary file."""
     return document("dictionary", name, _entries(entries, ""))
 
 

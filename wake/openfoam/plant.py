@@ -164,7 +164,6 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:
-        """Return the present measurements."""
         return self._instruments.sample(self._readings, t=self.t, action=self._action)
 
     def vorticity(self) -> Array:
@@ -189,7 +188,6 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         """Return None: the pressure is available at the sensors only."""
 
     def close(self) -> None:
-        """End icoFoam."""
         for part in (self._child, self._pipes):
             if isinstance(part, IcoFoam):
                 part.stop()

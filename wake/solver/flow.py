@@ -38,7 +38,6 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """Length of the buffer."""
         return sum(self._size(component) for component in _ORDER)
 
     def offset(self, component: Component, i: int, j: int) -> int:

@@ -67,7 +67,6 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     @property
     def description(self) -> str:
-        """Description of solver, grid and time step."""
         nx, ny = self.grid.shape
         return f"stillwake, {nx} x {ny} cells, dt 1/{1.0 / self.dt:g}"
 
@@ -146,7 +145,6 @@ class TruckWake(CopiedWhole, SteppedPlant):
         self._action = target if substep == last else reached
 
     def sample(self) -> Sample:
-        """Return the present measurements."""
         measured, a = self.surface.measure(self.flow), self._action
         slots = measured.slots
         # The integrals of u^3 over a blowing and a sucking slot cancel, so the power of the jets is the work of the

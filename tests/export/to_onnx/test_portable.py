@@ -20,7 +20,7 @@ SMALL = ModelConfig(window=5, latent=8, lstm_width=5, dynamics_width=8, decoder_
 
 @pytest.mark.slow  # OpenVINO and tract take seconds to open a graph
 def test_every_runtime_computes_the_reference(tmp_path):
-    mpc = MpcConfig(horizon=3, iterations=2)
+    mpc = MpcConfig(horizon=6, iterations=2)
     rounded = rounded_to_nearest(random_program(3, model=SMALL, mpc=mpc, prior_memory=24))
     onnx.save(portable(build_controller(rounded)), tmp_path / "portable.onnx")
     program = effective(rounded)
