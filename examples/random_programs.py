@@ -11,6 +11,7 @@ from contract.config.learning import ModelConfig
 from contract.controller.goal import SCHEDULED
 from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, PriorWeights
 
 SENSORS = ("upper_39", "lower_39", "base_0", "base_9")
 
@@ -28,7 +29,6 @@ def random_program(
     that none is the identity.
 
     Args:
-        seed: random seed of the weights.
         model: widths of the networks and length of the window; those of the paper if None.
         mpc: settings of the optimiser; those of the paper if None.
         prior_memory: number of rows that the prior reads; 0 for no prior. The prior has five units, which read the
@@ -57,16 +57,16 @@ def random_program(
     decoder = {**_linear(rng, "input", width, latent), **_linear(rng, "output", 2, width)}
     for i in range(model.decoder_blocks):
         decoder |= _linear(rng, f"blocks.{i}.linear", width, width) | _norm(rng, f"blocks.{i}.norm", width)
-    return ControllerProgram.from_state(
-        encoder=encoder,
-        dynamics=dynamics,
-        decoder=decoder,
+    return ControllerProgram(
+        encoder=EncoderWeights.from_state(encoder),
+        dynamics=DynamicsWeights.from_state(dynamics),
+        decoder=DecoderWeights.from_state(decoder),
         scaling=_scaling(rng, sensors, action_limit),
         mpc=MpcConfig() if mpc is None else mpc,
         action_limit=action_limit,
         sensors=sensors,
         encoder_rows=model.window,
-        prior=_prior(rng, len(sensors) // 2, prior_memory) if prior_memory else None,
+        prior=PriorWeights.from_state(_prior(rng, len(sensors) // 2, prior_memory)) if prior_memory else None,
     )
 
 

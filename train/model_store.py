@@ -26,12 +26,10 @@ class TrainedModel:
 
     Attributes:
         teacher: encoder on all sensors, dynamics and decoder.
-        slim: encoder on `sensors`.
+        slim: encoder on `sensors`, in their order.
         predictor: narrower dynamics and decoder for the vehicle; None if the vehicle uses the teacher's.
-        sensors: names, in the order of the slim encoder's inputs.
         scaling: scaling of all pressures, the action and the forces.
         dataset_sha256, versions: SHA-256 and versions as in `contract.model.model_folder.Description`.
-        metrics: metrics on the test episodes.
         layout: layout of all sensors, in the order of the scaling and of the teacher's inputs.
         prior: tensors of the plan's prior by name (`train.refinement`); None before the refinement.
     """

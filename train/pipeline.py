@@ -18,11 +18,11 @@ from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from train import model_store
 from train.distillation.distil import distil, encode_all
-from train.distillation.distil_predictor import distil_predictor
 from train.distillation.evaluate import evaluate_model
-from train.distillation.lessons import teach
-from train.fitting import checkpoint, unfinished
-from train.fitting.fit import Checkpoints, device_named, fit_joint
+from train.distillation.lessons import distil_predictor, teach
+from train.fitting import unfinished
+from train.fitting.checkpoint import Checkpoints
+from train.fitting.fit import device_named, fit_joint
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.threads import torch_threads
 from train.fitting.unfinished import Identity
@@ -49,14 +49,13 @@ def train_all(
     threads: int = 1,
     notice: Callable[[str], None] = lambda line: None,
 ) -> TrainedModel:
-    """Train on the recording's "train" episodes, test on its "test" episodes, and store the model at `output`.
+    """Train on the recording's "train" episodes, and also their mirror images if its sensors have mirror images; test
+    on its "test" episodes; store the model at `output`, and return it, on the CPU.
 
-    The training uses the episodes, and also their mirror images if the recording's sensors have mirror images. The
-    state is stored in `<output>.checkpoints` during the run, and removed when the model is stored. An existing model at
-    `output` is replaced when the new model is complete. Returns the stored model, on the CPU.
+    The state is stored in `<output>.checkpoints` during the run. An existing model at `output` is replaced when the new
+    model is complete.
 
     Args:
-        progress: called from every phase; see `train.fitting.progress.Progress`.
         device: "cpu" or "cuda".
         resume: whether an interrupted run with equal settings and recording is continued; if False, the run starts
             over.
@@ -66,8 +65,7 @@ def train_all(
             changed.
 
     Raises:
-        DatasetError: the recording is unreadable or unsuitable (`contract.recording.findings`: too short, constant
-            signal, another control period, action limit or Reynolds number than `config.flow`), or the checkpoint
+        DatasetError: the recording is unreadable or unsuitable (`contract.recording.findings`), or the checkpoint
             belongs to another recording.
         ConfigError: unknown device, CUDA absent, unknown or repeated sensor, checkpoint of another configuration, or
             fewer than one thread.
@@ -89,7 +87,7 @@ def train_all(
         scaling = fit_scaling(episodes, layout)
         train_rows = prepare(episodes, scaling, mirrored=layout.mirror is not None, layout=layout)
         test_rows = prepare(recording.with_role("test"), scaling, mirrored=False, layout=layout)
-        checkpoints = _checkpoints(output, Identity.of(config, digest, device, chosen, threads), resume)
+        checkpoints = Checkpoints.of(output, Identity.of(config, digest, device, chosen, threads), resume)
         used = sorted({*unfinished.threads(checkpoints.folder), threads})
         if len(used) > 1:
             notice(
@@ -154,42 +152,33 @@ def _check_selection(config: Config, layout: SensorLayout, chosen: Sequence[str]
         select_by_hand(config.train.sensors, layout)
 
 
-def _checkpoints(output: Path, identity: Identity, resume: bool) -> Checkpoints:
-    folder = unfinished.folder_of(output)
-    if not resume:
-        unfinished.clear(folder)
-    unfinished.check(folder, identity)
-    return Checkpoints(folder=folder, identity=identity, resume=True)
-
-
 def _choice(
     encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress
 ) -> tuple[tuple[str, ...], SensorChoice]:
     """Return the chosen sensors, and how they were chosen."""
-    settings, path = config.train, checkpoints.path(Phase.SELECT)
+    settings = config.train
     if settings.selection == "shap":
         ranking = _ranking(encoder, rows, config, checkpoints, progress)
         return ranking.top(settings.sensors), SensorChoice.of_ranking(ranking)
-    state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
+    state = checkpoints.load(Phase.SELECT)
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
         # The order is stored although it is cheap to compute: the values of mirror-image sensors differ only by
         # rounding, and a resumed run may round differently and choose another order.
-        checkpoint.save(path, checkpoints.identity, {"order": torch.from_numpy(rows.layout.indices(names))})
+        checkpoints.save(Phase.SELECT, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())
     return names, SensorChoice(method=settings.selection, order=names)
 
 
 def _ranking(encoder: Encoder, rows: Rows, config: Config, checkpoints: Checkpoints, progress: Progress) -> Ranking:
-    settings, path = config.train, checkpoints.path(Phase.RANK)
-    state = checkpoint.load(path, checkpoints.identity) if checkpoints.resume else None
+    settings, state = config.train, checkpoints.load(Phase.RANK)
     if state is not None:
         return Ranking(scores=state["scores"].numpy(), names=rows.layout.names)
     ranking = rank(
         ShapRanker.of(settings), encoder, rows, repeats=settings.shap_repeats, seed=settings.seed, progress=progress
     )
-    checkpoint.save(path, checkpoints.identity, {"scores": torch.from_numpy(ranking.scores)})
+    checkpoints.save(Phase.RANK, {"scores": torch.from_numpy(ranking.scores)})
     return ranking
 
 

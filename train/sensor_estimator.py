@@ -1,9 +1,8 @@
 """Training of the network that estimates each of a controller's pressures from the other pressures, for the ECU's
 sensor check.
 
-The network learns from the recording's "train" episodes and their mirror images. During training, noise is added to the
-readings, and some rows repeat the row before them, as on an ECU that loses frames. This makes the estimator tolerant of
-noise and lost frames.
+The network learns from the recording's "train" episodes and their mirror images, with noise on the readings and with
+rows that repeat the row before them, as on an ECU that loses frames.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,14 +48,10 @@ def fit_estimator(
     threads: int = 1,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> EstimatorNetwork:
-    """Fit the estimator for a controller's sensors and window. Raises ConfigError if the recording lacks a sensor, or
-    for fewer than one thread; DatasetError for too short training episodes, or a constant pressure or action.
-
-    Args:
-        epochs: number of passes over the training windows.
-        threads: number of torch's threads during the fit; the caller's number is restored.
-        progress: called with (finished batches, all batches).
-    """
+    """Fit the estimator for a controller's sensors and window in `epochs` passes over the training windows, with
+    `threads` of torch's threads. Raises ConfigError if the recording lacks a sensor, or for fewer than one thread;
+    DatasetError for too short training episodes, or a constant pressure or action. `progress` is called with (finished
+    batches, all batches)."""
     columns = recording.layout.indices(sensors)
     mirror = None if recording.layout.mirror is None else recording.layout.mirror[columns]
     used = [item for item in recording.with_role("train") if len(item) > window]

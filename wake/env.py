@@ -31,24 +31,21 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     """A Gymnasium environment of the wake. One step is one control period of 0.2 t_c.
 
     Observation: Cp at the named sensors, in their order, float32. Action: jet flow rate in U_inf W, shape (1,), within
-    +-0.075. Reward: -Cd of the wall. An episode never terminates; `step` returns that it is truncated at step
-    `episode_steps` and at every later step.
+    +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated at step `episode_steps` and every
+    later step.
 
-    At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`: time, wall
-    force, slot force, jet momentum, jet power, the sum of the forces, the velocity at the wake probe and the action in
-    force. `clipped` states whether this step's action was clipped to the bound; `clipped_count` is the number of
-    clipped actions in this episode.
+    At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`, whether this
+    step's action was `clipped` to the bound, and the number of clipped actions in this episode, `clipped_count`.
 
     `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
-    after the start state. Equal seeds give equal phases. If the actions are also equal, the trajectories are equal bit
-    for bit, with any number of threads. Computed phases are stored, so only the first resets take long. `reset` accepts
-    one of these options:
+    after the start state. Equal seeds and actions give trajectories that are equal bit for bit, with any number of
+    threads. Computed phases are stored, so only the first resets take long. `reset` accepts one of these options:
 
     - `phase_steps`: the phase in control periods, in place of a random phase;
     - `start`: a `wake.truck.state.State` to start from, at a control period's start.
 
     A copy (`copy.copy` or `copy.deepcopy`, with equal results) or a pickle, taken at any time, is an independent
-    environment. It continues bit for bit like the original: flow, actions, episode, and random generators.
+    environment that continues bit for bit like the original: flow, actions, episode, and random generators.
 
     Args:
         sensor_names: the observed sensors; all by default, the truck's 90.
@@ -129,7 +126,12 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         value; gymnasium.error.ResetNeeded before the first reset."""
         if self._step_count is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
-        commanded = _single_value(action)
+        values = np.asarray(action, dtype=np.float64)
+        if values.size != 1:
+            raise PlantError(f"action of shape {values.shape}: must be one value")
+        commanded = float(values.item())
+        if not np.isfinite(commanded):
+            raise PlantError(f"action {commanded}: must be finite")
         limit = self.plant.config.action_limit
         # Rounding to float32 can move the bound by one ulp; an action at the rounded bound must not count as clipped.
         clipped = bool(abs(commanded) > np.float32(limit))
@@ -151,9 +153,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Share the store of computed phases with the other environment, so that each environment uses the phases that
-        either has computed. The two environments must have equal settings and start states, and only one of them may be
-        reset at a time."""
+        """Share the store of computed phases with the other environment, which must have equal settings and the same
+        start state. Only one of the two may be reset at a time."""
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:
@@ -197,16 +198,6 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     def _info(self, sample: Sample, clipped: bool) -> dict[str, Any]:
         ledger = {name: getattr(sample, name) for name in LEDGER}
         return ledger | {"clipped": clipped, "clipped_count": self._clipped_count}
-
-
-def _single_value(action: npt.ArrayLike) -> float:
-    values = np.asarray(action, dtype=np.float64)
-    if values.size != 1:
-        raise PlantError(f"action of shape {values.shape}: must be one value")
-    value = float(values.item())
-    if not np.isfinite(value):
-        raise PlantError(f"action {value}: must be finite")
-    return value
 
 
 # Importing this module registers the environment, because Gymnasium 1.0 no longer reads entry points.

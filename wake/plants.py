@@ -31,12 +31,12 @@ def open_plant(
     match the settings, or if OpenFOAM is requested for a body other than the truck, is not installed, or fails.
 
     Args:
-        name: "wake" for stillwake's solver, or "openfoam". The solver's shipped start is adapted to another
-            `flow.refinement`.
+        name: "wake" for stillwake's solver, or "openfoam".
         output: run folder, in which OpenFOAM's case runs and OpenFOAM's developed start is stored.
         duration: duration of the run in t_c; OpenFOAM needs it in advance.
         progress: called with (time, total) while a start develops in OpenFOAM or settles on another grid.
-        start: file of the state in which stillwake's solver starts, with the clock set to zero and the jets shut.
+        start: file of the state in which stillwake's solver starts, with the clock set to zero and the jets shut; by
+            default the shipped start, which is adapted to another `flow.refinement`.
     """
     if name == "wake":
         yield own_wake(config, progress, start=start)

@@ -17,20 +17,10 @@ _SAME_PERIOD: Final = 1e-6
 
 
 class RecordedWake:
-    """A `wake.plant.protocol.LoopPlant` that does not respond to the jets.
-
-    After the episode's last row, the plant continues with the first row: all series jump at this row, while the time
-    continues. A force that was not recorded is NaN. The action of a sample is the present run's, not the recorded
-    action. Raises PlantError if the episode's control period is not that of `flow`.
-
-    Args:
-        flow: settings that contain the control period and its number of substeps.
-
-    Attributes:
-        answers_jets: False.
-        description: the episode's name and length, and the statement that it does not respond to the jets.
-        rounds: number of completed passes through the episode.
-    """
+    """A `wake.plant.protocol.LoopPlant` that does not respond to the jets. After the episode's last row, the plant
+    continues with the first row, while the time continues; `rounds` is the number of completed passes. A force that was
+    not recorded is NaN. The action of a sample is the present run's, not the recorded action. Raises PlantError if the
+    episode's control period is not that of `flow`."""
 
     answers_jets: Final = False
 
@@ -63,8 +53,8 @@ class RecordedWake:
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance as `wake.plant.protocol.Plant.advance_to` does. The jets reach the action, but do not affect the
-        flow. Raises PlantError for a substep that has already passed or belongs to another period."""
+        """Advance as `wake.plant.protocol.Plant.advance_to` does. Raises PlantError for a substep that has already
+        passed or belongs to another period."""
         last = self._flow.substeps
         if not self._substep < substep <= last:
             raise PlantError(f"cannot advance to substep {substep} of {last} from substep {self._substep}")

@@ -28,12 +28,9 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
     Each environment's observations, rewards, `info` and episodes equal, bit for bit, those of a single environment with
     equal seed and actions. `reset` takes one seed, from which the environments get seed, seed + 1 and so on, or a list
-    with one seed or None for each environment. The options of `reset` are those of `TruckWakeEnv.reset`, for all
-    environments, and `reset_mask`, a Boolean array that selects the environments to reset. All environments share the
-    stored phases of the start state.
-
-    A copy or a pickle, taken at any time between two steps, is an independent environment that continues bit for bit.
-    `wake.vector_env.BatchTape(env)` differentiates the batch.
+    with one seed or None for each environment; its options are those of `TruckWakeEnv.reset`, for all environments, and
+    `reset_mask`, a Boolean array that selects the environments to reset. A copy or a pickle, taken between two steps,
+    is an independent environment that continues bit for bit. `wake.vector_env.BatchTape(env)` differentiates the batch.
 
     Args:
         num_envs: number of wakes.
@@ -139,9 +136,6 @@ class BatchTape(CopiedWhole):
     Args:
         env: the environment, after `reset`; every wake must be at the beginning of a control period.
         memory_mb: limit of the stored data of all tapes, in 10^6 bytes.
-
-    Attributes:
-        tapes: one tape for each wake; `Tape.bar` holds the sensitivities to the wake's start.
     """
 
     def __init__(self, env: TruckWakeVectorEnv, memory_mb: float = 2000.0) -> None:

@@ -15,7 +15,6 @@ import numpy as np
 from contract.arrays import Array
 from contract.controller.interface import TERMS, Controller
 from contract.errors import ExportError
-from contract.runtime.onnx_session import OnnxController
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window
 from export.reference.mpc import control_step
@@ -30,20 +29,13 @@ BEYOND: Final = 100.0
 range."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ParityTolerance:
-    """The largest allowed differences.
-
-    Attributes:
-        move: largest difference of an action, as a share of iterations * learning rate, which is Adam's largest move.
-            With the paper's settings the largest difference is 2.5e-5 U_inf W.
-        force: largest difference of a predicted Cd or Cl.
-        cost: largest difference of a cost term or of the cost J.
-    """
-
-    move: float = 5e-3
-    force: float = 1e-4
-    cost: float = 1e-4
+MOVE: Final = 5e-3
+"""Largest allowed difference of an action, as a share of iterations * learning rate, which is Adam's largest move. With
+the paper's settings the largest difference is 2.5e-5 U_inf W."""
+FORCE: Final = 1e-4
+"""Largest allowed difference of a predicted Cd or Cl."""
+COST: Final = 1e-4
+"""Largest allowed difference of a cost term or of the cost J."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,21 +62,16 @@ class ControlCase:
 
     @property
     def arguments(self) -> tuple[Array, Array, Array, Array | None, float, float | None]:
-        """Return the arguments in the order of `Controller.control_step`."""
+        """The arguments in the order of `Controller.control_step`."""
         return self.window, self.plan, self.free, self.weights, self.speed, self.limit
 
 
 def control_cases(
     program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
-    """Yield the arguments of control steps. The previous plan is random. Up to a quarter of the plan is committed,
-    which means that it must not change. In every second step the cost weights differ from their defaults and are all
-    above zero.
-
-    Args:
-        windows: recorded windows (L, S+1) of L rows and S sensors, one per case; random windows if None.
-        count: number of cases if `windows` is None.
-    """
+    """Yield the arguments of control steps, for each of these recorded windows (L, S+1) or for `count` random windows.
+    The previous plan is random. Up to a quarter of the plan is committed, which means that it must not change. In every
+    second step the cost weights differ from their defaults and are all above zero."""
     rng = np.random.default_rng(seed)
     h, limit = program.mpc.horizon, program.action_limit
     for i in range(count if windows is None else len(windows)):
@@ -111,50 +98,26 @@ def case_speed(program: ControllerProgram, number: int) -> float:
     return float(np.float32(SPEEDS[number % len(SPEEDS)])) if program.knows_speed else 1.0
 
 
-def check_parity(
-    program: ControllerProgram,
-    model: bytes,
-    windows: Sequence[Array],
-    *,
-    tolerance: ParityTolerance | None = None,
-) -> ParityReport:
-    """Compare a serialised ONNX controller with the reference, as `check_lowering` does."""
-    return check_lowering(program, OnnxController(model, program.sizes), "ONNX graph", windows, tolerance=tolerance)
-
-
 def check_lowering(
-    program: ControllerProgram,
-    lowering: Controller,
-    name: str,
-    windows: Sequence[Array],
-    *,
-    tolerance: ParityTolerance | None = None,
+    program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]
 ) -> ParityReport:
-    """Compare a lowering with the reference. Raises ExportError if a difference exceeds its tolerance or is not a
-    number; the message states the difference.
-
-    Args:
-        program: the program that the lowering should compute; for int8 weights, the program with dequantised weights.
-        windows: recorded windows (L, S+1) of L rows and S sensors, one per case.
-    """
-    tolerance = ParityTolerance() if tolerance is None else tolerance
+    """Compare a lowering with the reference. Raises ExportError, which states the difference, if a difference exceeds
+    its tolerance or is not a number. `program` is the program that the lowering should compute, for int8 weights with
+    dequantised weights; `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
     differences = []
     for case in control_cases(program, windows):
         expected = control_step(program, *case.arguments)
         found = lowering.control_step(*case.arguments)
-        differences.append(
-            (
-                np.abs(found.plan - expected.plan).max(),
-                np.abs(found.forces - expected.forces).max(),
-                max(np.abs(found.terms - expected.terms).max(), abs(found.cost - expected.cost)),
-            )
+        plan, forces, terms = (
+            np.abs(getattr(found, part) - getattr(expected, part)).max() for part in ("plan", "forces", "terms")
         )
+        differences.append((plan, forces, max(terms, abs(found.cost - expected.cost))))
     action, force, cost = (float(value) for value in np.max(differences, axis=0))
     report = ParityReport(cases=len(differences), action=action, force=force, cost=cost)
     for figure, difference, allowed in (
-        ("action", action, tolerance.move * program.mpc.iterations * program.mpc.learning_rate),
-        ("force", force, tolerance.force),
-        ("cost", cost, tolerance.cost),
+        ("action", action, MOVE * program.mpc.iterations * program.mpc.learning_rate),
+        ("force", force, FORCE),
+        ("cost", cost, COST),
     ):
         # The comparison is written so that NaN fails the gate too.
         if not difference <= allowed:

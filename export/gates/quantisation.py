@@ -1,8 +1,6 @@
-"""The effect of int8 weights on the controller: the difference in actions, and the resulting difference in cost.
-
-The gate compares actions and costs and does not require equal numbers. Both programs start from equal windows and
-previous plans, and the model of the float program computes the cost of the quantised program's plan.
-"""
+"""The effect of int8 weights on the controller: the difference in actions, and the resulting difference in cost. Both
+programs start from equal windows and previous plans, and the model of the float program computes the cost of the
+quantised program's plan."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,11 +22,10 @@ class QuantisationLimits:
     """The limits of the gate.
 
     Attributes:
-        rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W. One control step moves an
-            action by up to about iterations * learning rate (5e-3 with the paper's settings); the default limit is a
-            fifth of that move. The largest error is reported but has no limit: Adam follows the sign of a gradient. If
-            the gradient is close to zero, the two programs may move an action in opposite directions, which hardly
-            changes the cost.
+        rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W; the default is a fifth of
+            a control step's largest move, iterations * learning rate (5e-3 with the paper's settings). The largest
+            error has no limit: if a gradient is close to zero, Adam may move an action in opposite directions in the
+            two programs, which hardly changes the cost.
         max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 
@@ -38,14 +35,9 @@ class QuantisationLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class QuantisationReport:
-    """The differences between the quantised and the float program over `cases` control steps.
-
-    Attributes:
-        max_action_error, rms_action_error: largest and rms error of the commanded action a_t, in U_inf W.
-        max_plan_error: largest error of any action of a plan, in U_inf W.
-        max_cost_gap, mean_cost_gap: J(quantised plan) - J(float plan). The float program computes both costs J with its
-            own weights; the gap is positive if the quantised plan is worse.
-    """
+    """The differences between the quantised and the float program over `cases` control steps: largest and rms error of
+    the commanded action a_t, and largest error of any action of a plan, in U_inf W; largest and mean J(quantised plan)
+    - J(float plan). The float program computes both costs J; the gap is positive if the quantised plan is worse."""
 
     cases: int
     max_action_error: float
@@ -60,11 +52,8 @@ Answer = Callable[[Array, Array, Array, Array | None, float, float | None], Cont
 
 
 def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
-    """Compute the float program's control steps for consecutive windows (L, S+1); each step starts from the plan of
-    the step before.
-
-    Speeds and goals vary from window to window if the program depends on them.
-    """
+    """Compute the float program's control steps for consecutive windows (L, S+1); each step starts from the plan of the
+    step before. Speeds and goals vary from window to window if the program depends on them."""
     plan, free = np.zeros(program.mpc.horizon), np.ones(program.mpc.horizon)
     found = []
     for number, window in enumerate(windows):

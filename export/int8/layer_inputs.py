@@ -1,10 +1,8 @@
 """The inputs of every layer of the controller on recorded windows: the data for the calibration of int8 rounding.
 
 The encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state with a few
-plans: zero, full amplitude in either direction, random plans, and random walks that resemble an optimised plan.
-
-The integer scales of an int8 lowering's activations follow from the activations' ranges, which are the largest
-magnitudes over these inputs. A lowering adds a margin and saturates beyond the margin.
+plans: zero, full amplitude in either direction, random plans, and random walks that resemble an optimised plan. The
+integer scales of an int8 lowering's activations follow from the largest magnitudes over these inputs.
 """
 
 from collections.abc import Sequence
@@ -34,11 +32,10 @@ class LayerInputs:
     Attributes:
         row, recurrent: scaled rows of the windows, and the LSTM's output before each row.
         head, latent: inputs of the encoder's two linear layers; `head` follows the norm, `latent` the ELU.
-        state: input of the dynamics, [z, a / action_std], with latent state z and action a; `hidden1` and `hidden2` are
-            the inputs of the further layers of the dynamics.
-        z: input of the decoder, the latent state.
-        blocks: inputs of the decoder's blocks; `elus` are the outputs of the ELUs in the blocks.
-        forces: input of the decoder's last layer.
+        state, hidden1, hidden2: inputs of the layers of the dynamics; `state` is [z, a / action_std], with latent state
+            z and action a.
+        z, blocks, forces: inputs of the decoder, of its blocks and of its last layer; `elus` are the outputs of the
+            ELUs in the blocks.
         prior, sums: inputs of the prior: filtered rows of the past, and filtered sums; empty without a prior.
     """
 
@@ -113,18 +110,8 @@ def _rows(values: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class ActivationRanges:
-    """The largest magnitudes of the layers' inputs.
-
-    Attributes:
-        row: a scaled row of the window.
-        head: input of the encoder's first linear layer, after the norm.
-        latent: input of the encoder's second linear layer, after the ELU.
-        state: input [z, a / action_std] of the dynamics, with latent state z and action a, and input z of the decoder.
-        hidden1, hidden2: outputs of the dynamics' ELUs.
-        blocks: inputs of the decoder's blocks.
-        elus: outputs of the blocks' ELUs.
-        forces: input of the decoder's output layer.
-    """
+    """The largest magnitudes of the layers' inputs, as in `LayerInputs`. `state` is that of the dynamics' and of the
+    decoder's input."""
 
     row: float
     head: float

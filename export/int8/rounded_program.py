@@ -1,12 +1,10 @@
-"""A program whose matrices are integers. It is built once, so that all int8 lowerings use equal integers.
-
-The lowerings to ONNX and C use these integers and scales, and the reference uses the program with the dequantised
-weights. The hash in manifest and C header is the hash of the dequantised program.
+"""A program whose matrices are integers. It is built once, so that all int8 lowerings use equal integers; the reference
+uses the program with the dequantised weights, whose hash is in manifest and C header.
 
 Weights are symmetric int8 with one scale per output row; biases, norms and arithmetic remain float. W[r, c] ~ scale[r]
-q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127, so that the error of a weight is at most scale / 2
-(half a step). With int8 the file is a quarter as large; on x86 the control step is not faster. The sensor
-estimator's matrices are rounded to nearest in the same way.
+q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127, so that the error of a weight is at most scale / 2.
+With int8 the file is a quarter as large; on x86 the control step is not faster. The sensor estimator's matrices are
+rounded to nearest in the same way.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +18,7 @@ from contract.arrays import Array
 from contract.controller.estimator import EstimatorNetwork
 from contract.release.manifest import WeightPrecision
 from export.program.controller_program import ControllerProgram, map_matrices
-from export.program.float32 import as_float32
+from export.program.weights import as_float32
 
 QMAX: Final = 127
 """Largest magnitude of a quantised weight. The integer -128 is not used, so that a row can be negated exactly."""
@@ -55,13 +53,8 @@ def row_scales(weight: Array) -> npt.NDArray[np.float32]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedProgram:
-    """A program with int8 weights; all other parts are unchanged.
-
-    Attributes:
-        source: the program before rounding.
-        program: the program with the dequantised weights, which the reference computes.
-        matrices: integers and scales of every matrix, by the names of `export.program.controller_program`.
-    """
+    """A program with int8 weights: `source` before rounding, `program` with the dequantised weights, which the
+    reference computes, and integers and scales of every matrix, by the names of `export.program.controller_program`."""
 
     source: ControllerProgram
     program: ControllerProgram
@@ -101,18 +94,12 @@ def precision_of(program: Program) -> WeightPrecision:
 
 
 def rounded_to_nearest(program: ControllerProgram) -> RoundedProgram:
-    """Round every weight to the nearest integer."""
     return RoundedProgram.of(program, lambda _, weight: quantise_matrix(weight))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedEstimator:
-    """The sensor estimator of a bundle, with rounded weights.
-
-    Attributes:
-        network: the network with the dequantised weights.
-        matrices: the integers of each layer.
-    """
+    """The sensor estimator of a bundle, with the dequantised weights, and the integers of each layer."""
 
     network: EstimatorNetwork
     matrices: Sequence[Int8Matrix]

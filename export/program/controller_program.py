@@ -22,14 +22,13 @@ from contract.controller.interface import FORCES, Sizes
 from contract.errors import ExportError
 from contract.model.model_folder import SLIM, ModelFolder
 from contract.release.manifest import Scaling
-from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear, PriorWeights, StateDict
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear, PriorWeights
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerProgram:
-    """The encoder, the latent dynamics, the force decoder and the optimiser's settings.
-
-    Every program is consistent, because the constructor checks it.
+    """The encoder, the latent dynamics, the force decoder and the optimiser's settings. Raises ExportError, whose
+    message states the part, if parts are inconsistent.
 
     Attributes:
         encoder, dynamics, decoder: the networks (paper, table 1).
@@ -73,35 +72,6 @@ class ControllerProgram:
             )
         if not (np.isfinite(self.action_limit) and self.action_limit > 0):
             raise ExportError(f"action_limit = {self.action_limit}: must be positive and finite")
-
-    @classmethod
-    def from_state(
-        cls,
-        *,
-        encoder: StateDict,
-        dynamics: StateDict,
-        decoder: StateDict,
-        scaling: Scaling,
-        mpc: MpcConfig,
-        action_limit: float,
-        sensors: tuple[str, ...],
-        encoder_rows: int,
-        prior: StateDict | None = None,
-    ) -> "ControllerProgram":
-        """Build a program from the tensors of the trained networks, named as in their state dicts. Raises ExportError,
-        whose message states the tensor or part, if a tensor is missing, unknown, not finite or of the wrong shape, or
-        if parts are inconsistent."""
-        return cls(
-            encoder=EncoderWeights.from_state(encoder),
-            dynamics=DynamicsWeights.from_state(dynamics),
-            decoder=DecoderWeights.from_state(decoder),
-            scaling=scaling,
-            mpc=mpc,
-            action_limit=action_limit,
-            sensors=sensors,
-            encoder_rows=encoder_rows,
-            prior=PriorWeights.from_state(prior) if prior else None,
-        )
 
     @property
     def window(self) -> int:
@@ -151,21 +121,19 @@ def _check_scaling(scaling: Scaling, sensors: int) -> None:
 
 
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
-    """Return a trained model's controller with these optimiser settings. Raises ExportError for inconsistent weights.
-
-    The program has the slim encoder, and the slim dynamics and decoder if the model has them, but not the teacher.
-    """
+    """Return a trained model's controller with these optimiser settings: the slim encoder, and the slim dynamics and
+    decoder if the model has them, but not the teacher. Raises ExportError for unfit tensors or inconsistent weights."""
     about = model.description
-    return ControllerProgram.from_state(
-        encoder=model.network(SLIM),
-        dynamics=model.deployed("dynamics"),
-        decoder=model.deployed("decoder"),
+    return ControllerProgram(
+        encoder=EncoderWeights.from_state(model.network(SLIM)),
+        dynamics=DynamicsWeights.from_state(model.deployed("dynamics")),
+        decoder=DecoderWeights.from_state(model.deployed("decoder")),
         scaling=about.scaling.of_sensors(about.layout.indices(about.sensors)),
         mpc=mpc,
         action_limit=about.config.flow.action_limit,
         sensors=about.sensors,
         encoder_rows=about.config.model.window,
-        prior=model.prior,
+        prior=PriorWeights.from_state(model.prior) if model.prior else None,
     )
 
 
@@ -233,9 +201,8 @@ def program_sha256(program: ControllerProgram) -> str:
 
 
 def _as_trained(prior: PriorWeights) -> dict[str, Array]:
-    """Return the scheduled weights of a prior. If the two variables for the speed have equal weights, the result has
-    only one of these variables. So a model that was trained with one variable keeps its hash, and its bundles stay
-    valid."""
+    """Return the scheduled weights of a prior, with one variable for the speed if the two have equal weights, so that a
+    model that was trained with one variable keeps its hash, and its bundles stay valid."""
     first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
     if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
         first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)

@@ -1,7 +1,8 @@
 """The weights of the three networks as float64 arrays (paper, table 1), and the checks of the tensors that are read.
 
 Matrices are (outputs, inputs), as PyTorch stores them. Widths, window and number of decoder blocks follow from the
-arrays' shapes; the checks refuse inconsistent arrays.
+arrays' shapes. Each `from_state` reads tensors by the names of a network's state dict, and raises ExportError, which
+states the tensor, if a tensor is missing, unknown, not finite or of the wrong shape.
 """
 
 from collections.abc import Mapping
@@ -67,13 +68,9 @@ class EncoderWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "EncoderWeights":
-        """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
-        shape."""
         tensors = _Tensors("encoder", state)
         width = tensors.size("lstm.weight_hh_l0", axis=1)
         inputs = tensors.size("lstm.weight_ih_l0", axis=1)
-        hidden = tensors.size("hidden.weight", axis=0)
-        latent = tensors.size("output.weight", axis=0)
         weights = cls(
             lstm=Lstm(
                 weight_input=tensors.take("lstm.weight_ih_l0", (4 * width, inputs)),
@@ -82,8 +79,8 @@ class EncoderWeights:
                 bias_recurrent=tensors.take("lstm.bias_hh_l0", (4 * width,)),
             ),
             norm=tensors.norm("norm", width),
-            hidden=tensors.linear("hidden", hidden, width),
-            output=tensors.linear("output", latent, hidden),
+            hidden=tensors.linear("hidden", width),
+            output=tensors.linear("output", tensors.size("hidden.weight", axis=0)),
         )
         tensors.refuse_leftovers()
         return weights
@@ -111,18 +108,14 @@ class DynamicsWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "DynamicsWeights":
-        """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
-        shape."""
         tensors = _Tensors("dynamics", state)
-        latent = tensors.size("output.weight", axis=0)
-        first = tensors.size("input.weight", axis=0)
-        second = tensors.size("hidden.weight", axis=0)
+        latent, first, second = (tensors.size(f"{name}.weight", axis=0) for name in ("output", "input", "hidden"))
         weights = cls(
-            input=tensors.linear("input", first, latent + 1),
+            input=tensors.linear("input", latent + 1),
             norm_in=tensors.norm("norm_in", first),
-            hidden=tensors.linear("hidden", second, first),
+            hidden=tensors.linear("hidden", first),
             norm_hidden=tensors.norm("norm_hidden", second),
-            output=tensors.linear("output", latent, second),
+            output=tensors.linear("output", second),
         )
         tensors.refuse_leftovers()
         return weights
@@ -150,14 +143,11 @@ class DecoderWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "DecoderWeights":
-        """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
-        shape."""
         tensors = _Tensors("decoder", state)
-        width = tensors.size("input.weight", axis=0)
-        latent = tensors.size("input.weight", axis=1)
+        width, latent = tensors.shape("input.weight", 2)
         count = len({name.split(".")[1] for name in state if name.startswith("blocks.")})
         weights = cls(
-            input=tensors.linear("input", width, latent),
+            input=tensors.linear("input", latent),
             blocks=tuple(
                 ResidualWeights(
                     linear=tensors.linear(f"blocks.{i}.linear", width, width),
@@ -165,7 +155,7 @@ class DecoderWeights:
                 )
                 for i in range(count)
             ),
-            output=tensors.linear("output", FORCES, width),
+            output=tensors.linear("output", width, FORCES),
         )
         tensors.refuse_leftovers()
         return weights
@@ -201,14 +191,10 @@ class PriorWeights:
 
     @classmethod
     def from_state(cls, state: StateDict) -> "PriorWeights":
-        """Read a state dict. Raises ExportError, which states the tensor that is missing, unknown or of the wrong
-        shape.
-
-        In a model of version 1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and
-        "slope", both (n, F, p + 1); "slope" is the change of "first" if the speed rises by the design speed.
-        Alternatively, the model has "hidden", (n, M, p + 1), in place of filters, first and slope. `of_two_speeds`
-        converts a model with one variable for the speed.
-        """
+        """Read a state dict. `of_two_speeds` converts a model with one variable for the speed. In a model of version
+        1.0.0, the plan may depend on the speed, but not on the goal. Such a model has "first" and "slope", both (n, F,
+        p + 1); "slope" is the change of "first" if the speed rises by the design speed. Alternatively, it has "hidden",
+        (n, M, p + 1), in place of filters, first and slope."""
         tensors, is_dense = _Tensors("prior", state), "hidden" in state
         if is_dense or "slope" in state:
             name = "hidden" if is_dense else "first"
@@ -290,7 +276,9 @@ class _Tensors:
         self._left.discard(name)
         return array
 
-    def linear(self, name: str, outputs: int, inputs: int) -> Linear:
+    def linear(self, name: str, inputs: int, outputs: int | None = None) -> Linear:
+        """Take a layer, whose number of outputs is the weight's own if it is not given."""
+        outputs = self.size(f"{name}.weight", axis=0) if outputs is None else outputs
         return Linear(weight=self.take(f"{name}.weight", (outputs, inputs)), bias=self.take(f"{name}.bias", (outputs,)))
 
     def norm(self, name: str, width: int) -> Norm:
@@ -304,3 +292,20 @@ class _Tensors:
         if name not in self._state:
             raise ExportError(f"{self._network}.{name}: tensor is missing")
         return self._state[name]
+
+
+def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
+    """Round values to float32, the precision of every lowering. Raises ExportError, whose message states the name, if a
+    value has no finite float32."""
+    with np.errstate(over="ignore"):
+        array = np.asarray(values, dtype=np.float64).astype(np.float32)
+    if not np.isfinite(array).all():
+        raise ExportError(f"{name}: a value is too large for float32")
+    return array
+
+
+def float32_within(limit: float) -> float:
+    """Return the largest float32 that is not above the limit. With this value as the limit, rounding moves no action
+    out of bounds."""
+    rounded = np.float32(limit)
+    return float(np.nextafter(rounded, np.float32(0.0)) if float(rounded) > limit else rounded)

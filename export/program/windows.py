@@ -14,10 +14,8 @@ def recorded_windows(
     program: ControllerProgram, episode: Episode, count: int, layout: SensorLayout = TRUCK
 ) -> list[Array]:
     """Return the episode's last `count` consecutive windows (L, S+1) of L rows and S sensors; row k is (Cp_k, a_{k-1}).
-
     The last windows are used because a recording begins with a transient. Raises ConfigError if the layout lacks a
-    sensor of the program; ExportError if the episode is too short.
-    """
+    sensor of the program; ExportError if the episode is too short."""
     needed = program.window + count - 1
     if count < 1 or len(episode) < needed:
         raise ExportError(f"episode {episode.name}: {len(episode)} steps, {count} windows need {needed}")
@@ -27,10 +25,8 @@ def recorded_windows(
 
 def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array:
     """Return a random window (L, S+1) that varies about as fast as recorded windows: each column is a sum of a few slow
-    sines.
-
-    Pressures have the mean and standard deviation of the program's scaling; actions are within the program's limit.
-    """
+    sines. Pressures have the mean and standard deviation of the program's scaling; actions are within the program's
+    limit."""
     columns = len(program.sensors) + 1
     t = np.arange(program.window)[:, None, None]
     frequency = rng.uniform(0.01, 0.1, (1, columns, 3))

@@ -1,13 +1,10 @@
-"""The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints for the MPC.
+"""The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints for the MPC: the
+specification with which tests compare every lowering.
 
-This module is the specification with which tests compare every lowering. All functions act on the last axes of their
-arrays, with any leading axes: windows are (..., L, S+1), latent states z (..., n_z), actions a (...,) in U_inf W, and
-forces (..., 2) are the physical (Cd, Cl).
-
-The `*_layers` functions return the inputs of every layer of a network, for the adjoints and int8 calibration.
-
-Each layer acts on the last axis of an array (..., n). Its adjoint (vector-Jacobian product) takes the layer's input and
-the gradient dJ/d(output), and returns dJ/d(input).
+All functions act on the last axes of their arrays, with any leading axes: windows are (..., L, S+1), latent states z
+(..., n_z), actions a (...,) in U_inf W, and forces (..., 2) are the physical (Cd, Cl). The `*_layers` functions return
+the inputs of every layer of a network, for the adjoints and int8 calibration. A layer's adjoint (vector-Jacobian
+product) takes its input and the gradient dJ/d(output), and returns dJ/d(input).
 """
 
 from dataclasses import dataclass
@@ -71,15 +68,9 @@ def _normalise(x: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EncoderLayers:
-    """The inputs of the encoder's layers.
-
-    Attributes:
-        rows: scaled rows x_k of the window, (..., L, S+1).
-        recurrent: hidden state h before each row, (..., L, width); before the first row, h is 0.
-        output: hidden state h after the last row, (..., width).
-        head: LayerNorm(h), input of the first linear layer.
-        latent: input of the last linear layer, after the ELU.
-    """
+    """The inputs of the encoder's layers: scaled rows (..., L, S+1) of the window; hidden state h before each row,
+    (..., L, width), at first 0, and after the last row; LayerNorm(h), `head`; and the input of the last linear layer,
+    after the ELU."""
 
     rows: Array
     recurrent: Array
@@ -90,14 +81,8 @@ class EncoderLayers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DynamicsLayers:
-    """The inputs of the layers of the dynamics.
-
-    Attributes:
-        state: input [z, a / action_std] of the first layer, (..., n_z + 1).
-        product1, product2: W x + b of the first two layers, (..., width).
-        normed1, normed2: layer norms of product1 and product2.
-        hidden1, hidden2: ELUs of normed1 and normed2, inputs of the second and of the third layer.
-    """
+    """The inputs of the layers of the dynamics: `state` [z, a / action_std], (..., n_z + 1); of the first two layers, W
+    x + b, its layer norm and its ELU, (..., width)."""
 
     state: Array
     product1: Array
@@ -128,13 +113,10 @@ class DecoderLayers:
 
 
 def encode(program: ControllerProgram, window: Array) -> Array:
-    """Compute the latent state z_t = f_enc(S_t) of the window S_t.
-
-    With x_k the scaled row k of the window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) c + sigmoid(i)
-    tanh(g) and h = sigmoid(o) tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) +
-    b_2. Returns the latent state, (..., n_z). `window` is (..., L, S+1), oldest row first; row k is (Cp_k, a_{k-1}),
-    unscaled. The encoder reads the newest `encoder_rows` rows.
-    """
+    """Compute the latent state z_t = f_enc(S_t), (..., n_z), of the window S_t (..., L, S+1), oldest row first; row k
+    is (Cp_k, a_{k-1}), unscaled. The encoder reads the newest `encoder_rows` rows. With x_k the scaled row k of the
+    window, an LSTM runs over the L rows from h = c = 0: c = sigmoid(f) c + sigmoid(i) tanh(g) and h = sigmoid(o)
+    tanh(c), where (i, f, g, o) = W x_k + U h + b. Then z = W_2 ELU(W_1 LayerNorm(h) + b_1) + b_2."""
     return linear(program.encoder.output, encoder_layers(program, window).latent)
 
 
@@ -149,10 +131,8 @@ def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
 
 
 def step(program: ControllerProgram, z: Array, a: Array) -> Array:
-    """Compute the next latent state z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z).
-
-    f_dyn = W_3 ELU(LN(W_2 ELU(LN(W_1 [z, a / action_std] + b_1)) + b_2)) + b_3.
-    """
+    """Compute the next latent state z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z). f_dyn = W_3
+    ELU(LN(W_2 ELU(LN(W_1 [z, a / action_std] + b_1)) + b_2)) + b_3."""
     return z + linear(program.dynamics.output, dynamics_layers(program, z, a).hidden2)
 
 

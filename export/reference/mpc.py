@@ -1,12 +1,12 @@
 """One control step in NumPy float64 (paper, section 2.4): starting plan, prediction, adjoint, projected Adam.
 
-The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations, and its moments start at zero. So a control step
-depends on the window and the previous plan only, and always takes the same time.
+The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations, and its moments start at zero, so a control step
+depends on the window and the previous plan only.
 
-`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans together, (..., H). The
-latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are given for each
-plan, or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan
-of the cost's term `prior`; without `start` this term is zero.
+`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans together, (..., H), with
+the latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) for each plan,
+or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan of
+the cost's term `prior`; without `start` this term is zero.
 """
 
 from collections.abc import Iterable, Iterator
@@ -36,19 +36,10 @@ def control_step(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> ControlStep:
-    """Compute the outputs of `controller.onnx`; the arguments are those in `contract.controller.interface`.
-
-    If the plan starts at a prior, the optimiser uses only the terms that the prior does not take into account
-    (`unknown_to_prior`). The returned terms and cost are those of the given weights.
-
-    Args:
-        window: (L, S+1) rows (Cp_k, a_{k-1}), oldest first.
-        plan: (H,) the previous step's output plan.
-        free: (H,) 1 where the shifted plan may be changed, 0 where it is committed.
-        weights: (8,) cost weights; the program's if None.
-        speed: speed of the vehicle, as a ratio to the design speed.
-        limit: bound on |a|, in U_inf W; the program's bound if None or larger than the program's bound.
-    """
+    """Compute the outputs of `controller.onnx`; the arguments are those in `contract.controller.interface`, with the
+    program's weights and limit in place of None, or of a larger limit. If the plan starts at a prior, the optimiser
+    uses only the terms that the prior does not take into account (`unknown_to_prior`). The returned terms and cost are
+    those of the given weights."""
     previous_action = float(window[-1, -1])
     z = encode(program, window)
     start = starting_plan(program, window, plan, free, weights, speed, limit)
@@ -120,11 +111,9 @@ def gradient(
     weights: Array | None = None,
     start: Array | None = None,
 ) -> Array:
-    """Compute the gradient dJ/da_k, shape (..., H), by the discrete adjoint.
-
-    Let lambda_k = dJ/dz_{t+k}; lambda_H comes from the forces at t+H alone. Backwards in k, (lambda_k, dJ/da_k) =
-    step_adjoint(lambda_{k+1}), and the contribution of the forces at t+k is added to each lambda_k.
-    """
+    """Compute the gradient dJ/da_k, shape (..., H), by the discrete adjoint. Let lambda_k = dJ/dz_{t+k}; lambda_H comes
+    from the forces at t+H alone. Backwards in k, (lambda_k, dJ/da_k) = step_adjoint(lambda_{k+1}), and the contribution
+    of the forces at t+k is added to each lambda_k."""
     latents = rollout(program, z, plan)
     forces = decode(program, latents[..., 1:, :])
     local = cost_gradient(forces, plan, previous_action, _weights(program, weights), start)

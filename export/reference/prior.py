@@ -41,7 +41,6 @@ def prior_plan(
         free: (H,) 1 where the prior decides the action, 0 elsewhere.
         reach: A, the program's bound on |a|, in U_inf W.
         speed: speed of the vehicle, as a ratio to the design speed.
-        goal: the present goal.
         limit: bound on |a| in this control step, in U_inf W.
     """
     past, y = past_of(window, prior.memory)
@@ -74,9 +73,7 @@ def filtered_sums(prior: PriorWeights, window: Array) -> Array:
 
 def past_of(window: Array, memory: int) -> tuple[Array, Array]:
     """Return the M rows (y_i, a_i) before the present row, (M, p + 1), and the present pressure differences y_t, (p,).
-
-    The window does not contain the oldest of these rows, so a copy of the second-oldest row is used in its place.
-    """
+    The window does not contain the oldest of these rows, so a copy of the second-oldest row is used in its place."""
     newest = window[-memory:]
     # In the window, a row has the action that precedes the row's pressures. The present action is not yet decided.
     rows = np.column_stack([newest[:, :-1:2] - newest[:, 1:-1:2], np.append(newest[1:, -1], 0.0)])

@@ -20,13 +20,8 @@ from export.release.gated import Gated
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """A release's assumptions about the vehicle.
-
-    Attributes:
-        control_period: control period in t_c.
-        budget_ms: largest time from a pressure frame to the command, in ms.
-        compute_time_ms: part of budget_ms that is assigned to the control step, in ms.
-    """
+    """A release's assumptions about the vehicle: control period in t_c; `budget_ms`, the largest time from a pressure
+    frame to the command; `compute_time_ms`, its part that is assigned to the control step."""
 
     operating_point: OperatingPoint
     control_period: float
@@ -74,7 +69,7 @@ def write_release(
         positions: (x, y) of every sensor in the body's reference length W, if they are known.
         resting: the wake without jets by speed, if it is known.
         key: key to sign the release with; the release is unsigned if None.
-        estimator: estimator of the release's sensors and window; without it, the ECU does not check its sensors.
+        estimator: estimator of the release's sensors; without it, the ECU does not check its sensors.
     """
     lowered = gated.lowered
     program = lowered.effective

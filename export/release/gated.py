@@ -6,7 +6,8 @@ from functools import partial
 
 from contract.arrays import Array
 from contract.controller.interface import CompileLibrary, ControlStep
-from export.gates.parity import ParityReport, check_lowering, check_parity
+from contract.runtime.onnx_session import OnnxController
+from export.gates.parity import ParityReport, check_lowering
 from export.gates.quantisation import (
     QuantisationLimits,
     QuantisationReport,
@@ -22,13 +23,9 @@ from export.to_c.library import replay, with_answer
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """The results of the ONNX graph in its gates; the manifest's provenance states them under `export`.
-
-    Attributes:
-        controller_bytes: size of `controller.onnx` in bytes.
-        parity: differences between the ONNX graph and the reference with equal weights.
-        quantisation: differences between int8 and float weights; None for a float release.
-    """
+    """The results of the ONNX graph in its gates, which the manifest's provenance states under `export`: size of
+    `controller.onnx`, differences between graph and reference with equal weights, and between int8 and float weights;
+    None for a float release."""
 
     controller_bytes: int
     parity: ParityReport
@@ -70,15 +67,10 @@ def gate(
     *,
     compiled: CompileLibrary | None = None,
 ) -> Gated:
-    """Run every lowering through its gates. Raises ExportError if a lowering differs from the reference by more than
-    its gate allows; the message states the difference and the limit. Raises LibraryError if no C compiler compiles the
-    library.
-
-    Args:
-        windows: consecutive recorded windows (L, S+1) of L rows and S sensors, which the gates replay.
-        limits: the allowed effect of int8 weights; the default limits if None.
-        compiled: compiles the library; required if there is a library.
-    """
+    """Run every lowering through its gates, with consecutive recorded windows (L, S+1) of L rows and S sensors;
+    `compiled` compiles the library and is required if there is one. Raises ExportError, with difference and limit, if a
+    lowering differs from the reference by more than its gate allows; LibraryError if no C compiler compiles the
+    library."""
     limits = QuantisationLimits() if limits is None else limits
     # The exact control steps, which take longest to compute, are computed once for both lowerings.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
@@ -97,7 +89,8 @@ def _gate_graph(
         answer = partial(control_step, lowered.program.program)
         quantisation = compare_answers(lowered.program.source, answer, windows, exact)
         check_quantisation(quantisation, limits)
-    parity = check_parity(lowered.effective, lowered.graph, windows)
+    program = lowered.effective
+    parity = check_lowering(program, OnnxController(lowered.graph, program.sizes), "ONNX graph", windows)
     return GraphReport(controller_bytes=len(lowered.graph), parity=parity, quantisation=quantisation)
 
 

@@ -38,12 +38,8 @@ class Lowered:
 
 
 def lower(program: Program, *, calibration: Sequence[Array], with_library: bool) -> Lowered:
-    """Lower a program. Raises ExportError if the program cannot be lowered; the message states the reason.
-
-    Args:
-        calibration: recorded windows (L, S+1) for an int8 library's activation ranges; they are the windows on which
-            the program was rounded.
-    """
+    """Lower a program. Raises ExportError if the program cannot be lowered. `calibration` are the recorded windows (L,
+    S+1) on which the program was rounded, for an int8 library's activation ranges."""
     graph = build_controller(program).SerializeToString()
     return Lowered(program=program, graph=graph, library=library_of(program, calibration) if with_library else None)
 

@@ -1,8 +1,5 @@
-"""The export of a model folder as a release bundle and, on request, a C library.
-
-The export reads the model, rounds its weights, builds the lowerings, checks them by gates, and writes the files. Every
-lowering has passed its gates before the first file is written.
-"""
+"""The export of a model folder as a release bundle and, on request, a C library. Every lowering has passed its gates
+before the first file is written."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,11 +8,14 @@ from datetime import date
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.controller import c_folder as c_folder_format
+from contract.controller.c_folder import BILL, EXPECTED, RECORDED, rows_text, write_folder
+from contract.controller.image_payload import with_layout
 from contract.controller.interface import CompileLibrary
 from contract.errors import ExportError
 from contract.model import model_folder
@@ -35,9 +35,10 @@ from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram, program_of
 from export.program.windows import recorded_windows
 from export.release.bundle import Vehicle, write_release
-from export.release.c_folder import rows_of, write_c_release
 from export.release.gated import Gated, gate
 from export.release.lowering import Lowered, lower
+from export.to_c.builds import build_files
+from export.to_c.library import documents
 
 EXPORT_PHASES: Final = ("read", "round weights", "make and check", "write")
 """The phases of an export, in order."""
@@ -49,9 +50,9 @@ class CLibrary:
 
     Attributes:
         compiled: compiles the library for its gate.
-        ecu: returns the files of the ECU around the control step, from the release and the rows (n, S+1) of the folder;
-            called after the bundle is written. If it is None, the folder has no ECU.
-        bill: returns the bill of materials, from all files of the folder and the release; called after `ecu`.
+        ecu: returns the files of the ECU around the control step, from the written release and the rows (n, S+1) of the
+            folder; None for a folder without ECU.
+        bill: returns the bill of materials, from all files of the folder and the release.
     """
 
     folder: Path
@@ -76,13 +77,10 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
 def calibration_windows(
     program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Return windows (L, S+1) of the last episode of every kind of forcing, because the networks' inputs differ between
-    kinds.
-
-    There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
+    """Return about `CALIBRATION_WINDOWS` windows (L, S+1), or fewer if the episodes have fewer, of the last episode of
+    every kind of forcing, because the networks' inputs differ between kinds. Episodes with fewer than
     `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a separate kind.
-    Raises ExportError if all episodes are too short; the message states the longest episode.
-    """
+    Raises ExportError, with the longest episode, if all episodes are too short."""
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
         item.provenance.get("forcing_signal", f"of {item.name}"): item
@@ -137,9 +135,8 @@ def export_all(
         config: `config.mpc` is used for the controller; control period and action limit must be the model's.
         precision: "int8" or "float32", for bundle and library.
         key: key to sign the bundle with; the bundle is unsigned if None.
-        named: whether the user named the recording. If not, the recording must be the one to which the model was
-            fitted.
-        estimator: a sensor estimator for the bundle; None for a bundle without estimator.
+        named: whether the user named the recording. If not, it must be the one to which the model was fitted.
+        estimator: a sensor estimator for the bundle.
         notice: called with a line of text if the recording is not the model's.
         phase: called with each of `EXPORT_PHASES` when the phase begins.
 
@@ -194,15 +191,9 @@ def export_library(
     recording: Path,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of an existing release, computed from the model of this release. Raises ExportError if the
-    release is of another model, or rounding gives other integers; StillwakeError as `export_all` does.
-
-    Args:
-        model: directory written by `train`.
-        release: existing release, with the settings of its controller.
-        recording: data set to which the model was fitted.
-        phase: called with each of `EXPORT_PHASES` when the phase begins.
-    """
+    """Write the C library of an existing release, computed from the model of this release, with the release's settings
+    and the recording to which the model was fitted. Raises ExportError if the release is of another model, or rounding
+    gives other integers; StillwakeError as `export_all` does."""
     c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest
     phase("read")
@@ -235,12 +226,7 @@ def _write_library(library: CLibrary, release: Bundle, gated: Gated, windows: Se
 
 
 def _lowered(
-    program: ControllerProgram,
-    episodes: Dataset,
-    precision: str,
-    *,
-    with_library: bool,
-    phase: Callable[[str], None],
+    program: ControllerProgram, episodes: Dataset, precision: str, *, with_library: bool, phase: Callable[[str], None]
 ) -> tuple[Lowered, list[Array]]:
     """Return the program rounded and lowered, and the windows for its gates."""
     windows = gate_windows(program, episodes.with_role("test"), episodes.layout)
@@ -255,10 +241,7 @@ def _lowered(
 
 def check_settings(own: Config, config: Config) -> None:
     """Raise ExportError if control period or action limit differ from the model's, or if the computing time exceeds the
-    period.
-
-    The manifest would refuse such settings too, but only at the end, when the C library is already written.
-    """
+    period. The manifest would refuse such settings only at the end, when the C library is already written."""
     vehicle = Vehicle.of(config)
     if vehicle.compute_time_ms > vehicle.budget_ms:
         raise ExportError(
@@ -277,13 +260,8 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration. It is the recording to which the model was fitted, or a recording
-    of the model's sensors that the user named.
-
-    Args:
-        of_model: SHA-256 of the recording to which the model was fitted.
-        layout: the sensors that a recording other than the model's must have.
-    """
+    """Read the recording for gates and calibration. It is the recording with the SHA-256 `of_model`, to which the model
+    was fitted, or a recording of the model's sensors that the user named."""
     recording = dataset.read(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if digest != of_model:
@@ -295,3 +273,36 @@ def _recording_of(
             raise ExportError(f"{other}, and of other sensors, in {difference}")
         notice(f"gates and calibration: {other}")
     return recording
+
+
+def write_c_release(
+    folder: Path,
+    gated: Gated,
+    windows: Sequence[Array],
+    ecu: Mapping[str, bytes] | None = None,
+    bill: Callable[[Mapping[str, bytes]], bytes] | None = None,
+) -> None:
+    """Write the library's folder, completely or not at all. Raises LibraryError if the folder contains something other
+    than a library; StillwakeError if the folder cannot be written.
+
+    Args:
+        windows: consecutive recorded windows (L, S+1) of L rows and S sensors, whose rows are written to the folder.
+        ecu: files of the ECU around the control step, and the ECU's documents.
+        bill: computes the bill of materials from all files of the folder.
+    """
+    assert gated.lowered.library is not None
+    assert gated.library is not None
+    recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
+    library = with_layout({**gated.lowered.library, **({} if ecu is None else ecu)})
+    contents = {**library, **recorded, **documents(library), **build_files(library)}
+    write_folder(folder, contents if bill is None else {**contents, BILL: bill(contents)})
+
+
+def recorded_rows(windows: Sequence[Array]) -> str:
+    """Return the rows of consecutive windows as text, one row per line, with the digits of float32."""
+    return rows_text(rows_of(windows))
+
+
+def rows_of(windows: Sequence[Array]) -> Array:
+    """Return the n different rows of consecutive windows (L, S+1), as an array (n, S+1)."""
+    return np.concatenate([windows[0], *(window[-1:] for window in windows[1:])])

@@ -37,10 +37,7 @@ OURS: Final = "MIT"
 
 def release_bom(bundle: Bundle, contents: Mapping[str, bytes]) -> bytes:
     """Return the bill of a verified release: its files, its controller's training data, and the software used.
-
-    Args:
-        contents: all files of the release by name; `Bundle.files` lacks manifest and signature.
-    """
+    `contents` are all files of the release by name; `Bundle.files` lacks manifest and signature."""
     manifest, licence, release = bundle.manifest, _licence(bundle), _release(bundle)
     learned, file = ComponentType.MACHINE_LEARNING_MODEL, ComponentType.FILE
     files = [
@@ -77,12 +74,8 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
-    """Return the bill of a wheel and of the packages that it requires, in the versions installed on this machine.
-    Packages of extras are marked as optional.
-
-    Args:
-        day: date of the bill, YYYY-MM-DD.
-    """
+    """Return the bill of a wheel and of the packages that it requires, in the versions installed on this machine, of
+    the day YYYY-MM-DD. Packages of extras are marked as optional."""
     digest = sha256(wheel.read_bytes())
     with zipfile.ZipFile(wheel) as archive:
         name = next(item for item in archive.namelist() if item.endswith(".dist-info/METADATA"))

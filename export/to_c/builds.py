@@ -52,7 +52,6 @@ class LibraryPart:
 
     @property
     def described(self) -> str:
-        """The part's description for people."""
         return _IN_WORDS.get(self.name, f"{self.name}, around the ECU")
 
 

@@ -16,8 +16,7 @@ from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT, NARROWEST, SC
 from contract.errors import ExportError
 from export.int8.rounded_program import Int8Matrix
 from export.program.controller_program import ControllerProgram
-from export.program.float32 import float32_within
-from export.program.weights import PriorWeights
+from export.program.weights import PriorWeights, float32_within
 from export.reference.mpc import ADAM_BETAS
 
 Integers = npt.NDArray[np.int32]
@@ -139,12 +138,8 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
 
 def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, ArrayValues]:
     """Return the prior's filters, each from its first to its last nonzero row, and the weights of the prior's layers.
-    Without a prior, the mapping is empty.
-
-    Args:
-        integers: integers of the prior's two matrices by name; a matrix without integers is stored as floats with scale
-            1.
-    """
+    Without a prior, the mapping is empty. `integers` are those of the prior's two matrices by name; a matrix without
+    integers is stored as floats with scale 1."""
     if program.prior is None:
         return {}
     prior, units = program.prior, len(program.prior.output)

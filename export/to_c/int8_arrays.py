@@ -56,11 +56,9 @@ def _channels(*columns: Array) -> Array:
 
 
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
-    """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`.
-
-    In C, a scaled sum is an integer that counts a certain unit. The unit is as small as two limits allow: the factor of
-    C's sw_scaled must be below 1/2, and the sum over all outputs must not overflow.
-    """
+    """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`. In
+    C, a scaled sum is an integer that counts a certain unit. The unit is as small as two limits allow: the factor of
+    C's sw_scaled must be below 1/2, and the sum over all outputs must not overflow."""
     _stay_below(
         form.ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm"
     )

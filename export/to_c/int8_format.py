@@ -1,8 +1,6 @@
-"""The integers of the int8 C library: their ranges, the packing of matrices, and tables of functions.
-
-With int8 matrices and int16 activations, a sum of n products is below 127 qmax(n) n < 2^31. The constants of this
-module are written into `sw_settings.h` (`c_constants`), so that the C sources define no number a second time.
-"""
+"""The integers of the int8 C library: their ranges, the packing of matrices, and tables of functions. With int8
+matrices and int16 activations, a sum of n products is below 127 qmax(n) n < 2^31. The constants of this module are
+written into `sw_settings.h` (`c_constants`)."""
 
 from collections.abc import Callable
 from typing import Final

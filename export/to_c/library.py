@@ -1,12 +1,10 @@
-"""The C99 library of one control step: hand-written sources, generated settings and weights.
-
-Only the numbers are generated: `sw_settings.h` and `sw_weights.c` (`contract.controller.c_folder`). The other files of
-a folder are documents and the expected answers of its example program.
-"""
+"""The C99 library of one control step: hand-written sources, and generated settings and weights, `sw_settings.h` and
+`sw_weights.c` (`contract.controller.c_folder`). The other files of a folder are documents and the expected answers of
+its example program."""
 
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from typing import Any, Final, overload
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -28,8 +26,7 @@ from contract.release.manifest import WeightPrecision
 from export.int8.layer_inputs import ActivationRanges
 from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
 from export.program.controller_program import ControllerProgram, program_sha256
-from export.program.float32 import as_float32
-from export.program.weights import LAYER_NORM_EPSILON
+from export.program.weights import LAYER_NORM_EPSILON, as_float32
 from export.reference.mpc import ADAM_BETAS
 from export.to_c.float32_arrays import FLOAT32_LANES, ArrayValues, float_arrays, prior_settings
 from export.to_c.int8_arrays import int8_arrays
@@ -45,50 +42,30 @@ _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_
 """Names of the arrays in the C struct `sw_hot`."""
 
 
-@overload
-def c_library(program: ControllerProgram) -> dict[str, bytes]: ...
-
-
-@overload
-def c_library(program: RoundedProgram, ranges: ActivationRanges) -> dict[str, bytes]: ...
-
-
 def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
-    """Return all files of the library by name: in float32, or with integer products for a rounded program. Raises
-    ExportError for a value that float32 cannot hold, or a program that the library cannot compute; the message states
-    the value or the property.
-
-    Args:
-        ranges: ranges of the activations of a rounded program.
-    """
+    """Return all files of the library by name: in float32, or with integer products for a rounded program, which needs
+    the ranges of its activations. Raises ExportError for a value that float32 cannot hold, or a program that the
+    library cannot compute."""
     if isinstance(program, RoundedProgram):
         assert ranges is not None
         arrays = int8_arrays(program, ranges)
     else:
         arrays = {**float_arrays(program)}
     precision = precision_of(program)
-    definitions = settings(effective(program), precision)
-    return static_sources(precision) | weights_files(arrays, definitions, ALIGNMENTS[precision])
-
-
-def weights_files(
-    arrays: Mapping[str, ArrayValues], definitions: Mapping[str, int | str | np.float32], alignment: int
-) -> dict[str, bytes]:
-    """Return `sw_settings.h` with these definitions, and the arrays, which have their C names, both as a C source file
-    and as packed bytes."""
+    alignment = ALIGNMENTS[precision]
     rest = {name: values for name, values in arrays.items() if name not in (*_HOT, *_TABLES)}
-    hot = {name: arrays[name] for name in _HOT if name in arrays}
+    hot: dict[str, ArrayValues] = {name: arrays[name] for name in _HOT if name in arrays}
     constants = {"sw_own_weights": numbers("sw_weights", rest, alignment)}
     sizes = constants["sw_own_weights"].settings("SW_WEIGHTS") | {"SW_HOT_BYTES": 0}
     if hot:
         constants["sw_own_hot"] = numbers("sw_hot", hot, alignment)
         sizes |= constants["sw_own_hot"].settings("SW_HOT")
     tables = "\n\n".join(table(name, arrays[name]) for name in _TABLES if name in arrays)
-    return {
-        PROGRAM_SETTINGS: settings_header({**definitions, "SW_ALIGNMENT": alignment, **sizes}),
-        PROGRAM_WEIGHTS: numbers_source(
-            "the numbers of one program", ['"stillwake.h"', '"sw_weights.h"'], constants, tables
-        ),
+    definitions = {**settings(effective(program), precision), "SW_ALIGNMENT": alignment, **sizes}
+    headers = ['"stillwake.h"', '"sw_weights.h"']
+    return static_sources(precision) | {
+        PROGRAM_SETTINGS: settings_header(definitions),
+        PROGRAM_WEIGHTS: numbers_source("the numbers of one program", headers, constants, tables),
         image_payload.WEIGHTS_PART: b"".join(each.packed() for each in constants.values()),
     }
 
@@ -106,11 +83,7 @@ def with_answer(library: Mapping[str, bytes], answer: tuple[float, float]) -> di
     assert source.count(unknown) == 1
     values = member(answer).packed()
     packed[place : place + len(values)] = values
-    return {
-        **library,
-        PROGRAM_WEIGHTS: source.replace(unknown, known),
-        image_payload.WEIGHTS_PART: bytes(packed),
-    }
+    return {**library, PROGRAM_WEIGHTS: source.replace(unknown, known), image_payload.WEIGHTS_PART: bytes(packed)}
 
 
 def numbers(struct: str, arrays: Mapping[str, ArrayValues], alignment: int) -> Numbers:
@@ -185,14 +158,9 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
-    """Return the expected answers of the example program, (n, 4): planned action, predicted mean Cd and Cl, and cost.
-
-    Every answer starts from a plan of zeros. If each step started from the plan before, differences in rounding could
-    grow from answer to answer, by an amount that depends on the plant.
-
-    Args:
-        windows: n windows (L, S+1) of consecutive control steps, with L rows and S sensors.
-    """
+    """Return the expected answers of the example program to n windows (L, S+1), (n, 4): planned action, predicted mean
+    Cd and Cl, and cost. Every answer starts from a plan of zeros; from the plan before, differences in rounding could
+    grow from answer to answer."""
     plan, free = np.zeros(horizon), np.ones(horizon)
     steps = [controller.control_step(window, plan, free) for window in windows]
     return np.array([[step.plan[0], *step.forces.mean(axis=0), step.cost] for step in steps])

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from export.program.controller_program import ControllerProgram
-from export.program.weights import Linear
 from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, centred_bias, transposed
 
 
@@ -55,7 +54,9 @@ class DynamicsGraph:
         self._by_action_row = transposed(graph, graph.op("Mul", by_action, per_action))
         self._forward = (transposed(graph, by_state), transposed(graph, second))
         self._output = third
-        first_bias, self._hidden_bias, self._output_bias = _biases(graph, weights.input, weights.hidden, weights.output)
+        first_bias = graph.constant(centred_bias(weights.input.bias)[None], "dynamics.input.bias")
+        self._hidden_bias = graph.constant(centred_bias(weights.hidden.bias)[None], "dynamics.hidden.bias")
+        self._output_bias = graph.constant(weights.output.bias[None], "dynamics.output.bias")
         # The bias in step k, a row of (H, width), is b_1 plus the effect of k b_3 on the first layer.
         steps = graph.constant(np.arange(self._horizon)[:, None], "steps")
         per_step = graph.op("MatMul", self._output_bias, self._forward[0])
@@ -136,11 +137,3 @@ class DynamicsGraph:
 
 def _per_width(graph: Graph, matrix: str, norm: NormNames) -> str:
     return transposed(graph, graph.op("Mul", matrix, graph.constant(1.0 / norm.width)))
-
-
-def _biases(graph: Graph, first: Linear, second: Linear, third: Linear) -> tuple[str, str, str]:
-    return (
-        graph.constant(centred_bias(first.bias)[None], "dynamics.input.bias"),
-        graph.constant(centred_bias(second.bias)[None], "dynamics.hidden.bias"),
-        graph.constant(third.bias[None], "dynamics.output.bias"),
-    )

@@ -1,8 +1,8 @@
 """A small writer of ONNX graphs: nodes by operator name, shared constants, and bodies of Scans that read outer values.
 
-A weight matrix is stored as float32, or as int8 followed by a DequantizeLinear. Matrices that are derived from it
-(transposed, centred) are computed in the outermost graph, never inside a Scan. For float weights ONNX Runtime folds
-these nodes when the session is built; for int8 weights the nodes run once per control step.
+Matrices that are derived from a weight matrix (transposed, centred) are computed in the outermost graph, never inside a
+Scan. For float weights ONNX Runtime folds these nodes when the session is built; for int8 weights the nodes run once
+per control step.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from contract.arrays import Array, Index
 from export.int8.rounded_program import Program, RoundedProgram
-from export.program.controller_program import ControllerProgram, matrices
-from export.program.float32 import as_float32
-from export.program.weights import LAYER_NORM_EPSILON, Norm
+from export.program.controller_program import matrices
+from export.program.weights import LAYER_NORM_EPSILON, Norm, as_float32
 
 OPSET: Final = 18
 """The oldest ONNX operator set that has LayerNormalization and in which every reduction takes its axes as an input."""
@@ -25,11 +24,9 @@ IR_VERSION: Final = 8
 
 
 class Graph:
-    """A collection of nodes; every value has a name.
-
-    A graph from `body()` becomes the body of a Scan (`scan`). A body reads any value of the graphs around it by name,
-    and its constants are stored in the outermost graph. Equal constants are stored once.
-    """
+    """A collection of nodes; every value has a name. A graph from `body()` becomes the body of a Scan (`scan`). A body
+    reads any value of the graphs around it by name, and its constants are stored in the outermost graph. Equal
+    constants are stored once."""
 
     def __init__(self, parent: "Graph | None" = None) -> None:
         self._root: Graph = self if parent is None else parent._root
@@ -95,11 +92,9 @@ class Graph:
     def scan(
         self, body: "Graph", *, states: Sequence[str], sequences: Sequence[str], reverse: bool = False
     ) -> tuple[str, ...]:
-        """Run `body` over the first axis of `sequences`. Returns the final states, then the stacked outputs.
-
-        The body's inputs are the states and then one slice of every sequence. Its outputs are the new states and then
-        the values to stack. With `reverse`, slices are read, and outputs are stacked, from the last to the first.
-        """
+        """Run `body` over the first axis of `sequences`. Returns the final states, then the stacked outputs. The body's
+        inputs are the states and then one slice of every sequence. Its outputs are the new states and then the values
+        to stack. With `reverse`, slices are read, and outputs are stacked, from the last to the first."""
         stacked = len(body._outputs) - len(states)
         directions = {"scan_input_directions": [int(reverse)] * len(sequences)}
         if stacked:
@@ -153,55 +148,39 @@ class PutMatrix(Protocol):
         """
 
 
-class Float32Store:
-    """A store of matrices rounded to float32."""
-
-    def __init__(self, program: ControllerProgram) -> None:
-        self._matrices = matrices(program)
-
-    def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
-        weight = _in_order(self._matrices[name], rows)
-        return graph.constant(_with_axes(weight, leading), name)
-
-
-class Int8Store:
-    """A store of the integers of a rounded program: one byte per weight and one scale per row.
-
-    The stored value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators
-    that only rearrange values (Transpose, Slice, Unsqueeze). Version 1.20 aborts when it moves a DequantizeLinear that
-    has one scale per row.
-    """
-
-    def __init__(self, program: RoundedProgram) -> None:
-        self._matrices = program.matrices
-
-    def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
-        matrix = self._matrices[name]
-        values = graph.stored(_with_axes(_in_order(matrix.values, rows), leading), f"{name}.int8")
-        scales = graph.stored(_in_order(matrix.scales, rows), f"{name}.scale")
-        zero_points = graph.stored(np.zeros(len(matrix.scales), np.int8), "zero_points")
-        return graph.op("DequantizeLinear", values, scales, zero_points, axis=leading)
-
-
 def store_for(program: Program) -> PutMatrix:
-    """Return the store for the matrices of a program."""
-    return Int8Store(program) if isinstance(program, RoundedProgram) else Float32Store(program)
+    """Return the function that stores the matrices of a program, rounded to float32 or as a rounded program's
+    integers."""
+    whole = {} if isinstance(program, RoundedProgram) else matrices(program)
+
+    def store(graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
+        order, axes = slice(None) if rows is None else rows, (1,) * leading
+        if not isinstance(program, RoundedProgram):
+            weight = whole[name][order]
+            return graph.constant(weight.reshape(axes + weight.shape), name)
+        matrix = program.matrices[name]
+        values, scales = matrix.values[order], matrix.scales[order]
+        return dequantised(graph, values.reshape(axes + values.shape), scales, name, axis=leading)
+
+    return store
 
 
-def _in_order(values: npt.NDArray[Any], rows: Index | None) -> npt.NDArray[Any]:
-    return values if rows is None else values[rows]
-
-
-def _with_axes(values: npt.NDArray[Any], leading: int) -> npt.NDArray[Any]:
-    return values.reshape((1,) * leading + values.shape)
+def dequantised(
+    graph: Graph, values: npt.NDArray[np.int8], scales: npt.NDArray[np.float32], name: str, *, axis: int = 0
+) -> str:
+    """Store the integers of a matrix, one byte per weight and one scale per row, and return the name of its float32
+    value. This value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators
+    that only rearrange values (Transpose, Slice, Unsqueeze). Version 1.20 aborts when it moves one that has one scale
+    per row."""
+    stored, by_row = graph.stored(values, f"{name}.int8"), graph.stored(scales, f"{name}.scale")
+    zero_points = graph.stored(np.zeros(len(scales), np.int8), "zero_points")
+    return graph.op("DequantizeLinear", stored, by_row, zero_points, axis=axis)
 
 
 def centred(graph: Graph, weight: str) -> str:
-    """Add C W with C = I - 1 1^T / n for n outputs: its product with an input has mean zero over the outputs.
-
-    A layer norm gives the same result after W and after C W. The adjoint of a layer norm ends in a product with C,
-    which the matrix C W already contains: (W^T C) v = (C W)^T v.
-    """
+    """Add C W with C = I - 1 1^T / n for n outputs: its product with an input has mean zero over the outputs. A layer
+    norm gives the same result after W and after C W; its adjoint ends in a product with C, which C W already contains:
+    (W^T C) v = (C W)^T v."""
     return graph.op("Sub", weight, graph.op("ReduceMean", weight, graph.index([0]), keepdims=1))
 
 

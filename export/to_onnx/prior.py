@@ -1,10 +1,8 @@
-"""The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal.
+"""The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal, which
+schedules a prior and determines the part of the cost that is left to the iterations (`contract.controller.goal`).
 
 The past is one row, oldest differences first. The units' matrix on that row, which combines schedule and filters, and
 the gates are computed once per control step.
-
-The goal schedules a prior and determines the part of the cost that is left to the iterations. The nodes compute the
-functions of `contract.controller.goal` for weights (8,) and a bound () on |a|.
 """
 
 import numpy as np
@@ -17,12 +15,8 @@ from export.to_onnx.graph_builder import Graph, PutMatrix, transposed
 
 def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) -> tuple[str, str]:
     """Add nodes that compute the schedule (6, 1), and the bound on |a| that the goal allows, as a share of the
-    program's limit, a scalar.
-
-    Args:
-        speed: scalar ratio of the vehicle's speed to the design speed; None if the prior does not depend on the speed.
-        share: scalar bound on |a| as a share of the program's limit, at most 1.
-    """
+    program's limit, a scalar, from weights (8,), a scalar ratio of the vehicle's speed to the design speed, if the
+    prior depends on the speed, and a scalar bound on |a| as a share of the program's limit, at most 1."""
     row = graph.index([1])
     drag, effort, lift = (
         graph.slice(weights, place, place + 1) for place in map(TERMS.index, ("drag_mean", "effort", "lift"))
@@ -132,25 +126,17 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
     (1, p)."""
     memory, pairs = prior.memory, prior.pairs
     newest = graph.slice(window, sizes.window - memory, sizes.window, 0)
-    row, size = _history(graph, newest, memory, pairs), memory * (pairs + 1) - 1
-    known = graph.slice(row, 0, size - pairs, 1)
-    oldest = graph.slice(row, 0, pairs + 1, 1)
-    now = graph.slice(row, size - pairs, size, 1)
-    return graph.op("Concat", oldest, known, axis=1), now
-
-
-def _history(graph: Graph, window: str, length: int, pairs: int) -> str:
-    """Convert L rows (Cp_k, a_{k-1}), (L, S+1), to one row in which y_k and a_k alternate, (1, L (p + 1) - 1). The
-    window does not contain the last action, so it is missing here too.
-
-    The first row's action is older than the memory, so it is dropped, and each other action moves up by a row.
-    """
     signs = np.zeros((2 * pairs + 1, pairs + 1))
     for pair in range(pairs):
         signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
     signs[-1, 0] = 1.0
-    # This product has the rows (a_{k-1}, y_k). One after another, and without the first number, they are the history.
-    turned = graph.op("MatMul", window, graph.constant(signs, "differences"))
-    size = length * (pairs + 1)
-    row = graph.op("Reshape", turned, graph.index([1, size]))
-    return graph.slice(row, 1, size, 1)
+    # This product has the rows (a_{k-1}, y_k). One after another, and without the first number, y_k and a_k alternate;
+    # the window does not contain the last action, so it is missing here too.
+    turned = graph.op("MatMul", newest, graph.constant(signs, "differences"))
+    size = memory * (pairs + 1)
+    row = graph.slice(graph.op("Reshape", turned, graph.index([1, size])), 1, size, 1)
+    size -= 1
+    known = graph.slice(row, 0, size - pairs, 1)
+    oldest = graph.slice(row, 0, pairs + 1, 1)
+    now = graph.slice(row, size - pairs, size, 1)
+    return graph.op("Concat", oldest, known, axis=1), now

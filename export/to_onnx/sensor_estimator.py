@@ -17,7 +17,7 @@ from contract.controller.estimator import (
 )
 from contract.errors import ExportError
 from export.int8.rounded_program import Int8Matrix, RoundedEstimator
-from export.to_onnx.graph_builder import Graph
+from export.to_onnx.graph_builder import Graph, dequantised
 
 DOC: Final = "Pressures estimated from each other: see contract.controller.estimator"
 
@@ -43,7 +43,7 @@ def build_estimator(rounded: RoundedEstimator) -> onnx.ModelProto:
     value = graph.op("Concat", flat, graph.constant(hidden, "hidden"), axis=1)
     for number, (matrix, (_, bias)) in enumerate(zip(rounded.matrices, network.layers, strict=True)):
         value = graph.op("Relu", value) if number else value
-        weight = _stored(graph, matrix, f"layer_{number}.weight")
+        weight = dequantised(graph, matrix.values, matrix.scales, f"layer_{number}.weight")
         value = graph.op("Gemm", value, weight, graph.constant(bias, f"layer_{number}.bias"), transB=1)
     spread = graph.op("Mul", value, graph.constant(network.std[:-1], "pressure_std"))
     pressures = graph.op("Add", spread, graph.constant(network.mean[:-1], "pressure_mean"))
@@ -78,10 +78,3 @@ def read_estimator(content: bytes) -> RoundedEstimator:
         ],
     )
     return RoundedEstimator(network=network, matrices=matrices)
-
-
-def _stored(graph: Graph, matrix: Int8Matrix, name: str) -> str:
-    values = graph.stored(matrix.values, f"{name}.int8")
-    scales = graph.stored(matrix.scales, f"{name}.scale")
-    zero_points = graph.stored(np.zeros(len(matrix.scales), np.int8), "zero_points")
-    return graph.op("DequantizeLinear", values, scales, zero_points, axis=0)

@@ -19,7 +19,7 @@ from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from firmware_sim.runs.run_log import RunLog
-    from wake.recording.forcing import ForcingName
+    from wake.recording.episode_plan import ForcingName
     from wake.truck.truck_wake import TruckWake
 
 _USUAL_DURATION: Final = 25.0
@@ -110,7 +110,7 @@ def _draw_still(
 def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDArray[np.float64], skip: int) -> None:
     from wake.pictures.drawing import mean_figure, save_figure
     from wake.pictures.fields import mean_flow
-    from wake.truck.recirculation import recirculation_length
+    from wake.truck.steady import recirculation_length
 
     with progress("steps") as report:
         report("mean flow", 0, len(actions))
@@ -182,7 +182,7 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
 
 
 def _signal(config: Config, steps: int, forcing: str) -> npt.NDArray[np.float64]:
-    from wake.recording.forcing import SIGNALS, sine
+    from wake.recording.episode_plan import SIGNALS, sine
 
     kind, _, text = forcing.partition(":")
     texts = shared.pairs(text.split(",") if text else [], "sine:amplitude=0.05", FORCINGS[kind] or ("no parameter",))

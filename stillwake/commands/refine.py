@@ -70,7 +70,7 @@ def refine(
         )
 
     from stillwake.parts.differentiable_wake import differentiable_wake, wake_of
-    from train.refinement.stretches import side_by_side
+    from train.refinement.refine import side_by_side
     from train.selection.methods import select_by_hand
 
     layout = trained.layout

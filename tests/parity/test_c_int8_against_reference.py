@@ -71,12 +71,6 @@ def test_random_nets_of_odd_sizes(seed):
     assert_close(rounded.program, in_integers(rounded), 8)
 
 
-@pytest.mark.slow  # compiles a large net
-def test_the_size_of_a_microcontrollers_net():
-    rounded = rounded_to_nearest(random_program(2, model=ModelConfig(dynamics_width=128, decoder_width=64)))
-    assert_close(rounded.program, in_integers(rounded), 4)
-
-
 @examples(60)
 @given(
     plan=st.lists(st.floats(-0.075, 0.075), min_size=HORIZON, max_size=HORIZON).map(np.array),

@@ -15,8 +15,9 @@ from contract.controller.goal import SCHEDULED
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
-from export.gates.parity import check_parity
+from export.gates.parity import ParityReport, check_lowering
 from export.int8.rounded_program import effective, rounded_to_nearest
+from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller
@@ -28,13 +29,17 @@ pytestmark = pytest.mark.slow  # seconds of graphs built and run, one for each s
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
 
 
+def check_graph(program: ControllerProgram, model: bytes, windows: list[np.ndarray]) -> ParityReport:
+    return check_lowering(program, OnnxController(model, program.sizes), "ONNX graph", windows)
+
+
 @each("precision", ["float32", "int8"])
 @each("seed", (1, 2))
 def test_random_small_nets(seed, precision):
     program = drawn_program(seed)
     lowered = rounded_to_nearest(program) if precision == "int8" else program
     model = build_controller(lowered).SerializeToString()
-    check_parity(effective(lowered), model, random_windows(program, 6, seed=seed))
+    check_graph(effective(lowered), model, random_windows(program, 6, seed=seed))
 
 
 @each("precision", ["float32", "int8"])
@@ -42,7 +47,7 @@ def test_paper_size(precision):
     program = random_program(11)
     lowered = rounded_to_nearest(program) if precision == "int8" else program
     model = build_controller(lowered).SerializeToString()
-    report = check_parity(effective(lowered), model, random_windows(program, 4, seed=1))
+    report = check_graph(effective(lowered), model, random_windows(program, 4, seed=1))
     # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
     assert report.action < 2e-6
 
@@ -79,37 +84,27 @@ def test_a_closed_loop_of_steps_stays_together():
         np.testing.assert_allclose(found, plan, rtol=0, atol=2.5e-5)
 
 
-def test_actions_stay_within_a_limit_that_float32_rounds_up():
+def test_actions_stay_within_a_limit_that_float32_rounds_up_and_committed_ones_come_back_to_the_bit():
     limit = 0.075
     assert float(np.float32(limit)) > limit
-    unsmoothed = CostWeights(smoothness=0.0)
-    mpc = MpcConfig(horizon=6, iterations=20, learning_rate=0.05, weights=unsmoothed)
+    mpc = MpcConfig(horizon=6, iterations=20, learning_rate=0.2, weights=CostWeights(smoothness=0.0))
     program = random_program(6, model=SMALL, mpc=mpc, action_limit=limit)
     controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
     rng = np.random.default_rng(0)
-    touched = 0.0
+    plan = rng.uniform(-0.07, 0.07, 6).astype(np.float32).astype(np.float64)
+    free, shifted, touched = np.array([0.0, 1.0, 1.0, 0.0, 1.0, 1.0]), np.append(plan[1:], plan[-1]), 0.0
     for _ in range(10):
-        plan = controller.control_step(random_window(program, rng), np.zeros(6), np.ones(6)).plan
-        assert np.abs(plan).max() <= limit
-        touched = max(touched, np.abs(plan).max())
+        found = controller.control_step(random_window(program, rng), plan, free).plan
+        assert np.abs(found).max() <= limit
+        touched = max(touched, np.abs(found).max())
+        np.testing.assert_array_equal(found[free == 0], shifted[free == 0])
+        assert (found[free == 1] != shifted[free == 1]).all()
     assert touched == pytest.approx(limit, rel=1e-6)
-
-
-def test_committed_actions_come_back_to_the_bit():
-    program = random_program(8, model=SMALL, mpc=MpcConfig(horizon=8))
-    controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
-    rng = np.random.default_rng(8)
-    plan = rng.uniform(-0.07, 0.07, 8).astype(np.float32).astype(np.float64)
-    free = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0, 1.0])
-    found = controller.control_step(random_window(program, rng), plan, free).plan
-    shifted = np.append(plan[1:], plan[-1])
-    np.testing.assert_array_equal(found[free == 0], shifted[free == 0])
-    assert (found[free == 1] != shifted[free == 1]).all()
 
 
 def test_gate_refuses_the_graph_of_the_rounded_program():
     program = random_program(9, model=SMALL, mpc=MpcConfig(horizon=6))
     with pytest.raises(ExportError, match="differ by"):
-        check_parity(
+        check_graph(
             program, build_controller(rounded_to_nearest(program)).SerializeToString(), random_windows(program, 20)
         )

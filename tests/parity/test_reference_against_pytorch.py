@@ -17,7 +17,6 @@ from examples.random_programs import random_program
 from export.gates.parity import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
 from export.reference.cost import cost_gradient
-from export.reference.model import decode, decode_adjoint, step, step_adjoint
 from export.reference.mpc import control_step, gradient
 from tests.each import each
 from tests.parity.drawn import drawn_program
@@ -78,23 +77,6 @@ def test_gradient_matches_autograd(seed):
     (expected,) = torch.autograd.grad(torch.tensor(weights) @ terms, actions)
     found = gradient(program, z, plan, previous_action, weights, start)
     np.testing.assert_allclose(found, expected.numpy(), rtol=1e-11, atol=1e-13)
-
-
-def test_adjoints_match_central_differences():
-    """Independent of PyTorch as well: directional derivatives of step and decode, batched over leading axes."""
-    program = drawn_program(3)
-    rng = np.random.default_rng(0)
-    z, a = rng.normal(size=(4, program.latent)), rng.uniform(-0.05, 0.05, 4)
-    dz, da = rng.normal(size=z.shape), rng.normal(size=a.shape)
-    out, e = rng.normal(size=z.shape), 1e-6
-
-    slope = (out * (step(program, z + e * dz, a + e * da) - step(program, z - e * dz, a - e * da))).sum() / (2 * e)
-    back_z, back_a = step_adjoint(program, z, a, out)
-    assert (back_z * dz).sum() + (back_a * da).sum() == pytest.approx(slope, rel=1e-7)
-
-    out = rng.normal(size=(4, 2))
-    slope = (out * (decode(program, z + e * dz) - decode(program, z - e * dz))).sum() / (2 * e)
-    assert (decode_adjoint(program, z, out) * dz).sum() == pytest.approx(slope, rel=1e-7)
 
 
 def test_ties_and_kinks_take_pytorchs_subgradients():

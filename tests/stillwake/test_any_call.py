@@ -33,7 +33,7 @@ CONTINUED = (".parts", ".checkpoints")
 BEGINNINGS = (
     *("train.pipeline.fit_joint", "train.refinement.pipeline.refine", "export.release.pipeline.rounded_on"),
     *("export.release.pipeline.lower", "firmware_sim.mcu.measure.compile_for_cortex_m7"),
-    *("wake.recording.parallel.run_parallel", "firmware_sim.campaign.conduct.spread"),
+    *("wake.recording.recorder.run_parallel", "firmware_sim.campaign.conduct.spread"),
     *("wake.pictures.drawing.save_figure", "can_bridge.tools.raw_bus.open_bus"),
     *("can_bridge.tester.transport.open_client", "ecu.daemon.service.serve"),
     *("ecu.daemon.store_service.serve_store", "firmware_sim.latency.running.recorded"),

@@ -9,10 +9,9 @@ from contract.config.learning import FinishConfig
 from contract.config.tree import Config
 from contract.errors import DatasetError
 from contract.recording import needs
-from train.distillation.distil import encode_all
+from train.distillation.distil import encode_all, fit_stream
 from train.distillation.evaluate import evaluate, rollout_starts
 from train.fitting.fit import fit_joint
-from train.fitting.streaming import fit_stream
 from train.networks.model import WakeModel
 from train.samples.rows import Rows, fit_scaling, prepare
 

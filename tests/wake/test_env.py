@@ -1,6 +1,5 @@
 import copy
 import dataclasses
-import multiprocessing
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -46,23 +45,21 @@ def test_gymnasiums_own_checker_is_content(settings):
     assert all("infinity. This is probably too" in str(warning.message) for warning in caught)
 
 
-def test_one_step_is_one_control_period_of_the_plant(wake):
-    env = TruckWakeEnv(WATCHED, render_mode="rgb_array")
+def test_one_step_is_one_control_period_of_the_plant(env, coarse):
     observation, info = env.reset(options={"phase_steps": 0})
     assert observation.shape == (2,) and observation.dtype == np.float32
     first = env.render()
-    for value in (0.05, -0.02):
-        observation, reward, terminated, truncated, info = env.step(action(value))
-        sample = wake.advance(float(np.float32(value)))
-        assert (reward, terminated, truncated) == (-sample.Cd, False, False)
-        assert np.array_equal(
-            observation, sample.Cp[[sensors.NAMES.index(name) for name in WATCHED]].astype(np.float32)
-        )
-        for name in ("t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "jet_power", "Uy_probe", "action"):
-            assert info[name] == getattr(sample, name), name
-        assert info["Cd_net"] == pytest.approx(info["Cd"] + info["Cd_slot"] + info["Cd_momentum"])
+    with coarse.plant() as wake:
+        for value in (0.05, -0.02):
+            observation, reward, terminated, truncated, info = env.step(action(value))
+            sample = wake.advance(float(np.float32(value)))
+            assert (reward, terminated, truncated) == (-sample.Cd, False, False)
+            watched = [sensors.NAMES.index(name) for name in WATCHED]
+            assert np.array_equal(observation, sample.Cp[watched].astype(np.float32))
+            for name in ("t", "Cd", "Cl", "Cd_slot", "Cd_momentum", "jet_power", "Uy_probe", "action"):
+                assert info[name] == getattr(sample, name), name
+            assert info["Cd_net"] == pytest.approx(info["Cd"] + info["Cd_slot"] + info["Cd_momentum"])
     second = env.render()
-    assert first is not None and second is not None
     assert first.shape == second.shape == (341, 1100, 3) and first.dtype == np.uint8
     assert not np.array_equal(first, second), "frames follow the flow"
 
@@ -151,29 +148,21 @@ def gone_on_with(env: Any) -> list[Any]:
     return [*seen, observation, list(info.values()), env.step(env.action_space.sample())[0]]
 
 
-def in_a_process(one: Any) -> list[Any]:
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return list(pool.apply(gone_on_with, (one,)))
-
-
 WAYS: list[Callable[[Any], list[Any]]] = [
-    lambda one: gone_on_with(copy.copy(one)),
     lambda one: gone_on_with(copy.deepcopy(gymnasium.wrappers.TimeLimit(one, 9)).unwrapped),
     lambda one: gone_on_with(cloudpickle.loads(cloudpickle.dumps(one))),
 ]
 
 
-# A process takes seconds; what it is sent is what `cloudpickle` makes, which is `pickle`'s.
-@pytest.mark.parametrize("ways", [WAYS, pytest.param([in_a_process], marks=pytest.mark.proofs)])
-def test_a_copy_goes_on_as_the_environment_does_and_leaves_it_alone(settings, ways):
-    """Taken within an episode, after a picture; whatever copies it, and in another process."""
+def test_a_copy_goes_on_as_the_environment_does_and_leaves_it_alone(settings):
+    """Taken within an episode, after a picture; whatever copies it."""
     env = TruckWakeEnv(render_mode="rgb_array", **settings)
     env.reset(seed=5)
     env.action_space.seed(6)
     env.step(env.action_space.sample())
     env.render()
     stood = env.plant.flow.flat.copy()
-    found = [way(env) for way in ways]
+    found = [way(env) for way in WAYS]
     np.testing.assert_array_equal(env.plant.flow.flat, stood)
     expected = gone_on_with(env)
     for seen in found:

@@ -2,9 +2,7 @@
 
     L_distil = 1/(B N_z) sum || z_target - z_slim ||^2
 
-The loss is the mean over the latent dimensions, as in the joint loss (`train.networks.loss.prediction_loss`). Adam's
-steps do not depend on this constant factor. The teacher is frozen, so its latents of every window are computed once.
-B is the number of windows, N_z the number of latent dimensions.
+over B windows and N_z latent dimensions. The teacher is frozen, so its latents of every window are computed once.
 """
 
 import torch
@@ -12,9 +10,10 @@ from torch import Tensor
 
 from contract.arrays import Index
 from contract.config.tree import Config
-from train.fitting.fit import Checkpoints, Schedule, optimise, seeded
+from contract.recording.needs import STRETCH as STRETCH
+from train.fitting.checkpoint import Checkpoints
+from train.fitting.fit import optimise, seeded
 from train.fitting.progress import Phase, Progress, silent
-from train.fitting.streaming import fit_stream
 from train.networks.loss import prediction_loss
 from train.networks.model import Encoder
 from train.samples.rows import Rows
@@ -48,16 +47,10 @@ def distil(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Encoder:
-    """Train an encoder on the chosen sensors to reproduce the teacher's latents.
-
-    The first passes read the recording as a stream, in which 64 latents cost little more than the latent of one window.
-    The later passes read windows, as on the vehicle. Returns the slim encoder in evaluation mode, on the device of
-    `rows`.
-
-    Args:
-        rows: samples with all sensors' columns.
-        chosen: (N,) indices of the N sensors, in the order of the slim encoder's inputs.
-    """
+    """Train an encoder on the chosen sensors (N,), in the order of its inputs, to reproduce the teacher's latents, from
+    rows with all sensors' columns. The first passes read the recording as a stream, in which 64 latents cost little
+    more than the latent of one window; the later passes read windows, as on the vehicle. Returns the slim encoder in
+    evaluation mode, on the device of `rows`."""
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
@@ -66,9 +59,6 @@ def distil(
     # inputs this would save nothing.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
-    )
-    schedule = Schedule(
-        steps=sampler.steps(settings.distil_epochs), learning_rate=settings.learning_rate, shape=settings.schedule
     )
     with seeded(settings.seed, device):
         slim = Encoder(len(chosen), config.model).to(device)
@@ -79,5 +69,43 @@ def distil(
             batch = add_sensor_noise(sampler.batch(step), noise)
             return {"total": prediction_loss(slim.encode_segments(batch.inputs), target[batch.ends])}
 
-        optimise(slim, loss, schedule, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
+        steps = sampler.steps(settings.distil_epochs)
+        optimise(slim, loss, steps, settings, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
     return slim
+
+
+_MORE = 8
+"""Ratio of the batch size to the batch size of windowed training. It is larger than 1 because neighbouring latents are
+similar, and additional latents of a stream cost little."""
+
+
+def fit_stream(
+    student: Encoder,
+    target: Tensor,
+    rows: Rows,
+    config: Config,
+    *,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> None:
+    """Train an encoder in place, over `config.train.stream_epochs`, to reproduce the n latents `target` (n, N_z) from
+    rows of the encoder's sensors, read as a stream (this project's method). Call this function inside
+    `train.fitting.fit.seeded`. Raises DatasetError if an episode is too short for a window and a sequence of `STRETCH`
+    rows.
+
+    A stream has one LSTM step for each sample instead of L steps, because the LSTM's state is not reset. Training reads
+    sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents. An encoder trained in
+    this way also reads windows well, so this is a cheap preparation of a windowed encoder.
+    """
+    settings, window = config.train, config.model.window
+    sampler = SegmentSampler(
+        rows, window=window, ahead=0, segment=STRETCH, batch_size=settings.batch_size * _MORE, seed=settings.seed
+    )
+    noise = rows.noise(settings.sensor_noise)
+
+    def loss(step: int) -> dict[str, Tensor]:
+        batch = add_sensor_noise(sampler.batch(step), noise)
+        return {"total": prediction_loss(student.encode_stream(batch.inputs), target[batch.ends])}
+
+    steps = sampler.steps(settings.stream_epochs)
+    optimise(student, loss, steps, settings, phase=Phase.STREAM, progress=progress, checkpoints=checkpoints)

@@ -1,8 +1,7 @@
 """Errors on test episodes (paper, section 3.1): forces decoded from the latents, and open-loop prediction.
 
-R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat| / std C, both over the test
-episodes; sigma is the reference signal's standard deviation. Neither number depends on the scaling, so scaled forces
-are used.
+R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat| / std C, both over the test episodes.
+Neither number depends on the scaling, so scaled forces are used.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,11 +30,9 @@ class ForceError:
 
 @dataclass(frozen=True, kw_only=True)
 class RolloutError:
-    """Values of L1/sigma after `horizon` steps of the dynamics with the recorded actions.
-
-    `latent` is the error relative to the encoder's own latents at that time, averaged over dimensions with the sigma of
-    each. `drag` and `lift` are the errors of the decoded forces relative to the recorded forces.
-    """
+    """Values of L1/sigma after `horizon` steps of the dynamics with the recorded actions: of the latents, relative to
+    the encoder's own latents at that time, averaged over dimensions with the sigma of each; and of the decoded forces,
+    relative to the recorded forces."""
 
     horizon: int
     latent: float
@@ -51,20 +48,12 @@ class EncoderMetrics:
     lift: ForceError
     rollout: tuple[RolloutError, ...]
 
-    def as_tree(self) -> dict[str, Any]:
-        """Return nested plain values for JSON."""
-        return {**asdict(self), "rollout": [asdict(item) for item in self.rollout]}
-
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMetrics:
-    """The errors of a trained model on the test episodes.
-
-    Attributes:
-        slim: the encoder on the chosen sensors, with the teacher's dynamics and decoder.
-        slim_latent: L1/sigma of the slim encoder's latents against the teacher's.
-        deployed: the slim encoder with the narrower dynamics and decoder; None if the model has none.
-    """
+    """The errors of a trained model on the test episodes: of the teacher; of the slim encoder with the teacher's
+    dynamics and decoder; L1/sigma of the slim encoder's latents against the teacher's; and of the slim encoder with the
+    narrower dynamics and decoder, `deployed`, if the model has them."""
 
     teacher: EncoderMetrics
     slim: EncoderMetrics
@@ -73,8 +62,7 @@ class ModelMetrics:
 
     def as_tree(self) -> dict[str, Any]:
         """Return nested plain values for JSON; "deployed" is left out if it is None."""
-        tree = {"teacher": self.teacher.as_tree(), "slim": self.slim.as_tree(), "slim_latent": self.slim_latent}
-        return tree if self.deployed is None else {**tree, "deployed": self.deployed.as_tree()}
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "ModelMetrics":
@@ -85,13 +73,8 @@ class ModelMetrics:
 def evaluate_model(
     teacher: WakeModel, slim: Encoder, predictor: Predictor | None, rows: Rows, chosen: Index
 ) -> ModelMetrics:
-    """Compute all errors of a trained model. Raises DatasetError if no episode is long enough for a window and the
-    longest horizon, or a force is constant.
-
-    Args:
-        rows: test rows with all sensors' columns.
-        chosen: (N,) indices of the slim encoder's sensors.
-    """
+    """Compute all errors of a trained model on test rows with all sensors' columns; `chosen` (N,) are the slim
+    encoder's sensors. Raises DatasetError as `evaluate` does."""
     slim_rows = rows.with_sensors(chosen)
     return ModelMetrics(
         teacher=evaluate(teacher.encoder, teacher, rows),
@@ -113,10 +96,8 @@ def evaluate_latents(
     latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
     """Compute the errors of n latents (n, N_z), one for each row; rows before an episode's first full window are NaN.
-
     Every window of every episode counts; a roll-out starts from every window that is followed by the longest horizon.
-    Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant.
-    """
+    Raises DatasetError as `evaluate` does."""
     dynamics, decoder = predictor.dynamics, predictor.decoder
     longest = max(horizons)
     with torch.no_grad():

@@ -1,30 +1,37 @@
-"""The lessons of a narrower predictor: roll-outs of the trained predictor, their forces, and the gradient of the
-controller's cost.
+"""Narrower dynamics and decoder for small ECUs, distilled on roll-outs of the trained networks (this project's method).
 
-The trained predictor, the teacher, gives a roll-out for any actions, not only for recorded actions. A quarter of the
-lessons use the actions that were recorded after the lesson's first state, and a quarter use actions from other places
-in the recording. The other half use plans from an optimisation: a plan begins with recorded actions, and gradient steps
-then lower the controller's cost, as the teacher predicts it.
+The paper slims only the encoder, but nearly all computation of a control step is in the other two networks: the
+optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student learns from
+lessons: whole roll-outs of that length, which begin with latents of the vehicle's encoder, their forces, and the
+gradient of the controller's cost with respect to the plan, the only result that the optimiser uses (Sobolev training,
+Czarnecki et al. 2017).
 
-The optimiser uses only one result of dynamics and decoder: the gradient of the controller's cost with respect to a
-plan. The lessons and the training on this gradient are this project's method, not the paper's.
+The trained predictor, the teacher, gives a roll-out for any actions. A quarter of the lessons use the actions that were
+recorded after the lesson's first state, and a quarter use actions from other places in the recording. The other half
+use plans from an optimisation: a plan begins with recorded actions, and gradient steps then lower the controller's
+cost, as the teacher predicts it.
 
 Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces are standardised.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from contract.config.controller import CostWeights
+from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.tree import Config
 from contract.release.manifest import Scaling
 from train.distillation.evaluate import rollout_starts
+from train.fitting.checkpoint import Checkpoints
+from train.fitting.fit import optimise, seeded
 from train.fitting.progress import Phase, Progress, silent
-from train.networks.model import Decoder, Dynamics, WakeModel
+from train.networks.loss import prediction_loss
+from train.networks.model import Decoder, Dynamics, Predictor, WakeModel
 from train.samples.rows import Rows
 
 
@@ -37,12 +44,7 @@ class Predicts(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """A roll-out and its forces.
-
-    Attributes:
-        latents: (H + 1, B, N_z), latents at t .. t+H.
-        forces: (H + 1, B, 2), forces at t .. t+H.
-    """
+    """A roll-out: latents (H + 1, B, N_z) and forces (H + 1, B, 2) at t .. t+H."""
 
     latents: Tensor
     forces: Tensor
@@ -73,13 +75,8 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
 
 def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
     """Compute the gradient of a cost with respect to the plans' actions, (B, H), from the gradient with respect to the
-    forces.
-
-    Args:
-        prediction: roll-out of the actions, with its autograd graph.
-        by_force: (H, B, 2), gradient of the cost with respect to the forces at t+1 .. t+H.
-        differentiable: whether the result can be differentiated with respect to the networks' weights.
-    """
+    forces at t+1 .. t+H, (H, B, 2), and the roll-out of the actions, with its autograd graph. If `differentiable`, the
+    result can be differentiated with respect to the networks' weights."""
     (slope,) = torch.autograd.grad(
         prediction.forces[1:], actions, by_force, create_graph=differentiable, retain_graph=True
     )
@@ -121,20 +118,11 @@ class Lessons:
 
 
 def teach(
-    teacher: WakeModel,
-    latents: Tensor,
-    rows: Rows,
-    scaling: Scaling,
-    config: Config,
-    *,
-    progress: Progress = silent,
+    teacher: WakeModel, latents: Tensor, rows: Rows, scaling: Scaling, config: Config, *, progress: Progress = silent
 ) -> Lessons:
-    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. Raises DatasetError if no
-    episode is long enough for a window and the horizon.
-
-    Args:
-        latents: (n, N_z), latents of the vehicle's encoder, one for each of n rows.
-    """
+    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
+    those of the vehicle's encoder, one for each of n rows. Raises DatasetError if no episode is long enough for a
+    window and the horizon."""
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)
     generator = np.random.default_rng(config.train.seed)
@@ -180,3 +168,54 @@ def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scalin
         by_force=by_force.transpose(0, 1),
         slope=slope,
     )
+
+
+_FEWER = 4
+"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1, because each roll-out has H
+predictions."""
+
+
+def distil_predictor(
+    lessons: Lessons,
+    model: ModelConfig,
+    settings: TrainConfig,
+    *,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+) -> Predictor:
+    """Train dynamics and decoder of the slim widths to reproduce the teacher's roll-outs.
+
+    The loss is the sum of three terms. The first is the mean square of the latents' difference over h = 1 .. H, the
+    second the forces' Smooth L1 over h = 0 .. H; latents and forces are in standard deviations. The third is
+    `slope_weight` times the mean square of the difference between the student's and the teacher's gradients of the
+    cost, divided by the mean square of the teacher's gradient. Returns the student in evaluation mode, with the slim
+    widths of `model`, on the lessons' device.
+    """
+    device = lessons.actions.device
+    batch_size = max(2, settings.batch_size // _FEWER)
+    steps = max(1, round(settings.predictor_epochs * len(lessons) / batch_size))
+    with seeded(settings.seed, device):
+        student = Predictor(model.slim).to(device)
+
+        def loss(step: int) -> Mapping[str, Tensor]:
+            generator = np.random.default_rng((settings.seed, step))
+            drawn = torch.as_tensor(generator.integers(len(lessons), size=batch_size), device=device)
+            lesson = lessons.drawn(drawn)
+            latents, forces, by_force = (
+                value.transpose(0, 1) for value in (lesson.latents, lesson.forces, lesson.by_force)
+            )
+            actions = lesson.actions.requires_grad_(True)
+            predicted = predict(student, latents[0], actions)
+            terms = {
+                "prediction": prediction_loss(predicted.latents[1:], latents[1:]),
+                "force": nn.functional.smooth_l1_loss(predicted.forces, forces),
+            }
+            total = terms["prediction"] + terms["force"]
+            if settings.slope_weight:
+                slope = plan_slope(predicted, actions, by_force, differentiable=True)
+                terms["slope"] = (slope - lesson.slope).square().mean() / lesson.slope.square().mean()
+                total = total + settings.slope_weight * terms["slope"]
+            return {"total": total, **terms}
+
+        optimise(student, loss, steps, settings, phase=Phase.PREDICTOR, progress=progress, checkpoints=checkpoints)
+    return student

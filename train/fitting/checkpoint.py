@@ -5,6 +5,7 @@ import io
 import os
 import pickle
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,49 +13,78 @@ import torch
 
 from contract.atomic import replacing
 from contract.errors import ConfigError, DatasetError, StillwakeError
-from train.fitting.unfinished import Identity as Identity
+from train.fitting import unfinished
+from train.fitting.progress import Phase
+from train.fitting.unfinished import Identity, Reached
 
 _SCHEMA: Final = "stillwake-checkpoint/1"
 _WAYS: Final = "delete it, or start over with --restart"
 
 
-def save(path: Path, identity: Identity, state: Mapping[str, Any]) -> None:
-    """Write `state` (tensors and plain values) atomically; raises StillwakeError if the file cannot be written."""
-    body = {
-        "schema": _SCHEMA,
-        "settings": identity.settings,
-        "dataset_sha256": identity.dataset_sha256,
-        "state": dict(state),
-    }
-    # The file is built in memory first, because torch gives no clear error when a disk is full.
-    image = io.BytesIO()
-    torch.save(body, image)
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        file.write(image.getbuffer())
-        file.flush()
-        os.fsync(file.fileno())
+@dataclass(frozen=True, kw_only=True)
+class Checkpoints:
+    """The folder in which the phases of a training store their state, one file per phase.
 
-
-def load(path: Path, identity: Identity) -> dict[str, Any] | None:
-    """Load the state saved at `path`, on the CPU; None if there is no file.
-
-    Raises:
-        StillwakeError: the file is damaged or of another schema.
-        ConfigError: the file was written with other settings.
-        DatasetError: the file was written for another recording.
+    Attributes:
+        identity: settings and recording of the training.
+        resume: whether a phase continues from its file; otherwise it starts over.
+        every: number of steps between two checkpoints.
     """
-    if not path.exists():
-        return None
-    try:
-        # With weights_only, torch reads a checkpoint as data and runs no code from it.
-        body = torch.load(path, map_location="cpu", weights_only=True)
-        schema, state = body["schema"], dict(body["state"])
-    except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
-        raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); {_WAYS}") from error
-    if schema != _SCHEMA:
-        raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {_SCHEMA!r}; {_WAYS}")
-    if body["settings"] != identity.settings:
-        raise ConfigError(f"checkpoint {path}: made with other settings; {_WAYS}")
-    if body["dataset_sha256"] != identity.dataset_sha256:
-        raise DatasetError(f"checkpoint {path}: made from another recording; {_WAYS}")
-    return state
+
+    folder: Path
+    identity: Identity
+    resume: bool = False
+    every: int = 100
+
+    @classmethod
+    def of(cls, output: Path, identity: Identity, resume: bool) -> "Checkpoints":
+        """Return the checkpoints of the model `output`, from which a training continues; without `resume` they are
+        removed first. Raises as `train.fitting.unfinished.check` does."""
+        folder = unfinished.folder_of(output)
+        if not resume:
+            unfinished.clear(folder)
+        unfinished.check(folder, identity)
+        return cls(folder=folder, identity=identity, resume=True)
+
+    def path(self, phase: Phase) -> Path:
+        return self.folder / f"{phase}.pt"
+
+    def save(self, phase: Phase, state: Mapping[str, Any], reached: Reached | None = None) -> None:
+        """Write a phase's state (tensors and plain values) atomically, and note the training's progress if it is given.
+        Raises StillwakeError if a file cannot be written."""
+        body = {
+            "schema": _SCHEMA,
+            "settings": self.identity.settings,
+            "dataset_sha256": self.identity.dataset_sha256,
+            "state": dict(state),
+        }
+        # The file is built in memory first, because torch gives no clear error when a disk is full.
+        image = io.BytesIO()
+        torch.save(body, image)
+        with replacing(self.path(phase)) as temporary, temporary.open("wb") as file:
+            file.write(image.getbuffer())
+            file.flush()
+            os.fsync(file.fileno())
+        if reached is not None:
+            unfinished.note(self.folder, self.identity, reached)
+
+    def load(self, phase: Phase) -> dict[str, Any] | None:
+        """Load a phase's state, on the CPU; None if there is none, or if the phase starts over. Raises StillwakeError
+        for a file that is damaged or of another schema, ConfigError for a file of other settings, DatasetError for a
+        file of another recording."""
+        path = self.path(phase)
+        if not (self.resume and path.exists()):
+            return None
+        try:
+            # With weights_only, torch reads a checkpoint as data and runs no code from it.
+            body = torch.load(path, map_location="cpu", weights_only=True)
+            schema, state = body["schema"], dict(body["state"])
+        except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
+            raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); {_WAYS}") from error
+        if schema != _SCHEMA:
+            raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {_SCHEMA!r}; {_WAYS}")
+        if body["settings"] != self.identity.settings:
+            raise ConfigError(f"checkpoint {path}: made with other settings; {_WAYS}")
+        if body["dataset_sha256"] != self.identity.dataset_sha256:
+            raise DatasetError(f"checkpoint {path}: made from another recording; {_WAYS}")
+        return state

@@ -53,13 +53,8 @@ class Spent:
 
 @dataclass(kw_only=True)
 class Stopwatch:
-    """A `Progress` function that adds up the time of every phase. Time between two calls is added to the phase of the
-    later call.
-
-    Attributes:
-        cpu, wall: functions that return the process's CPU time and the wall-clock time, in s.
-        spent: resources used by each phase, in order.
-    """
+    """A `Progress` function that adds up the time of every phase, in order. Time between two calls is added to the
+    phase of the later call. `cpu` and `wall` return the process's CPU time and the wall-clock time, in s."""
 
     cpu: Callable[[], float] = time.process_time
     wall: Callable[[], float] = time.monotonic
@@ -69,7 +64,6 @@ class Stopwatch:
         self._last = self.cpu(), self.wall()
 
     def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
-        """Add the time since the last call to the time of the phase `phase`."""
         del total, terms
         now = self.cpu(), self.wall()
         one = self.spent.setdefault(phase, Spent())

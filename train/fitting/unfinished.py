@@ -22,13 +22,9 @@ _WAYS: Final = "finish it with these settings, or start over with --restart"
 
 @dataclass(frozen=True, kw_only=True)
 class Identity:
-    """Identity of the training that a checkpoint belongs to.
-
-    Attributes:
-        settings: canonical text of the configuration that determines the result.
-        threads: number of torch's threads. With another number the training can continue, but sums are added in another
-            order.
-    """
+    """Identity of the training that a checkpoint belongs to: the canonical text of the configuration that determines
+    the result, and the recording. With another number of torch's threads the training can continue, but sums are added
+    in another order."""
 
     settings: str
     dataset_sha256: str
@@ -38,12 +34,8 @@ class Identity:
     def of(
         cls, config: Config, dataset_sha256: str, device: str, chosen: Sequence[str] | None, threads: int = 1
     ) -> "Identity":
-        """Return the identity of a training with these settings.
-
-        Args:
-            device: "cpu" or "cuda".
-            chosen: names of the sensors, if the caller chose them.
-        """
+        """Return the identity of a training on the device "cpu" or "cuda"; `chosen` are the names of the sensors, if
+        the caller chose them."""
         settings = {
             "model": asdict(config.model),
             "train": asdict(config.train),
@@ -128,12 +120,10 @@ def threads(folder: Path) -> tuple[int, ...]:
 
 
 def has_checkpoints(folder: Path) -> bool:
-    """Return whether the folder has checkpoints from which a training can continue."""
     return any(folder.glob("*.pt"))
 
 
 def clear(folder: Path) -> None:
-    """Remove the folder with all checkpoints."""
     shutil.rmtree(folder, ignore_errors=True)
 
 

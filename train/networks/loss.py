@@ -3,15 +3,12 @@
     L = L_pred + lambda_force L_force + lambda_var L_var + lambda_cov L_cov [+ lambda_decode L_decode, ours]
 
 The dynamics are unrolled k steps from the encoded z_t to predict latents. The targets are the encoder's own latents at
-t+1 .. t+k. Gradients flow through targets and predictions, so the encoder learns a predictable state. The VICReg terms
+t+1 .. t+k; gradients flow through targets and predictions, so the encoder learns a predictable state. The VICReg terms
 act on the predictions and prevent a collapse of the latents.
 
-L_decode, which the paper does not have, is L_force at h = 0, on the encoded latent itself. In the paper, forces enter
-through predictions only, which is enough for short predictions. Over 20 steps, the decoder would learn mostly from
-latents with the accumulated errors of many steps.
+L_decode, which the paper does not have, is L_force at h = 0, on the encoded latent itself: over 20 steps, the decoder
+would otherwise learn mostly from latents with the accumulated errors of many steps.
 """
-
-from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor, nn
@@ -24,24 +21,9 @@ EPSILON = 1e-4
 """Constant inside the variance term's square root, from VICReg's authors; the paper only calls it "small"."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LossTerms:
-    """Terms of the loss, as scalars. `total` is the weighted sum; the other fields are unweighted."""
-
-    total: Tensor
-    prediction: Tensor
-    force: Tensor
-    decode: Tensor
-    variance: Tensor
-    covariance: Tensor
-
-    def as_dict(self) -> dict[str, Tensor]:
-        return {item.name: getattr(self, item.name) for item in fields(self)}
-
-
-def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> LossTerms:
+def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> dict[str, Tensor]:
     """Compute the loss of a batch whose segments hold W windows, and so W - k samples of k = `config.unroll` steps
-    each."""
+    each. Returns scalars by name: the weighted sum, "total", and its unweighted terms."""
     steps = config.unroll
     encode = model.encoder.encode_stream if config.streamed else model.encoder.encode_segments
     encoded = encode(batch.inputs)
@@ -62,18 +44,20 @@ def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> LossTerms
         + config.variance_weight * variance
         + config.covariance_weight * covariance
     )
-    return LossTerms(
-        total=total, prediction=prediction, force=force, decode=decode, variance=variance, covariance=covariance
-    )
+    return {
+        "total": total,
+        "prediction": prediction,
+        "force": force,
+        "decode": decode,
+        "variance": variance,
+        "covariance": covariance,
+    }
 
 
 def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:
-    """Compute the mean square error over samples, steps and dimensions of latents (..., N_z).
-
-    The paper writes the squared L2 norm, a sum over the dimensions, which is N_z = 8 times this mean. With a variance
-    weight of 0.02 that sum collapses the latent space: on a test oscillator, all standard deviations are near 0.02 and
-    the forces stay at their mean. With the mean square, an equal number of steps gives a fit with R2 0.99.
-    """
+    """Compute the mean square error over samples, steps and dimensions of latents (..., N_z). The paper writes the
+    squared L2 norm, a sum over the N_z = 8 dimensions; with a variance weight of 0.02 that sum collapses the latent
+    space of a test oscillator, while the mean gives a fit with R2 0.99 in equally many steps."""
     return (predicted - target).square().mean()
 
 

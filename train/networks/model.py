@@ -16,11 +16,9 @@ from train.networks.recurrence import last_hidden
 
 
 class Encoder(nn.Module):
-    """An LSTM over the window, then LayerNorm and a two-layer ELU perceptron on the LSTM's final hidden state.
-
-    The slim encoder is this network with fewer features. `torch.nn.LSTM` stores and initialises the LSTM's weights, but
-    `train.networks.recurrence` evaluates the LSTM, because overlapping windows can share computations.
-    """
+    """An LSTM over the window, then LayerNorm and a two-layer ELU perceptron on the LSTM's final hidden state. The slim
+    encoder is this network with fewer features. `torch.nn.LSTM` stores and initialises the LSTM's weights, but
+    `train.networks.recurrence` evaluates the LSTM, because overlapping windows can share computations."""
 
     def __init__(self, sensors: int, config: ModelConfig) -> None:
         super().__init__()
@@ -47,10 +45,8 @@ class Encoder(nn.Module):
         return self.read_out(last)
 
     def encode_stream(self, segments: Tensor) -> Tensor:
-        """Encode like `encode_segments`, but without resetting the LSTM's state within a segment.
-
-        This takes one LSTM step per row instead of L. The latent at row k depends on all rows of its segment up to k.
-        """
+        """Encode like `encode_segments`, but without resetting the LSTM's state within a segment. This takes one LSTM
+        step per row instead of L. The latent at row k depends on all rows of its segment up to k."""
         hidden, _ = self.lstm(segments)
         return self.read_out(hidden[:, self.window - 1 :])
 

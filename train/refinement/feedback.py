@@ -3,10 +3,9 @@ differences and the sums of the sensor pairs, and the action. In the mirror imag
 opposite sign.
 
 Fixed filters reduce the memory: the newest rows are used one by one, older rows as weighted means, whose weights are
-bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions, and the
-scheduling of that layer. The layer is scheduled by the vehicle's speed, by the goal (`contract.controller.goal`), and
-by the filtered sums of the mirrored sensors. The vehicle applies these filters before the layer, too
-(`export.program.weights.PriorWeights`).
+bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions, which is
+scheduled by the vehicle's speed, by the goal (`contract.controller.goal`), and by the filtered sums of the mirrored
+sensors. The vehicle applies these filters before the layer, too (`export.program.weights.PriorWeights`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,12 +33,8 @@ by 0.4, behind the truck and also behind a square cylinder."""
 
 
 def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
-    """Return a scale for each column of a row: p differences, then the action.
-
-    Args:
-        deviations: (p,) standard deviations of the recorded Cp of one sensor of each pair.
-        limit: bound on |a|.
-    """
+    """Return a scale for each column of a row: p differences, from the (p,) standard deviations of the recorded Cp of
+    one sensor of each pair, then the action, from the bound on |a|."""
     first, *others = deviations
     return (FIRST_PAIR * first, *(OTHER_PAIRS * one for one in others), ACTION * limit)
 
@@ -62,9 +57,9 @@ class Feedback(nn.Module):
 
     A is the release's limit. s = (1, slower, faster, effort, lift, limit) are the scheduling inputs of
     `contract.controller.goal`; effort, lift and limit are the parts of the goal, each from 0 to 1. `rows` are the
-    filtered differences and actions, `sums` the filtered sums of the pairs. In the mirror image, the rows have the
-    opposite sign and the sums do not change, so the action has exactly the opposite sign. At first `output` is zero, so
-    the feedback gives no control, and the layer is not scheduled.
+    filtered differences and actions, `sums` the filtered sums of the pairs. In the mirror image, only the rows change
+    their sign, so the action has exactly the opposite sign. At first `output` is zero, so the feedback gives no
+    control, and the layer is not scheduled.
 
     Args:
         memory: M, number of rows (differences, sums, action) that the feedback reads.
@@ -72,7 +67,6 @@ class Feedback(nn.Module):
         scales: scales of the p differences and the action.
         middles: (p,) means of the sums, in Cp.
         limit: A, bound on |a|, in U_inf W.
-        seed: random seed of the initial weights.
     """
 
     def __init__(
@@ -122,10 +116,7 @@ class Feedback(nn.Module):
 
     def begin_with(self, prior: Mapping[str, Array]) -> None:
         """Load the weights of a prior that `as_prior` returned, or of the prior of release 1.0.0, which has no inputs
-        for goal and sums.
-
-        If the prior has fewer units than this feedback, the feedback's further units stay unchanged.
-        """
+        for goal and sums. Units that the prior lacks stay unchanged."""
         units, pairs, count = len(prior["output"]), self.pairs, self._filters.shape[1]
         first, gate, sums = of_two_speeds(prior["first"]), prior.get("gate"), prior.get("sums")
         if "slope" in prior:

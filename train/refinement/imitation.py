@@ -32,14 +32,8 @@ limit. It determines the weights that the demonstrations do not."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """What a prior read and did in n control periods.
-
-    Attributes:
-        rows: (n, M, 2 p + 1) rows, in units of the present speed.
-        speeds: (n,) speeds in units of the design speed.
-        actions: (n,) actions in units of the present speed.
-        Cd: (n,) drag coefficients after the periods.
-    """
+    """What a prior read and did in n control periods: (n, M, 2 p + 1) rows and (n,) actions in units of the present
+    speed, (n,) speeds in units of the design speed, and (n,) drag coefficients after the periods."""
 
     rows: Tensor
     speeds: Array
@@ -51,10 +45,7 @@ def demonstrate(
     flow: DifferentiableFlow, feedback: Feedback, start: FlowState, speed: float, goal: Goal, *, periods: int
 ) -> Demonstration:
     """Run a feedback in closed loop from a developed wake: a ramp to a constant speed, then `periods` at this speed.
-
-    Raises:
-        PlantError: the flow diverged.
-    """
+    Raises PlantError if the flow diverged."""
     stream = Stream.begun(start, feedback, min(1.0, speed))
     stream.goal = goal
     course = np.concatenate([np.linspace(1.0, speed, RAMP + 1), np.full(periods, speed)])
@@ -84,17 +75,9 @@ def demonstrate(
 
 
 def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, faster: bool) -> tuple[float, float]:
-    """Fit the feedback's scheduled weights of one side of the design speed to demonstrations.
-
-    Args:
-        feedback: changed in place.
-        given: demonstrations at speeds of this side.
-        goal: goal of the demonstrations.
-        faster: whether the side is above the design speed.
-
-    Returns:
-        Root mean square of the error, and of the action, divided by the action's limit.
-    """
+    """Fit the feedback's scheduled weights of one side of the design speed, in place, to demonstrations with this goal
+    at speeds of this side: above the design speed if `faster`. Returns the root mean square of the error, and of the
+    action, divided by the action's limit."""
     place = SPEED_PLACES[faster]
     speeds = np.concatenate([one.speeds for one in given])
     scheduled = torch.tensor([schedule(float(speed), goal) for speed in speeds], dtype=torch.float64)

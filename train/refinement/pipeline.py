@@ -10,28 +10,27 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import scipy.linalg
 
 from contract.arrays import Array
 from contract.config.tree import Config
 from contract.differentiable import DifferentiableFlow, FlowState
-from contract.errors import DatasetError
+from contract.errors import DatasetError, StillwakeError
 from contract.model import model_folder
 from contract.model.model_folder import RESTING
 from contract.recording import dataset
 from contract.recording.findings import trainable
+from contract.sensor_layout import SensorLayout
 from train import model_store
 from train.distillation.evaluate import evaluate_model
-from train.fitting import unfinished
-from train.fitting.fit import Checkpoints
+from train.fitting.checkpoint import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.threads import torch_threads, without_denormals
 from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
 from train.pipeline import deployed, versions
 from train.refinement.feedback import Feedback, scales_of
-from train.refinement.predictor import check_pairs, predictor
-from train.refinement.refine import refine
-from train.refinement.stretches import SideBySide
+from train.refinement.refine import SideBySide, refine
 from train.samples.rows import prepare
 from train.selection.ranking import GIVEN, SensorChoice
 
@@ -51,7 +50,8 @@ def refine_model(
     resume: bool = True,
     threads: int = 1,
 ) -> tuple[TrainedModel, int]:
-    """Train a prior of the plan for a model, and store the model at `output`.
+    """Train a prior of the plan for a model, store the model at `output`, and return it with the number of control
+    periods that the plant was run for.
 
     If the model already has a prior with these sensors and with the sizes in `config`, the training begins with that
     prior. If the model has other sensors, its slim encoder is first distilled for these sensors, and the slim dynamics
@@ -66,10 +66,6 @@ def refine_model(
         flow: returns, for these sensors, the plant and developed wakes without jets, one for each stream.
         workers: runs the closed-loop intervals of an update in parallel; without it they run one after the other.
         resume: whether an interrupted run is continued; if False, the run starts over.
-        threads: number of torch's threads.
-
-    Returns:
-        The stored model, and the number of control periods that the plant was run for.
 
     Raises:
         DatasetError: the model was fitted to another recording, or the sensors are no pairs of mirror images.
@@ -80,12 +76,8 @@ def refine_model(
     model_folder.check_free(output)
     trained = replace(model.config.train, seed=config.train.seed)
     settings = replace(model.config, train=trained, refine=config.refine, mpc=config.mpc)
-    folder = unfinished.folder_of(output)
-    if not resume:
-        unfinished.clear(folder)
     identity = Identity.of_refinement(settings, model.dataset_sha256, sensors, threads)
-    unfinished.check(folder, identity)
-    checkpoints = Checkpoints(folder=folder, identity=identity, resume=True)
+    checkpoints = Checkpoints.of(output, identity, resume)
     with torch_threads(threads), without_denormals():
         if tuple(sensors) != model.sensors:
             model = _with_sensors(model, dataset_path, settings, sensors, progress, checkpoints)
@@ -113,7 +105,7 @@ def refine_model(
             prior[RESTING] = resting
         model = replace(model, config=settings, prior=prior, versions={**model.versions, **versions()})
         model_store.save(output, model)
-    shutil.rmtree(folder, ignore_errors=True)
+    shutil.rmtree(checkpoints.folder, ignore_errors=True)
     return model, refined.periods
 
 
@@ -180,3 +172,57 @@ def _with_sensors(
         metrics=evaluate_model(model.teacher, slim, narrow, test_rows, layout.indices(sensors)),
         ranking=SensorChoice(method=GIVEN, order=tuple(sensors)),
     )
+
+
+PREDICTOR_RIDGE: Final = 1e-6
+"""Ridge of the regression, relative to the mean squares of the regressors."""
+_CHUNK: Final = 20_000
+"""Number of rows of regressors in memory at a time."""
+
+
+def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
+    """Check that the sensors are pairs of mirror images, one pair after the other. Raises ConfigError if a name does
+    not exist or is given twice; DatasetError if the two sensors of a pair are not mirror images of each other."""
+    if layout.mirror is None:
+        raise DatasetError("the sensors have no mirror images: a prior reads the differences between mirror images")
+    columns = layout.indices(sensors)
+    if len(sensors) < 2 or len(sensors) % 2:
+        raise DatasetError(f"{len(sensors)} sensors: they must be pairs of mirror images")
+    for first, second in zip(columns[::2], columns[1::2], strict=True):
+        if layout.mirror[first] != second or first == second:
+            raise DatasetError(
+                f"sensors {layout.names[first]} and {layout.names[second]} are not a pair: the mirror image of "
+                f"{layout.names[first]} is {layout.names[layout.mirror[first]]}"
+            )
+
+
+def predictor(stretches: Sequence[Array], memory: int) -> Array:
+    """Fit the prior's predictor of pressure differences by ridge regression: coefficients C_i, (p, M, p + 1), oldest
+    row first, of the autoregressive model y_{k+1} = sum over i = 0 .. M-1 of C_i (y_{k-i}, a_{k-i}) of p differences
+    with the action as input. In the mirror image of a flow, y and a change their sign, and so does this model without a
+    constant term, so mirror images would add nothing to the fit.
+
+    `stretches` are arrays of n rows (y_k, a_k), (n, p + 1) each; a prediction's M rows are from one array. Raises
+    StillwakeError for fewer steps than coefficients, or a regressor that is always zero.
+    """
+    columns = stretches[0].shape[1]
+    size = memory * columns
+    steps = sum(max(0, len(rows) - memory) for rows in stretches)
+    if steps < size:
+        raise StillwakeError(f"{steps} control steps to fit {size} coefficients to: at least as many are needed")
+    gram, moment = np.zeros((size, size)), np.zeros((size, columns - 1))
+    for rows in stretches:
+        for start in range(0, max(0, len(rows) - memory), _CHUNK):
+            part = rows[start : start + _CHUNK + memory]
+            windows = np.lib.stride_tricks.sliding_window_view(part, memory, axis=0)[:-1]
+            regressors = windows.transpose(0, 2, 1).reshape(len(windows), -1)
+            gram += regressors.T @ regressors
+            moment += regressors.T @ part[memory:, :-1]
+    scale = np.sqrt(np.diag(gram) / steps)
+    if not (scale > 0).all():
+        raise StillwakeError(f"column {int(np.flatnonzero(scale == 0)[0]) % columns} of the rows is zero throughout")
+    scaled = gram / np.outer(scale, scale) / steps
+    solved = scipy.linalg.solve(
+        scaled + PREDICTOR_RIDGE * np.eye(size), moment / scale[:, None] / steps, assume_a="pos"
+    )
+    return np.asarray((solved / scale[:, None]).T).reshape(-1, memory, columns)

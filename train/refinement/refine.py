@@ -1,16 +1,16 @@
 """Training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
 
 Streams are flows that continue under the feedback; each update uses one stretch, an interval of closed loop, of several
-streams.
-
-A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base. The
-stretch's gradient is exact. Effects after the stretch's end are left out; the cost of motion in the far wake represents
-them. Streams begin in the developed wake and restart after some stretches, at different times, so that the training
-always includes both the transient from the developed wake and the controlled wake.
+streams. A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base.
+Its gradient is exact; the cost of motion in the far wake represents the effects after its end. Streams begin in the
+developed wake and restart after some stretches, at different times, so that the training always includes both the
+transient from the developed wake and the controlled wake.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -22,13 +22,73 @@ from contract.config.controller import CostWeights
 from contract.config.learning import RefineConfig
 from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
-from train.fitting import checkpoint, unfinished
-from train.fitting.fit import Checkpoints
+from contract.side_by_side import process_pool
+from train.fitting.checkpoint import Checkpoints
 from train.fitting.progress import Phase, Progress, silent
 from train.fitting.unfinished import Reached
 from train.refinement.feedback import Feedback
-from train.refinement.stretches import Done, SideBySide, Task, done
-from train.refinement.windows import Price, Stream, StretchReadings
+from train.refinement.windows import Price, Stream, Stretch, StretchReadings, differentiate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """A stretch of the stream with this number that will be run, with arguments of `differentiate`."""
+
+    number: int
+    feedback: Feedback
+    stream: Stream
+    price: Price
+    readings: StretchReadings
+    speeds: Array
+    action_limit: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Done:
+    """A stretch that has been run: the stream after it, and the gradients with respect to the feedback's parameters, in
+    their order."""
+
+    number: int
+    stream: Stream
+    stretch: Stretch
+    gradients: tuple[Tensor, ...]
+
+
+SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
+
+
+def done(task: Task, flow: DifferentiableFlow) -> Done:
+    """Run a stretch; raises PlantError as `differentiate` does."""
+    feedback, stream = task.feedback, replace(task.stream)
+    feedback.zero_grad()
+    stretch = differentiate(
+        flow, feedback, stream, task.price, task.readings, speeds=task.speeds, action_limit=task.action_limit
+    )
+    gradients = tuple(one.grad.clone() for one in feedback.parameters() if one.grad is not None)
+    return Done(number=task.number, stream=stream, stretch=stretch, gradients=gradients)
+
+
+@contextmanager
+def side_by_side(workers: int, flow: Callable[[], DifferentiableFlow]) -> Iterator[SideBySide]:
+    """Start processes that each have their own plant, which `flow` creates."""
+    with process_pool(workers, partial(_begin, flow)) as pool:
+        yield lambda tasks: list(pool.map(_run, tasks))
+
+
+_FLOW: list[DifferentiableFlow] = []
+"""The plant of a worker process."""
+
+
+def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
+    torch.set_num_threads(1)
+    # Unlike in `without_denormals`, the setting stays for the life of the process.
+    torch.set_flush_denormal(True)
+    _FLOW.append(flow())
+
+
+def _run(task: Task) -> Done:
+    return done(task, _FLOW[0])
+
 
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a stretch's gradient is clipped, because some stretches have a gradient ten times the usual one."""
@@ -61,9 +121,8 @@ class Refined:
 
     Attributes:
         feedback: feedback with averaged weights.
-        stretches: for each of the newest stretches near the design speed, an array (n, p + 1) with one row for each of
-            n control periods: p pressure differences and the action. If no stretch is near the design speed, these are
-            the newest stretches at any speed.
+        stretches: for each of the newest stretches near the design speed, or at any speed if there is none, an array
+            (n, p + 1) with one row for each of n control periods: p pressure differences and the action.
         periods: number of control periods that the plant was run for.
     """
 
@@ -140,19 +199,15 @@ def refine(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Refined:
-    """Train the feedback, or continue an interrupted training.
+    """Train the feedback, or continue an interrupted training. Raises PlantError if the flow diverged, or a stretch is
+    too long for the tape's memory; StillwakeError if a checkpoint cannot be written, or is damaged.
 
     Args:
         make: returns the initial feedback.
         starts: developed wakes without jets, one for each stream.
         deviations: (2 p,) standard deviations of Cp of the sensors in p pairs; they are the unit of sensor noise.
         side_by_side: runs an update's stretches in parallel; without it they run one after the other on `flow`.
-        seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number, so
-            that a resumed training repeats the draws of an uninterrupted training.
-
-    Raises:
-        PlantError: the flow diverged, or a stretch is too long for the tape's memory.
-        StillwakeError: a checkpoint cannot be written, or is damaged.
+        seed: random seed of noise and starts. An update's draws depend only on the seed and the update's number.
     """
     feedback, mean = make(), make()
     run = _Training(
@@ -161,7 +216,7 @@ def refine(
         optimiser=torch.optim.Adam(feedback.parameters(), lr=settings.learning_rate),
         streams=[Stream.begun(start, feedback, settings.slowest) for start in starts],
     )
-    if checkpoints is not None and (tree := checkpoint.load(checkpoints.path(Phase.REFINE), checkpoints.identity)):
+    if checkpoints is not None and (tree := checkpoints.load(Phase.REFINE)):
         run.take(tree)
     if side_by_side is None:
 
@@ -172,9 +227,8 @@ def refine(
         tasks = _tasks(run, starts, settings, deviations, np.random.default_rng([seed, run.done]))
         _update(run, side_by_side(tasks), settings, progress)
         if checkpoints is not None and (run.done % KEEP_EVERY == 0 or run.done == settings.updates):
-            checkpoint.save(checkpoints.path(Phase.REFINE), checkpoints.identity, run.as_tree())
             reached = Reached(phase=Phase.REFINE, step=run.done, total=settings.updates)
-            unfinished.note(checkpoints.folder, checkpoints.identity, reached)
+            checkpoints.save(Phase.REFINE, run.as_tree(), reached)
     return Refined(feedback=run.mean, stretches=tuple(run.stretches or run.off_design), periods=run.periods)
 
 

@@ -3,7 +3,7 @@ computed through feedback and flow; and the streams, each of which runs over sev
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, hypot, inf
+from math import ceil, hypot
 from typing import Final, Self
 
 import numpy as np
@@ -23,13 +23,9 @@ ROUNDED: Final = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Price:
-    """Weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2.
-
-    Attributes:
-        lift: price of the magnitude of the lift coefficient, which is smoothed within `ROUNDED`.
-        motion: price of the squared transverse velocity at the wake probe, which indicates drag after the stretch.
-        effort: price of the squared action in force.
-    """
+    """Weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2, with the lift smoothed within
+    `ROUNDED`, the transverse velocity at the wake probe, which indicates drag after the stretch, and the action in
+    force."""
 
     lift: float
     motion: float
@@ -59,18 +55,17 @@ class StretchReadings:
 
 @dataclass(kw_only=True, eq=False)
 class Stream:
-    """A flow that the feedback controls over several stretches.
+    """A flow that the feedback controls over several stretches. Speeds and `committed` are in units of the design
+    speed.
 
     Attributes:
-        state: present state of the flow.
         rows: n rows (n, 2 p + 1), oldest first: p differences and p sums of the sensor pairs, and the action that
             started in each period; the present sample's row is added later. n is the feedback's memory M, or larger if
             the speed may be below the design speed.
-        speeds: (n,) speeds that the feedback received with these rows, in units of the design speed.
-        speed: present speed of the flow, in units of the design speed.
-        committed: the action of the next period, in units of the design speed.
+        speeds: (n,) speeds that the feedback received with these rows.
+        speed: present speed of the flow.
+        committed: the action of the next period.
         stretches: number of stretches that the stream has run.
-        goal: goal of the feedback, each part from 0 to 1 (`contract.controller.goal.Goal`).
     """
 
     state: FlowState
@@ -92,11 +87,8 @@ class Stream:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
     """The results of a stretch: mean coefficients, and n resampled rows (n, p + 1) of the p differences without errors
-    and the action.
-
-    Coefficients and rows are in units of the present speed. `off_design` is the largest distance of the speeds from the
-    design speed, in units of the design speed.
-    """
+    and the action, in units of the present speed. `off_design` is the largest distance of the speeds from the design
+    speed, in units of the design speed."""
 
     Cd: float
     abs_Cl: float
@@ -112,22 +104,17 @@ def differentiate(
     price: Price,
     readings: StretchReadings,
     *,
-    speeds: Array | None = None,
-    action_limit: float = inf,
+    speeds: Array,
+    action_limit: float,
 ) -> Stretch:
     """Run a stretch, advance the stream, and add the gradient of the mean cost to the gradients of the feedback's
-    parameters.
+    parameters. The timing is the vehicle's: the command computed from the sample of t_k is in force at the end of
+    period k + 1.
 
-    The timing is the vehicle's: the command computed from the sample of t_k is in force at the end of period k + 1.
-
-    Args:
-        speeds: (n + 1,) flow speeds at the samples of n periods, as ratios to the design speed; None for ratios of 1.
-        action_limit: limit of the jets at every speed, in units of the design speed.
-
-    Raises:
-        PlantError: the flow diverged, or the stretch is too long for the tape's memory.
+    `speeds` (n + 1,) are the flow's speeds at the samples of n periods, as ratios to the design speed; `action_limit`
+    is the limit of the jets at every speed, in units of the design speed. Raises PlantError if the flow diverged, or
+    the stretch is too long for the tape's memory.
     """
-    speeds = np.ones(len(readings.noise) + 1) if speeds is None else speeds
     run = closed_loop(flow, feedback, stream, readings, speeds=speeds, action_limit=action_limit)
     _go_back(flow, run, price, readings.told)
     return Stretch(
@@ -168,7 +155,7 @@ def closed_loop(
     readings: StretchReadings,
     *,
     speeds: Array,
-    action_limit: float = inf,
+    action_limit: float,
 ) -> ClosedLoop:
     """Run a stretch and advance the stream, without a gradient; arguments and errors as in `differentiate`."""
     pairs = feedback.pairs
@@ -201,22 +188,15 @@ def closed_loop(
     stream.rows, stream.speeds = torch.stack(rows[-kept:]).detach().numpy(), np.array(past[-kept:])
     stream.state, stream.stretches = flow.state(), stream.stretches + 1
     return ClosedLoop(
-        seen=seen,
-        actions=actions,
-        leaves=leaves,
-        commands=commands,
-        read=windows,
-        true_rows=np.array(true_rows),
+        seen=seen, actions=actions, leaves=leaves, commands=commands, read=windows, true_rows=np.array(true_rows)
     )
 
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
-    """Resample a stream's rows, shape (n, c), to the M = `memory` rows that the feedback reads, shape (M, c). As on the
-    vehicle, these rows are equally spaced in convective time (`contract.controller.resampling`).
-
-    A row is interpolated with the action that was in force when its sample was taken, divided by the speed at that
-    time. Then each row gets the action of the next row; the last row gets the action that starts now.
-    """
+    """Resample a stream's rows, shape (n, c), to the M = `memory` rows that the feedback reads, shape (M, c), equally
+    spaced in convective time as on the vehicle (`contract.controller.resampling`). A row is interpolated with the
+    action that was in force when its sample was taken, divided by the speed at that time. Then each row gets the action
+    of the next row; the last row gets the action that starts now."""
     rows = _followed(rows, speeds)
     where = places(speeds, memory)
     if len(where.newer) < memory:

@@ -2,10 +2,8 @@
 
 Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column per sensor and one for the action. Each
 row also has a_k, the action commanded at t_k, which is the input of the dynamics, and the forces (Cd_k, Cl_k). A window
-that ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. N is the number of sensors.
-
-Pressures, action and forces are standardised. The scaling is fitted to training episodes and, if used, their mirror
-images.
+that ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. The scaling is fitted to training
+episodes and, if used, their mirror images.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,11 +24,10 @@ from contract.sensors import TRUCK
 def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Scaling:
     """Fit mean and standard deviation to the episodes, together with their mirror images if there are any.
 
-    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. Statistics over the
-    originals and the images are symmetric: mean action and mean Cl are 0, and mirrored sensors have equal means and
-    deviations, so that mirroring commutes with scaling. Without mirror images, Cl may have a nonzero mean. The action
-    is never shifted, so that zero action stays 0; its deviation is always its root mean square. Raises DatasetError if
-    a sensor, the action or a force is constant; the message states its name.
+    The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. So statistics over the
+    originals and the images are symmetric, and mirroring commutes with scaling. Without mirror images, Cl may have a
+    nonzero mean. The action is never shifted, so that zero action stays 0; its deviation is always its root mean
+    square. Raises DatasetError if a sensor, the action or a force is constant.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])

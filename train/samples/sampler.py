@@ -13,14 +13,9 @@ from train.samples.rows import Rows
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Batch:
-    """S segments of rows. A segment has W windows of L rows; actions and forces are those of its last W rows.
-
-    Attributes:
-        inputs: (S, W + L - 1, F) encoder rows of F features.
-        actions: (S, W) a_k at the windows' ends.
-        forces: (S, W, 2) forces at the windows' ends.
-        ends: (S, W) indices of the windows' ends among all rows.
-    """
+    """S segments of rows. A segment has W windows of L rows; actions (S, W) and forces (S, W, 2) are those at the
+    windows' ends, its last W rows. `inputs` are (S, W + L - 1, F) encoder rows of F features, `ends` (S, W) the indices
+    of the windows' ends among all rows."""
 
     inputs: Tensor
     actions: Tensor
@@ -29,11 +24,9 @@ class Batch:
 
 
 class SegmentSampler:
-    """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step.
-
-    A sample is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one
-    segment has W = segment + ahead windows. Each pass covers every episode with shuffled segments from a random offset.
-    """
+    """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step. A sample
+    is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one segment has
+    W = segment + ahead windows. Each pass covers every episode with shuffled segments from a random offset."""
 
     def __init__(self, rows: Rows, *, window: int, ahead: int, segment: int, batch_size: int, seed: int) -> None:
         """Prepare the sampler. Raises DatasetError if an episode is too short for one segment."""

@@ -1,4 +1,1 @@
-"""Methods that choose the slim encoder's sensors: the paper's SHAP ranking, and others for comparison.
-
-Callers use `methods.select`.
-"""
+"""Methods that choose the slim encoder's sensors: the paper's SHAP ranking, and others for comparison."""

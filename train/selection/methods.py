@@ -53,27 +53,16 @@ def _sorted(wanted: Mask, by: Array) -> list[int]:
     return [int(column) for column in columns[np.argsort(by[columns], kind="stable")]]
 
 
-def pod_modes(rows: Rows, count: int) -> Array:
-    """Return the leading `count` modes of the standardised pressures of N sensors, (N, count), in order of falling
-    variance."""
+def select_qr(rows: Rows, count: int) -> tuple[int, ...]:
+    """Return the indices of the first `count` pivots of a QR decomposition of the transposed leading POD modes, in
+    order. These sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose
+    row of the modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and
+    Brunton, "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018)."""
     pressure = rows.inputs[:, : rows.sensors].cpu().numpy().astype(np.float64)
     pressure -= pressure.mean(axis=0)
     _, vectors = np.linalg.eigh(pressure.T @ pressure)
-    return vectors[:, ::-1][:, :count]
-
-
-def select_qr(rows: Rows, count: int, *, modes: int | None = None) -> tuple[int, ...]:
-    """Return the indices of the first `count` pivots of a QR decomposition of the transposed POD modes, in order.
-
-    These sensors are chosen to reconstruct the pressure field, not the latents: each pivot is the sensor whose row of
-    the modes is longest after the components along the earlier pivots are removed (Manohar, Brunton, Kutz and Brunton,
-    "Data-driven sparse sensor placement for reconstruction", IEEE Control Systems Magazine 38, 2018).
-
-    Args:
-        modes: size of the basis, at least `count`, because a basis of r modes distinguishes at most r sensors.
-    """
     # PyPI's python-sensors 0.4 computes these pivots too, but needs scikit-learn, matplotlib and pandas.
-    basis = pod_modes(rows, max(count, modes or 0))
+    basis = vectors[:, ::-1][:, :count]
     _, order = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
     return tuple(order[:count].tolist())
 
@@ -119,16 +108,13 @@ def select(
     settings: TrainConfig,
     progress: Progress = silent,
 ) -> tuple[str, ...]:
-    """Return the names of the chosen sensors, in the method's order.
+    """Return the names of the chosen sensors, in the method's order, from rows with all sensors' columns.
 
     "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection
     with the ridge student. "random": the best of `RANDOM_DRAWS` choices according to the ridge student. "hand": by
-    position alone. Raises ConfigError for an unknown method, too few sensors, or "hand" if the sensors have no mirror
-    images or no base; DatasetError if `rows` has too few windows.
-
-    Args:
-        rows: samples with all sensors' columns.
-        settings: settings of the training; the method uses their seed and, for "shap", their numbers of draws.
+    position alone. Of the settings, the method uses the seed and, for "shap", the numbers of draws. Raises ConfigError
+    for an unknown method, too few sensors, or "hand" if the sensors have no mirror images or no base; DatasetError if
+    `rows` has too few windows.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")

@@ -58,9 +58,7 @@ class Ranking:
 
     def differences(self, count: int) -> Mapping[str, float]:
         """Return, for every sensor that is among the best in some repeats only, the fraction of repeats in which it is.
-
-        The sensors are in the order of `names`; the result is empty if the set is stable.
-        """
+        The sensors are in the order of `names`; the result is empty if the set is stable."""
         repeats = len(self.scores)
         counts = Counter(name for names in self.top_sets(count) for name in names)
         return {name: counts[name] / repeats for name in self.names if 0 < counts[name] < repeats}
@@ -88,11 +86,9 @@ class SensorChoice:
         method: "shap.GradientExplainer", another of `train.selection.methods.METHODS`, or "given".
         repeats: number of repeats of the ranking.
         order: names of sensors: for SHAP the names of all sensors, best first; for the other methods the chosen names.
-        mean: (N,) mean of the N sensors' scores over the repeats.
-        std: (N,) standard deviation of the scores over the repeats.
+        mean, std: (N,) mean and standard deviation of the N sensors' scores over the repeats.
         stable: whether the best set is equal in all repeats, by size of the set.
-        differences: for each size of the best set, the fraction of repeats in which a sensor belongs to it, for sensors
-            that belong to it in some repeats only.
+        differences: `Ranking.differences` by size of the set.
     """
 
     method: str
@@ -120,8 +116,7 @@ class SensorChoice:
 
     def as_tree(self) -> dict[str, Any]:
         """Return plain values for JSON, without fields that are None."""
-        tree = {name: value for name, value in asdict(self).items() if value is not None}
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
     @classmethod
     def from_tree(cls, tree: Mapping[str, Any]) -> "SensorChoice":

@@ -78,10 +78,8 @@ class RidgeStudent:
     windows.
 
     Attributes:
-        gram: (F, F) products of the fitted windows' lags with each other.
-        cross: (F, N_z) products of the fitted windows' lags with the latents.
-        judged_gram: (F, F) products of the test windows' lags with each other.
-        judged_cross: (F, N_z) products of the test windows' lags with the latents.
+        gram, cross: products of the fitted windows' lags with each other (F, F) and with the latents (F, N_z).
+        judged_gram, judged_cross: the same products of the test windows.
         judged_power: mean square of the test windows' latents, summed over N_z.
         lags: number of lags of each column.
         noise_power: mean square of the noise on each column; the last entry is the action's.
@@ -114,11 +112,9 @@ class RidgeStudent:
 
 
 def ridge_student(encoder: Encoder, rows: Rows, seed: int, sensor_noise: float = 0.0) -> RidgeStudent:
-    """Compute the student of an encoder, with windows drawn by `seed` and with sensor noise of the given level.
-
-    White noise only adds its power to the diagonal of the lags' products, so no noise is drawn. Raises DatasetError if
-    there are too few windows, or all their latents are equal.
-    """
+    """Compute the student of an encoder, with windows drawn by `seed` and with sensor noise of the given level. White
+    noise only adds its power to the diagonal of the lags' products, so no noise is drawn. Raises DatasetError if there
+    are too few windows, or all their latents are equal."""
     (x, z), (judged_x, judged_z) = sample(encoder, rows, seed)
     mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)
     x, z, judged_x, judged_z = x - mean_x, z - mean_z, judged_x - mean_x, judged_z - mean_z

@@ -1,12 +1,7 @@
-"""The paper's method of ranking sensors by their influence on the encoder (section 2.3.1 and appendix C).
-
-A `Ranker` scores the sensors once; `rank` repeats this with new draws and stores every score. The paper's ranker is
-`ShapRanker`.
-"""
+"""The paper's method of ranking sensors by their influence on the encoder (section 2.3.1 and appendix C)."""
 
 import copy
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -22,17 +17,10 @@ from train.selection.ranking import Ranking
 from train.selection.ridge_student import first_rows, windows_at
 
 
-class Ranker(Protocol):
-    """A function that returns the N sensors' scores (N,), larger if more important; each seed gives independent
-    draws."""
-
-    def __call__(self, encoder: Encoder, rows: Rows, seed: int) -> Array: ...
-
-
 def rank(
-    ranker: Ranker, encoder: Encoder, rows: Rows, *, repeats: int, seed: int, progress: Progress = silent
+    ranker: "ShapRanker", encoder: Encoder, rows: Rows, *, repeats: int, seed: int, progress: Progress = silent
 ) -> Ranking:
-    """Score the sensors `repeats` times with independent draws."""
+    """Score the sensors `repeats` times with independent draws, and store every score."""
     scores = []
     for repeat in range(repeats):
         # The seeds are derived by a hash, because runs with neighbouring seeds must not share draws.
@@ -44,10 +32,10 @@ def rank(
 
 @dataclass(frozen=True, kw_only=True)
 class ShapRanker:
-    """A ranker that uses the mean |SHAP| by expected gradients (`shap.GradientExplainer`).
-
-    |SHAP| of every sensor, window row and latent is summed over the latents and averaged over the explained
-    windows and the window's rows. The action's column is explained too, but left out of the scores.
+    """A function that returns the N sensors' scores (N,), larger if more important: the mean |SHAP| by expected
+    gradients (`shap.GradientExplainer`). |SHAP| of every sensor, window row and latent is summed over the latents and
+    averaged over the explained windows and the window's rows. The action's column is explained too, but left out of the
+    scores.
 
     Attributes:
         background: number of windows that represent the typical input.

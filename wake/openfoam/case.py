@@ -21,18 +21,16 @@ PROBE_OBJECT: Final = "wakeProbe"
 
 @dataclass(frozen=True, kw_only=True)
 class CaseClock:
-    """The end and the time step of an icoFoam run, in t_c, and the numbers of time steps between outputs."""
+    """The end and the time step of an icoFoam run, in t_c, and the numbers of time steps between two written states and
+    between two measurements."""
 
     end: float
     dt: float
     steps_per_write: int
-    """Number of time steps between two written states."""
     steps_per_sample: int
-    """Number of time steps between two measurements."""
 
 
 def write_mesh(folder: Path, mesh: Mesh) -> None:
-    """Create the case's folders and write its mesh."""
     for name in ("system", "constant/polyMesh"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     foam_files.write_poly_mesh(mesh, folder / "constant" / "polyMesh")

@@ -23,12 +23,9 @@ from wake.truck.state import State, developed_state
 
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
-    """Interpolate a state on the grid of refinement 1 to velocity (m, 2) and kinematic pressure (m,) in the mesh's m
-    cells.
-
-    The interpolation is linear. In cells between the grid's outermost points and the boundary, the values are
-    extrapolated. The first time step removes the divergence that the interpolation leaves.
-    """
+    """Interpolate a state on the grid of refinement 1 linearly to velocity (m, 2) and kinematic pressure (m,) in the
+    mesh's m cells, extrapolated between the grid's outermost points and the boundary. The first time step removes the
+    divergence that the interpolation leaves."""
     grid = truck_grid()
     flow = Flow.of(state.flat, grid.shape)
     at = mesh.centres
@@ -57,32 +54,15 @@ def require_truck(body: BodyConfig) -> None:
             raise PlantError(f"body.{name} = {value}: OpenFOAM's mesh is for the truck, with {truck}; leave body.* out")
 
 
-def settle(
-    folder: Path,
-    mesh: Mesh,
-    start: Callable[[], tuple[Array, Array]],
-    config: FlowConfig,
-    *,
-    substeps: int,
-    until: float,
-    progress: _Progress = lambda t, total: None,
-) -> None:
-    """Run the case in `folder` without jets until the time `until`; continue from the case's last checkpoint if there
-    is one. Raises PlantError if icoFoam is missing or fails.
-
-    Args:
-        folder: the case; created if it does not exist.
-        start: returns velocity and kinematic pressure at t = 0; called for a new case only.
-        config: Reynolds number and control period; measurements are taken once per control period.
-        substeps: number of time steps per control period.
-        until: end of the run, in t_c; a whole number of control periods.
-        progress: called with (time, until).
-    """
+def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress) -> None:
+    """Run the case in `folder` without jets until `foam.develop_time`, a whole number of control periods; continue from
+    the case's last checkpoint if there is one."""
+    until, substeps = foam.develop_time, foam.develop_substeps
     if not (folder / "0" / "p").is_file():
         shutil.rmtree(folder, ignore_errors=True)
         case.write_mesh(folder, mesh)
         wall.write_rest(folder, mesh)
-        case.write_start(folder, *start())
+        case.write_start(folder, *from_own_solver(developed_state(), mesh))
     latest = foam_files.latest(folder)
     if latest is not None and float(latest.name) > until - 0.5 * config.control_period:
         progress(until, until)
@@ -90,12 +70,8 @@ def settle(
     periods = round(until / config.control_period)
     # The checkpoint interval divides the run exactly, so that the last checkpoint is at the run's end.
     every = max(n for n in range(1, round(_CHECKPOINT / config.control_period) + 1) if periods % n == 0)
-    clock = case.CaseClock(
-        end=until,
-        dt=config.control_period / substeps,
-        steps_per_write=every * substeps,
-        steps_per_sample=substeps,
-    )
+    dt = config.control_period / substeps
+    clock = case.CaseClock(end=until, dt=dt, steps_per_write=every * substeps, steps_per_sample=substeps)
     case.write_settings(folder, mesh, config, clock)
     (folder / LOG).unlink(missing_ok=True)
     probe = folder / "postProcessing" / case.PROBE_OBJECT / ("0" if latest is None else latest.name) / "U"
@@ -109,11 +85,9 @@ def developed(
     folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
     """Return the developed wake, from `folder/developed.npz` if that wake was computed with these settings. Otherwise
-    compute the wake and store it in this file.
-
-    The computation starts from the developed wake of stillwake's solver and takes minutes; a later call continues an
-    interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored file is damaged.
-    """
+    compute the wake, in minutes, from the developed wake of stillwake's solver, and store it in this file; a later call
+    continues an interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored file is
+    damaged."""
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
@@ -123,15 +97,7 @@ def developed(
             return kept
     # The case is named after its settings, because it must not be continued with other settings.
     work = folder / re.sub(r"[^\w.]+", "-", f"developing {facts}")
-    settle(
-        work,
-        mesh,
-        lambda: from_own_solver(developed_state(), mesh),
-        config,
-        substeps=foam.develop_substeps,
-        until=foam.develop_time,
-        progress=progress,
-    )
+    _settle(work, mesh, config, foam, progress)
     state = written(work, dt=config.control_period / foam.develop_substeps)
     save(path, state, facts)
     shutil.rmtree(work)

@@ -19,7 +19,6 @@ def document(kind: str, name: str, body: str) -> str:
 
 
 def dictionary(name: str, entries: Mapping[str, Any]) -> str:
-    """Return the text of a dictionary file."""
     return document("dictionary", name, _entries(entries, ""))
 
 
@@ -74,9 +73,7 @@ def write_poly_mesh(mesh: Mesh, folder: Path) -> None:
     sizes = [len(mesh.patches[name]) for name in PATCHES]
     upright = np.vstack([mesh.edges, *(mesh.patches[name] for name in PATCHES)])
     # An edge with its cell on the left becomes a face whose normal points away from this cell.
-    faces = np.vstack(
-        [np.column_stack([upright, upright[:, ::-1] + n]), mesh.cells[:, ::-1], mesh.cells + n],
-    )
+    faces = np.vstack([np.column_stack([upright, upright[:, ::-1] + n]), mesh.cells[:, ::-1], mesh.cells + n])
     owner = np.concatenate([mesh.owner, *(mesh.patch_cells[name] for name in PATCHES), np.arange(m), np.arange(m)])
     starts = len(mesh.edges) + np.cumsum([0, *sizes])
     entries = [

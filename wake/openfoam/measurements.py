@@ -30,8 +30,8 @@ class Readings:
     """The measurements at one time: the contents of one line from each function object's file.
 
     Attributes:
-        forces: kinematic force vectors, (3, 3, 3): first the total, pressure and viscous force on the truck, then the
-            same forces on the upper slot and on the lower slot.
+        forces: kinematic force vectors, (3, 3, 3): on the truck, on the upper slot and on the lower slot, each time the
+            total, the pressure and the viscous force.
         pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """

@@ -45,8 +45,8 @@ class Mesh:
         cells: vertex indices of each cell counter-clockwise, (m, 4).
         edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
         owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
-        patches: edges of each patch, (k, 2), in the order of their cells; each edge has the flow on its left.
-        patch_cells: the cell of each edge of a patch, (k,).
+        patches: edges of each patch, (k, 2), in the order of their cells, `patch_cells` (k,), with the flow on the
+            left.
     """
 
     points: Array
@@ -164,17 +164,12 @@ def _quads(block: Index) -> Index:
     return np.stack([corner.ravel() for corner in corners], axis=1)
 
 
-def _sides(cells: Index) -> tuple[Index, Index]:
-    """Return the four edges of each of the m cells as vertex pairs with the cell on the left, shape (4 m, 2), and the
-    cell of each edge, shape (4 m,)."""
-    pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
-    return pairs, np.repeat(np.arange(len(cells)), 4)
-
-
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return four arrays with an entry for each edge of each cell: the vertex pair; the cell; the entry of the same
-    edge for the cell on its other side, or -1 if there is none; and a code of the vertex pair."""
-    pairs, cell = _sides(cells)
+    """Return four arrays with an entry for each of the four edges of each cell: the vertex pair, with the cell on the
+    left; the cell; the entry of the same edge for the cell on its other side, or -1 if there is none; and a code of the
+    vertex pair."""
+    pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
+    cell = np.repeat(np.arange(len(cells)), 4)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])
     order = np.argsort(code)
     place = np.minimum(np.searchsorted(code, reverse, sorter=order), len(code) - 1)

@@ -1,9 +1,8 @@
 """The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. Truck, jets and clock are those of
 stillwake's own solver.
 
-The interface is that of `wake.truck.truck_wake.TruckWake`, with two differences. A run has a longest duration, because
-icoFoam needs all times in advance. A state can be taken only at a control period's end, where icoFoam writes its
-fields.
+The interface is that of `wake.truck.truck_wake.TruckWake`, but a run has a longest duration, because icoFoam needs all
+times in advance, and a state can be taken only at a control period's end, where icoFoam writes its fields.
 """
 
 import shutil
@@ -22,10 +21,11 @@ from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from contract.runtime.copies import NeverCopied
 from wake.openfoam import case, foam_files, wall
-from wake.openfoam.measurements import Follower, Instruments, Readings
+from wake.openfoam.measurements import Follower, Instruments
 from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import PATIENCE_S, IcoFoam, JetPipes, require_installed
 from wake.openfoam.state import FoamState, put, read_fields
+from wake.plant.protocol import SteppedPlant
 from wake.plant.sample import Sample
 from wake.solver.grid import Grid, truck_grid
 
@@ -54,7 +54,7 @@ class CellInterpolation:
         return np.asarray(self._weights @ values)
 
 
-class OpenFoamWake(NeverCopied):
+class OpenFoamWake(NeverCopied, SteppedPlant):
     """The flow around the truck. Use it in a `with` statement, or call `close`, because icoFoam is a child process.
     Raises PlantError if icoFoam is not installed, does not accept the state, or fails.
 
@@ -103,22 +103,7 @@ class OpenFoamWake(NeverCopied):
 
     @property
     def description(self) -> str:
-        """Description of solver, mesh and time step."""
         return f"OpenFOAM icoFoam, {len(self.mesh.cells)} cells, dt 1/{1.0 / self.dt:g}"
-
-    @property
-    def dt(self) -> float:
-        """Time step in t_c."""
-        return self.config.control_period / self.config.substeps
-
-    @property
-    def t(self) -> float:
-        """Time in t_c."""
-        return self._substep * self.dt
-
-    @property
-    def substeps_into_period(self) -> int:
-        return self._substep % self.config.substeps
 
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. The restart is not exact: one control period later, the forces differ by a
@@ -143,7 +128,7 @@ class OpenFoamWake(NeverCopied):
         self._pipes = JetPipes(self._case, self.mesh, self._child, self._patience_s)
         self._first = self._substep = state.substep
         self._state, self._action = state, state.action
-        self._readings: Readings = state.readings
+        self._readings = state.readings
         self._pipes.wait()
         return self.sample()
 
@@ -159,21 +144,11 @@ class OpenFoamWake(NeverCopied):
             substep=self._substep,
         )
 
-    def advance(self, action: float) -> Sample:
-        """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError for an
-        action that is not finite or exceeds the bound, if the flow diverges or icoFoam fails, or after `duration`."""
-        self.advance_to(self.config.substeps, action)
-        return self.sample()
-
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance within the present period to `substep` (1 .. substeps).
-
-        With an action, the jet ramps so that it reaches the action at the period's end; without an action, the jet's
-        flow rate does not change. Raises PlantError as `advance` does, or if `substep` is not later in this period.
-        """
+        """Advance as `wake.truck.truck_wake.TruckWake.advance_to` does. Raises PlantError as that does, if icoFoam
+        fails, or after `duration`."""
+        self._check_substep(substep)
         into, last = self.substeps_into_period, self.config.substeps
-        if not into < substep <= last:
-            raise PlantError(f"cannot advance to substep {substep} of {last} from substep {into}")
         if self._pipes is None:
             raise PlantError("the openfoam plant is closed")
         if self._substep - self._first + substep - into > self._steps:
@@ -189,7 +164,6 @@ class OpenFoamWake(NeverCopied):
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:
-        """Return the present measurements."""
         return self._instruments.sample(self._readings, t=self.t, action=self._action)
 
     def vorticity(self) -> Array:
@@ -214,7 +188,6 @@ class OpenFoamWake(NeverCopied):
         """Return None: the pressure is available at the sensors only."""
 
     def close(self) -> None:
-        """End icoFoam."""
         for part in (self._child, self._pipes):
             if isinstance(part, IcoFoam):
                 part.stop()
@@ -227,9 +200,3 @@ class OpenFoamWake(NeverCopied):
         if latest is None or abs(float(latest.name) - at) > 0.5 * self.dt:
             raise PlantError("fields of the openfoam plant exist only at the end of a control period")
         return latest
-
-    def _checked(self, action: float) -> float:
-        limit = self.config.action_limit
-        if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
-            raise PlantError(f"action {action}: must be finite and within +-{limit}")
-        return float(action)

@@ -1,11 +1,10 @@
 """icoFoam as a child process, and the pipes through which its jets are controlled step by step.
 
-icoFoam always ends before its parent does. The jets' boundary condition (`wake.openfoam.wall`) reads the velocity at
-listed instants from one file for each instant. When it has passed an instant, it opens the next instant's file in the
-following time step. Here the end of every time step is an instant, and its file is a named pipe for each jet. So
-icoFoam stops at the start of each time step, after it has measured and written everything about the last step, until
-the jets' velocity at the step's end arrives. A ramp can then start at any time step of a control period, as in
-stillwake's solver. Nothing is compiled.
+The jets' boundary condition (`wake.openfoam.wall`) reads the velocity at listed instants from one file for each
+instant. When it has passed an instant, it opens the next instant's file in the following time step. Here the end of
+every time step is an instant, and its file is a named pipe for each jet. So icoFoam stops at the start of each time
+step, after it has measured and written everything about the last step, until the jets' velocity at the step's end
+arrives. A ramp can then start at any time step of a control period, as in stillwake's solver.
 """
 
 import ctypes
@@ -71,7 +70,8 @@ class IcoFoam(NeverCopied):
         """Raise PlantError with the end of the log if icoFoam has failed."""
         status = self._child.poll()
         if status:
-            raise self.failure(_ended(status))
+            ended = f"stopped with status {status}" if status > 0 else f"was ended by {signal.Signals(-status).name}"
+            raise self.failure(ended)
 
     def failure(self, what: str) -> PlantError:
         """Return an error whose one-line message contains `what` and the end of the log."""
@@ -99,12 +99,6 @@ class IcoFoam(NeverCopied):
             return False
         self.check()
         return True
-
-
-def _ended(status: int) -> str:
-    if status < 0:
-        return f"was ended by {signal.Signals(-status).name}"
-    return f"stopped with status {status}"
 
 
 def _die_with_parent() -> None:

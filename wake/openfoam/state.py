@@ -28,7 +28,6 @@ class FoamState:
     Attributes:
         files: contents of the case's field files by name.
         dt: size of the last time step before the state, in t_c; the weights of the time scheme depend on it.
-        readings: measurements at the state's time.
         action: jet flow rate in force, in U_inf W.
         substep: number of time steps since t = 0.
     """
@@ -46,7 +45,7 @@ class FoamState:
 
     @property
     def pressure(self) -> Array:
-        """The kinematic pressure in the mesh's m cells, (m,)."""
+        """The kinematic pressure in the cells, (m,)."""
         return foam_files.parse_cells(self.files["p"], "p of a state")
 
 

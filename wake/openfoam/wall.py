@@ -1,13 +1,11 @@
 """The wall in icoFoam: the slots' boundary condition, the pressure probes, and the sensors as weighted sums of probes.
 
-The jet velocity is a parabola over each slot, with opposite signs in the two slots. `timeVaryingMappedFixedValue` reads
-the velocity at each listed instant from a file and ramps linearly between instants. A case without control lists the
-beginning and a time that it never reaches, with zero jet velocity. A case in closed loop lists the end of every time
-step, and its files are named pipes.
+`timeVaryingMappedFixedValue` reads the jet velocity, a parabola over each slot, at each listed instant from a file and
+ramps linearly between instants. A case without control lists the beginning and a time that it never reaches. A case in
+closed loop lists the end of every time step, and its files are named pipes.
 
 The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
-is interpolated linearly along the wall between the two nearest faces. The mean over a slot weights its faces with the
-jet's velocity.
+is interpolated linearly along the wall between the two nearest faces.
 """
 
 import os
@@ -70,10 +68,7 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float) -> None:
     """Write the files of the instants of a case in closed loop: the jets start from `action`, and the end of every time
-    step is an instant.
-
-    The folder of an instant is a link to the folder that holds the jet's pipe.
-    """
+    step is an instant, whose folder is a link to the folder that holds the jet's pipe."""
     for jet in JETS:
         data, end = _begin(folder, mesh, jet, action), pipe(folder, jet)
         end.parent.mkdir(parents=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +30,7 @@ class MovingPicture(Protocol):
     figure: Figure
 
     def record(self) -> None:
-        """Record the plant's present state; this function is called at every control period's end from the first frame
-        on."""
+        """Record the plant's present state, at every control period's end from the first frame on."""
 
     def pixels(self) -> Pixels:
         """Draw the present state as RGB pixels (height, width, 3)."""
@@ -52,14 +51,13 @@ def animate(
     hold: float = 0.0,
     progress: _Progress = lambda done, total: None,
 ) -> int:
-    """Run the plant from its present state and write the animation, completely or not at all. Raises ConfigError for
-    another file type, or a run without frames; PlantError for an action beyond the bound, or if the flow diverges.
-    Returns the number of frames.
+    """Run the plant from its present state to the end of the actions, write the animation, completely or not at all,
+    and return the number of frames. Raises ConfigError for another file type, or a run without frames; PlantError for
+    an action beyond the bound, or if the flow diverges.
 
     Args:
         path: file to write; its name ends in .gif or .webp.
         picture: draws the plant `wake`.
-        wake: the plant; after the call it is in the state at the end of the run.
         actions: one command for each of n control periods, (n,); U_inf W.
         skip: number of control periods before the first frame.
         every: number of control periods between frames.
@@ -73,10 +71,21 @@ def animate(
     if every < 1 or not 0 <= skip <= len(actions):
         raise ConfigError(f"every = {every}, skip = {skip}: must be at least 1, and between 0 and {len(actions)} steps")
     frames = _frames(picture, wake, actions, skip, every, progress)
+    is_gif, each = path.suffix.lower() == ".gif", round(1000 / fps)
+    if is_gif:
+        # All frames have one palette, so that colours neither flicker nor depend on the run.
+        palette = Image.new("P", (1, 1))
+        palette.putpalette(np.rint(255.0 * picture.palette()).astype(np.uint8).tobytes())
+        each = _GIF_TICK * round(1000 / fps / _GIF_TICK)
     with replacing(path) as temporary:
-        if path.suffix.lower() == ".gif":
-            return _write_gif(temporary, picture.palette(), frames, fps, hold)
-        return _write_webp(temporary, frames, fps, hold)
+        images = []
+        for frame in frames:
+            image = Image.fromarray(frame)
+            images.append(image.quantize(palette=palette, dither=Image.Dither.NONE) if is_gif else image)
+        durations = [each] * (len(images) - 1) + [each + round(1e3 * hold)]
+        settings: dict[str, Any] = {"format": "GIF"} if is_gif else {"format": "WEBP", **_WEBP}
+        images[0].save(temporary, save_all=True, append_images=images[1:], duration=durations, loop=0, **settings)
+    return len(images)
 
 
 def check_target(path: Path) -> None:
@@ -96,27 +105,3 @@ def _frames(
         if k < len(actions):
             wake.advance(float(actions[k]))
             progress(k + 1, len(actions))
-
-
-def _write_gif(path: Path, colours: Array, frames: Iterator[Pixels], fps: int, hold: float) -> int:
-    # All frames have one palette, so that colours neither flicker nor depend on the run.
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(np.rint(255.0 * colours).astype(np.uint8).tobytes())
-    images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    durations = _durations(len(images), _GIF_TICK * round(1000 / fps / _GIF_TICK), hold)
-    images[0].save(path, format="GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
-    return len(images)
-
-
-def _write_webp(path: Path, frames: Iterator[Pixels], fps: int, hold: float) -> int:
-    images = [Image.fromarray(frame) for frame in frames]
-    durations = _durations(len(images), round(1000 / fps), hold)
-    images[0].save(
-        path, format="WEBP", save_all=True, append_images=images[1:], duration=durations, loop=0, **_WEBP
-    )  # fmt: skip
-    return len(images)
-
-
-def _durations(frames: int, each: int, hold: float) -> list[int]:
-    """Return the duration of each frame in ms."""
-    return [each] * (frames - 1) + [each + round(1e3 * hold)]

@@ -23,7 +23,7 @@ from wake.pictures.fields import Raster, View, velocity
 from wake.plant.protocol import Drawable
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.truck.recirculation import recirculation_length
+from wake.truck.steady import recirculation_length
 
 Kind = Literal["vorticity", "pressure"]
 
@@ -147,14 +147,8 @@ def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str
 
 
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
-    """Draw a mean flow downstream of the body: u in colour, streamlines, the boundary of the backward flow, and the
-    bubble's length.
-
-    Args:
-        grid, body: grid and body of the plant whose mean is drawn.
-        mean: time mean from `wake.pictures.fields.TimeMean`.
-        duration: duration of the mean, t_c; for the title.
-    """
+    """Draw a mean flow (`wake.pictures.fields.TimeMean`) downstream of the body: u in colour, streamlines, the boundary
+    of the backward flow, and the bubble's length. `duration` is the duration of the mean in t_c, for the title."""
     left, right, low, high = _NEAR_WAKE
     # Rounding makes the limits of the truck's view exactly 6.8 and 12.
     view = (round(body.length + left, 9), round(body.length + right, 9), low, high)
@@ -205,8 +199,8 @@ def outline(body: BodyConfig) -> Array:
 
 def jet_arrow(share: float, side: int, base: float) -> Array:
     """Return the outline of the arrow at the upper (side 1) or lower (side -1) slot of a base at x = `base`, (7, 2).
-    The arrow points away from the base for blowing (share > 0) and towards the base for sucking; its length is
-    proportional to |share|."""
+    The arrow points away from the base for blowing (share > 0) and towards it for sucking; its length is proportional
+    to |share|."""
     length, shaft, head = _FULL_JET * abs(share), JET_WIDTH, 2.4 * JET_WIDTH
     neck = max(length - 2.0 * head, 0.5 * length)
     x = np.array([0.0, neck, neck, length, neck, neck, 0.0])

@@ -22,11 +22,8 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
 
 
 class TimeMean:
-    """The mean of flows on one grid.
-
-    A flow's buffer holds u, v and p. The pressures and forces on the wall are linear in the buffer, so the mean buffer
-    gives the means of these pressures and forces.
-    """
+    """The mean of flows on one grid. Pressures and forces on the wall are linear in a flow's buffer, so the mean buffer
+    gives their means."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._sum = Flow.zeros(shape)
@@ -45,10 +42,7 @@ class TimeMean:
 
 
 def mean_flow(
-    wake: TruckWake,
-    actions: Array,
-    skip: int = 0,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    wake: TruckWake, actions: Array, skip: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Flow:
     """Run the plant from its present state with the actions, one per control period. Return the mean of its flows at
     the ends of all control periods except the first `skip`. `progress` is called with (periods done, total)."""
@@ -63,12 +57,9 @@ def mean_flow(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raster:
-    """Linear interpolation from the nodes of a tensor grid to square pixels.
-
-    Attributes:
-        x, y: pixel centres, (width,) and (height,), both rising.
-        across, up: weights of the nodes for every pixel, (width, len(nodes_x)) and (height, len(nodes_y)).
-    """
+    """Linear interpolation from the nodes of a tensor grid to square pixels with centres x (width,) and y (height,),
+    both rising. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) are the weights of the nodes for every
+    pixel."""
 
     x: Array
     y: Array

@@ -1,11 +1,10 @@
 """The free stream as a function of time: the speed of a vehicle, from a shipped profile or a user's file, and gusts.
 
 The plant computes in units of one speed U, the speed of the operating point. At a vehicle speed v the free stream is v
-/ U. Reynolds number and dynamic pressure follow from the stream; viscosity, size and control period do not change.
-
-A gust is a wind against the body that varies in time and is uniform far from the body. It is computed as the stream
-that meets a body whose speed through the air varies (`wake.solver.navier_stokes`), so that pressures are relative to
-the free stream also in a gust. The unit of forces and pressures is that of the mean U_inf.
+/ U; viscosity, size and control period do not change. A gust is a wind against the body that varies in time and is
+uniform far from the body. It is computed as the stream that meets a body whose speed through the air varies
+(`wake.solver.navier_stokes`), so that pressures are relative to the free stream also in a gust. The unit of forces and
+pressures is that of the mean U_inf.
 """
 
 import csv
@@ -27,13 +26,8 @@ Wind = Callable[[float], float]
 
 @dataclass(frozen=True, kw_only=True)
 class Gust:
-    """A wind that oscillates sinusoidally about U_inf.
-
-    Attributes:
-        amplitude: amplitude in U_inf.
-        period, start: period and start time in t_c.
-        cycles: number of periods; a whole number, so that the gust begins and ends at U_inf.
-    """
+    """A wind that oscillates sinusoidally about U_inf: amplitude in U_inf, period and start in t_c, and the number of
+    periods, a whole number, so that the gust begins and ends at U_inf."""
 
     amplitude: float
     period: float
@@ -69,8 +63,7 @@ class Drive:
 
     Attributes:
         name: name of the profile or of the user's file.
-        times: instants in s, rising.
-        speeds: speed in m/s at each instant.
+        times, speeds: instants in s, rising, and the speed in m/s at each instant.
         gust: wind that is added to the vehicle's speed; its times are in t_c of U and count from the drive's first
             instant.
     """

@@ -1,10 +1,13 @@
-"""Protocols of a plant, a flow around a body; stillwake's solver and OpenFOAM are such plants."""
+"""Protocols of a plant, a flow around a body, and the clock that stillwake's solver and OpenFOAM share."""
 
 from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
 
 from contract.arrays import Array
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
+from contract.errors import PlantError
 from contract.sensor_layout import SensorLayout
 from wake.plant.drive import Wind
 from wake.plant.sample import Sample
@@ -92,3 +95,42 @@ class Drivable(Disturbable, Protocol):
 
     def reset(self, state: Any) -> Sample:
         """Continue from a state, bit for bit."""
+
+
+class SteppedPlant(Plant):
+    """A plant that takes `config.substeps` time steps in a control period: its clock, and the checks of its commands.
+    A subclass defines `advance_to` and `sample`."""
+
+    config: FlowConfig
+    _substep: int
+
+    @property
+    def dt(self) -> float:
+        """Time step in t_c."""
+        return self.config.control_period / self.config.substeps
+
+    @property
+    def t(self) -> float:
+        """Time in t_c."""
+        return self._substep * self.dt
+
+    @property
+    def substeps_into_period(self) -> int:
+        return self._substep % self.config.substeps
+
+    def advance(self, action: float) -> Sample:
+        """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError as
+        `advance_to` does."""
+        self.advance_to(self.config.substeps, action)
+        return self.sample()
+
+    def _check_substep(self, substep: int) -> None:
+        into, last = self.substeps_into_period, self.config.substeps
+        if not into < substep <= last:
+            raise PlantError(f"cannot advance to substep {substep} of {last} from substep {into}")
+
+    def _checked(self, action: float) -> float:
+        limit = self.config.action_limit
+        if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
+            raise PlantError(f"action {action}: must be finite and within +-{limit}")
+        return float(action)

@@ -16,8 +16,8 @@ from contract.recording.dataset import UNITS, Episode
 from contract.results import versions
 from contract.shipped import developed
 from wake.plant.sample import Sample
-from wake.recording.episode_plan import Plan
 from wake.recording.parts_folder import EpisodeBlocks, PartsFolder, Series, differing
+from wake.recording.round_plan import Plan
 from wake.solver.grid import box_grid
 from wake.truck.state import State, check_body, check_grid, check_reynolds, developed_state, load_state
 from wake.truck.truck_wake import TruckWake
@@ -82,14 +82,13 @@ class EpisodeJob:
 
     @property
     def blocks(self) -> EpisodeBlocks:
-        return EpisodeBlocks(
-            folder=self.parts.path / self.plan.name, steps=self.plan.steps, block_steps=self.block_steps
-        )
+        folder = self.parts.path / self.plan.name
+        return EpisodeBlocks(folder=folder, steps=self.plan.steps, block_steps=self.block_steps)
 
     def run(self, wake: TruckWake | None = None, progress: EpisodeProgress = lambda name, done, total: None) -> None:
         """Record the missing blocks; `wake` is built if not given. Raises PlantError if the flow diverges, and
-        StillwakeError in three cases: this process does not find the folder or cannot write a block; its versions or
-        its start differ from those of the process that began the recording; or another call has taken over."""
+        StillwakeError if this process does not find the folder or cannot write a block, if its versions or its start
+        differ from those of the process that began the recording, or if another call has taken over."""
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
@@ -178,11 +177,8 @@ def _advance(
     wake: TruckWake, sample: Sample, policy: Policy, memory: Array, signal: Array
 ) -> tuple[Series, Sample, Array]:
     """Return the samples of a block from `sample` on, the sample after the block, and the policy's memory at the
-    block's end.
-
-    Each action is the policy's command plus the signal, clipped to the bound. The policy receives this action one step
-    later.
-    """
+    block's end. Each action is the policy's command plus the signal, clipped to the bound; the policy receives it one
+    step later."""
     rows: list[Sample] = []
     actions = np.empty(len(signal))
     limit = wake.config.action_limit

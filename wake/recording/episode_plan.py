@@ -1,46 +1,83 @@
-"""Plans of episodes: the common interface, and the episodes of a forced recording."""
+"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), exploration noise, and the plans of
+the episodes of a forced recording."""
 
-from dataclasses import Field, dataclass
-from typing import Any, ClassVar, Final, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import butter, lfilter, sosfilt
 
+from contract.arrays import Array
+from contract.config.plant import FlowConfig, ForcingConfig
 from contract.config.tree import Config
+from contract.errors import ConfigError
 from contract.recording.dataset import Role
-from wake.recording.forcing import SIGNALS, ForcingName
+
+ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 
-class Plan(Protocol):
-    """The plan of one episode: a dataclass. No two plans of a recording have equal field values."""
+def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
+    """Compute the training waveform, (steps,), in U_inf W. The carrier's frequency is near the shedding frequency and
+    varies with noise, low-pass filtered and normalised by its largest magnitude; its amplitude follows a slow sinusoid.
+    The envelope reaches 1 + depth, so that the strongest part of the signal is clipped and explores the full
+    amplitude."""
+    dt = flow.control_period
+    # The filter starts from zero, so the first few cut-off periods of its output are discarded.
+    settle = int(4.0 / (forcing.modulation_cutoff * dt))
+    lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
+    eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
+    eta /= np.abs(eta).max()
+    frequency = forcing.base_frequency + forcing.modulation_index * eta
+    phase = 2.0 * np.pi * (rng.random() + np.cumsum(frequency) * dt)
+    t = np.arange(steps) * dt
+    envelope = 1.0 + forcing.envelope_depth * np.sin(2.0 * np.pi * (forcing.envelope_frequency * t + rng.random()))
+    signal: Array = flow.action_limit * np.clip(envelope * np.sin(phase), -1.0, 1.0)
+    return signal
 
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
-    packages: ClassVar[tuple[str, ...]]
-    """Packages, in addition to the flow solver's, whose versions affect the samples."""
+def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
+    """Compute a sine that starts at zero and rises, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError
+    for an amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency.
+    """
+    if not 0.0 <= amplitude <= flow.action_limit:
+        raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
+    highest = 0.5 / flow.control_period
+    if not 0.0 < frequency < highest:
+        raise ConfigError(f"frequency = {frequency}: must be positive and below {highest}, half the control rate")
+    signal: Array = amplitude * np.sin(2.0 * np.pi * frequency * flow.control_period * np.arange(steps))
+    return signal
 
-    @property
-    def name(self) -> str:
-        """Name of the episode in the data set."""
 
-    @property
-    def role(self) -> Role:
-        """The use of the episode: training or a test."""
+def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator, *, rms: float) -> Array:
+    """Compute coloured noise to add to a controller's commands; shape (steps,), in U_inf W. The noise is an
+    Ornstein-Uhlenbeck process: Gaussian, stationary from the first step on, with autocorrelation exp(-lag /
+    `exploration_time`). For one seed, a longer signal begins with the shorter signal. The noise is not clipped; the sum
+    of command and noise is clipped later. `rms` is a fraction of the action limit."""
+    kept = np.exp(-flow.control_period / forcing.exploration_time)
+    white = rng.standard_normal(steps)
+    white[1:] *= np.sqrt(1.0 - kept**2)
+    signal: Array = rms * flow.action_limit * lfilter([1.0], [1.0, -kept], white)
+    return signal
 
-    @property
-    def steps(self) -> int:
-        """Number of control steps."""
 
-    @property
-    def lead(self) -> int:
-        """Number of control steps without forcing from the developed start to the first sample."""
+def _sweep(steps: int, start: float, end: float, flow: FlowConfig) -> Array:
+    """Compute a linear sweep of the frequency at full amplitude; shape (steps,), in U_inf W."""
+    t = np.arange(steps) * flow.control_period
+    rate = (end - start) / (max(steps, 1) * flow.control_period)
+    return flow.action_limit * np.sin(2.0 * np.pi * (start * t + 0.5 * rate * t**2))
 
-    @property
-    def provenance(self) -> dict[str, Any]:
-        """The plan's entries in the provenance that the data set stores, as plain JSON."""
 
-    def signal(self, config: Config) -> npt.NDArray[np.float64]:
-        """Return the signal that is added to the policy's command at every control step, (steps,), in U_inf W."""
+Signal = Callable[[int, ForcingConfig, FlowConfig, np.random.Generator], Array]
+SIGNALS: Final[dict[ForcingName, Signal]] = {
+    "training": training,
+    "chirp": lambda steps, forcing, flow, _: _sweep(steps, forcing.chirp_start, forcing.chirp_end, flow),
+    "extended_chirp": lambda steps, forcing, flow, _: _sweep(
+        steps, forcing.extended_chirp_start, forcing.extended_chirp_end, flow
+    ),
+    "none": lambda steps, *_: np.zeros(steps),
+}
 
 
 _ROLES: Final[dict[ForcingName, Role]] = {
@@ -56,12 +93,9 @@ SHEDDING_PERIOD: Final = 24
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodePlan:
-    """The plan of one episode with open-loop forcing.
-
-    Attributes:
-        lead: number of control steps without forcing before the first sample. The numbers of the episodes differ, so
-            that the episodes begin in different phases of the shedding cycle.
-    """
+    """The plan of one episode with open-loop forcing. `lead` is the number of control steps without forcing from the
+    start to the first sample; it differs between episodes, so that they begin in different phases of the shedding
+    cycle."""
 
     forcing: ForcingName
     steps: int
@@ -72,8 +106,8 @@ class EpisodePlan:
 
     @property
     def role(self) -> Role:
-        """The episode's role. The paper tests on the chirp and trains on the other episodes; its appendix A also tests
-        on the extended chirp."""
+        """The use of the episode. The paper tests on the chirp and trains on the other episodes; its appendix A also
+        tests on the extended chirp."""
         return _ROLES[self.forcing]
 
     @property
@@ -86,18 +120,15 @@ class EpisodePlan:
         return {"forcing_signal": self.forcing, "seed": self.seed, "lead_steps": self.lead}
 
     def signal(self, config: Config) -> npt.NDArray[np.float64]:
-        """Return the action of every control step, (steps,), in U_inf W."""
+        """Return the signal that is added to the policy's command at every control step, (steps,), in U_inf W."""
         return SIGNALS[self.forcing](self.steps, config.forcing, config.flow, np.random.default_rng(self.seed))
 
 
 def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
     """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 + 2,500 steps for training, 10,000 of
-    the chirp, 10,000 of the extended chirp.
-
-    The training steps are split into independent episodes with seeds `seed`, `seed` + 1, ... that start at phases
-    spread evenly over a shedding cycle. So the episodes can be recorded in parallel, and differ in more than the
-    forcing. A chirp cannot be split, because its sweep rate depends on its duration.
-    """
+    the chirp, 10,000 of the extended chirp. The training steps are split into independent episodes with seeds `seed`,
+    `seed` + 1, ... that start at phases spread evenly over a shedding cycle, so that they differ in more than the
+    forcing. A chirp cannot be split, because its sweep rate depends on its duration."""
     count = _PAPER_TRAINING_EPISODES
     training = (
         EpisodePlan(forcing="training", steps=50_000 // count, seed=seed + i, lead=round(SHEDDING_PERIOD * i / count))

@@ -1,12 +1,9 @@
 """An unfinished recording on disk: its settings, the call that records it, and its episodes block by block.
 
-`task.json` in the folder holds the recording's settings, so that only a call with equal settings continues the
-recording. `owner` holds the token of the call that records; a worker stops when it finds another token in this file.
-
-For each block there are a file of samples and a file of the state at the block's end: the flow and the policy's memory.
-The state is written before the samples, so that every complete block can be continued. Then the states of earlier
-blocks are removed, except the last of them. A file is either complete or absent, so a stopped recording continues as if
-it had not been stopped.
+`task.json` holds the recording's settings, so that only a call with equal settings continues it. `owner` holds the
+token of the call that records; a worker stops when it finds another token. Each block has a file of samples and a file
+of the state at its end: the flow and the policy's memory. The state is written first, so that every complete block can
+be continued. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
 """
 
 import io
@@ -46,7 +43,14 @@ class PartsFolder:
         `task` contains the recording's settings, as plain JSON."""
         shutil.rmtree(self._done, ignore_errors=True)
         if self.path.is_dir() and any(path.is_dir() for path in self.path.iterdir()):
-            self._check(task)
+            begun = self.task()
+            if begun is None:
+                raise StillwakeError(f"{self.path} holds parts of an unknown recording: delete it first")
+            if begun != task:
+                raise StillwakeError(
+                    f"{self.path} holds an unfinished recording with other settings ({differing(begun, task)}): finish "
+                    f"it with these settings, or delete it first"
+                )
         else:
             # Nothing is recorded yet, so the settings of an earlier call may be replaced.
             with replacing(self._label) as temporary:
@@ -62,10 +66,8 @@ class PartsFolder:
             return False
 
     def disown(self, owner: str) -> None:
-        """End the ownership of the call with this token, and remove the folder if nothing is recorded in it.
-
-        If another call has taken over meanwhile, nothing changes.
-        """
+        """End the ownership of the call with this token, unless another call has taken over, and remove the folder if
+        nothing is recorded in it."""
         if not self.is_owned_by(owner):
             return
         self._owner.unlink(missing_ok=True)
@@ -91,16 +93,6 @@ class PartsFolder:
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)
-
-    def _check(self, task: Mapping[str, Any]) -> None:
-        begun = self.task()
-        if begun is None:
-            raise StillwakeError(f"{self.path} holds parts of an unknown recording: delete it first")
-        if begun != task:
-            raise StillwakeError(
-                f"{self.path} holds an unfinished recording with other settings ({differing(begun, task)}): finish it "
-                f"with these settings, or delete it first"
-            )
 
     @property
     def _label(self) -> Path:

@@ -1,8 +1,5 @@
-"""The recording of a data set: episodes one after another or in parallel, then one HDF5 file.
-
-A round adds episodes to a data set: episodes under a controller, or episodes that begin near the steady wake. If the
-output file already holds the complete recording, it is left unchanged; if it holds another recording, the call fails.
-"""
+"""The recording of a data set: episodes one after another or in parallel, then one HDF5 file. A round adds episodes to
+a data set."""
 
 import json
 import uuid
@@ -11,17 +8,19 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
 from contract.config.body import layout_of
 from contract.config.tree import Config
-from contract.errors import DatasetError, OutputError
+from contract.errors import DatasetError, OutputError, StillwakeError
 from contract.recording.dataset import Dataset, Episode, append, read, read_to_append, write
+from contract.side_by_side import spread
 from wake.recording.episode_job import EpisodeJob, EpisodeProgress, NoFeedback, PolicyFactory, check_start, setting_of
-from wake.recording.episode_plan import EpisodePlan, Plan
+from wake.recording.episode_plan import EpisodePlan
 from wake.recording.parts_folder import PartsFolder
+from wake.recording.round_plan import CalmRound, ControlledRound, Plan
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"
@@ -31,10 +30,8 @@ version wrote it."""
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
     """Return whether the file holds all episodes of the jobs, recorded with equal settings; False if there is no file.
-
-    Episodes that later rounds have added to the file are not compared. Raises OutputError if the file holds another
-    recording; the message states the first difference.
-    """
+    Episodes that later rounds have added are not compared. Raises OutputError, with the first difference, if the file
+    holds another recording."""
     if not output.exists():
         return False
     try:
@@ -123,13 +120,7 @@ def record(
             # An earlier call may have been killed after it wrote the file and before it removed its parts.
             wanted[0].parts.clear()
         return False
-    with finished_jobs(
-        wanted,
-        workers=workers,
-        scheduler=scheduler,
-        progress=progress,
-        notice=notice,
-    ) as jobs:
+    with finished_jobs(wanted, workers=workers, scheduler=scheduler, progress=progress, notice=notice) as jobs:
         write(output, Dataset(episodes=tuple(job.episode() for job in jobs), layout=layout_of(config.body)))
     return True
 
@@ -146,11 +137,8 @@ def jobs_for(
     """Return the jobs of one call; nothing is written yet. Raises PlantError if a plant cannot start in `start`."""
     start = None if start is None else start.absolute()
     check_start(config, start)
-    parts, owner, setting = (
-        PartsFolder.for_output(output),
-        uuid.uuid4().hex,
-        setting_of(config, plans[0].packages, start),
-    )
+    parts, owner = PartsFolder.for_output(output), uuid.uuid4().hex
+    setting = setting_of(config, plans[0].packages, start)
     return tuple(
         EpisodeJob(
             parts=parts,
@@ -182,10 +170,7 @@ def finished_jobs(
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
     """Record the missing blocks of a call's jobs, and yield the jobs, whose episodes the caller then stores. Afterwards
-    remove the parts of the jobs, unless an error was raised.
-
-    Arguments and errors are those of `record`.
-    """
+    remove the parts of the jobs, unless an error was raised. Arguments and errors are those of `record`."""
     parts, config = jobs[0].parts, jobs[0].config
     missing = [folder for folder in parts.path.parents if not folder.exists()]
     parts.claim(task_of(jobs), jobs[0].owner)
@@ -198,9 +183,6 @@ def finished_jobs(
             for job in unfinished:
                 job.run(wake, progress)
         else:
-            # dask is imported only in this case, because a recording in one process does not need it.
-            from wake.recording.parallel import run_parallel
-
             run_parallel(unfinished, workers=workers, scheduler=scheduler, progress=progress, notice=notice)
     finally:
         parts.disown(jobs[0].owner)
@@ -212,20 +194,57 @@ def finished_jobs(
     parts.clear()
 
 
+def run_parallel(
+    jobs: Sequence[EpisodeJob],
+    *,
+    workers: int,
+    scheduler: str | None,
+    progress: EpisodeProgress,
+    notice: Callable[[str], None],
+) -> None:
+    """Record the jobs' episodes on workers, one per worker at a time, the episode with the most missing steps first,
+    and watch the folder that they share. An episode whose worker dies continues from its last block. `progress` is
+    called for each episode whose number of recorded steps has changed since the last poll;
+    `contract.side_by_side.spread` explains the other arguments and errors."""
+    done = {job.plan.name: job.blocks.finished for job in jobs}
+    present: set[str] = set()
+
+    def look(threads: Mapping[str, int]) -> None:
+        for job in jobs:
+            finished = job.blocks.finished
+            if finished != done[job.plan.name]:
+                done[job.plan.name] = finished
+                progress(job.plan.name, finished, job.plan.steps)
+        for address in sorted(present - threads.keys()):
+            notice(f"worker {address} was lost; its episode continues from its last block")
+        for address in sorted(threads.keys() - present if present else ()):
+            notice(f"worker {address} joined")
+        present.clear()
+        present.update(threads)
+
+    def check_arrived(job: EpisodeJob) -> None:
+        if job.blocks.finished < job.plan.steps:
+            raise StillwakeError(f"episode {job.plan.name}: its worker's blocks do not arrive in {job.blocks.folder}")
+
+    spread(
+        sorted(jobs, key=lambda job: job.blocks.finished - job.plan.steps),
+        lambda job: (job.run,),
+        workers=workers,
+        scheduler=scheduler,
+        names=lambda job: (f"episode {job.plan.name}", f"finished blocks are stored in {job.parts.path}"),
+        finished=lambda job, _: check_arrived(job),
+        looked=look,
+    )
+    look(dict.fromkeys(present, 1))
+
+
 _FACTS = ("flow", "grid")
 """Provenance entries that must be equal for all episodes of a data set; start, versions and forcing may differ."""
 
 
-class Round(Protocol):
-    """A group of episodes that is added to a data set as a whole, such as `ControlledRound` and `CalmRound`."""
-
-    def plans(self, number: int) -> Sequence[Plan]:
-        """Return the plans of round `number`; their provenance holds the number as "round"."""
-
-
 def record_round(
     output: Path,
-    planned: Round,
+    planned: ControlledRound | CalmRound,
     config: Config,
     policy: PolicyFactory = NoFeedback,
     *,
@@ -236,17 +255,14 @@ def record_round(
     block_steps: int = BLOCK_STEPS,
     start: Path | None = None,
 ) -> int:
-    """Record a round and add its episodes to a data set, which is created if it does not exist.
+    """Record a round, add its episodes to a data set, which is created if it does not exist, and return the round's
+    number: one more than the highest number in the file.
 
-    The round's number is one more than the highest number in the file, so that a second call adds new data. If a call
-    was interrupted, the next call continues its work. If the interrupted call had already added its round, the next
-    call only removes the parts. Raises DatasetError, before recording, if the file is no data set, or was recorded with
-    another schema or flow. Raises StillwakeError and PlantError as `wake.recording.recorder.record` does, or the
-    controller's error. Returns the round's number.
-
-    Args:
-        policy: builds the controller in each recording process; without it, only the plans' signals act.
-        workers, scheduler, progress, notice, block_steps, start: parameters as for `wake.recording.recorder.record`.
+    If a call was interrupted, the next call continues its work; if the interrupted call had already added its round,
+    the next call only removes the parts. Raises DatasetError, before recording, if the file is no data set, or was
+    recorded with another schema or flow; StillwakeError and PlantError as `record` does, or the controller's error.
+    `policy` builds the controller in each recording process; without it, only the plans' signals act. The other
+    parameters are those of `record`.
     """
     jobs = partial(jobs_for, output, config=config, block_steps=block_steps, policy=policy, start=start)
     facts = {name: value for name, value in setting_of(config).items() if name in _FACTS}
@@ -257,13 +273,8 @@ def record_round(
     if _added(before, there):
         before[0].parts.clear()
         return number - 1
-    with finished_jobs(
-        jobs(planned.plans(number)),
-        workers=workers,
-        scheduler=scheduler,
-        progress=progress,
-        notice=notice,
-    ) as finished:
+    wanted = jobs(planned.plans(number))
+    with finished_jobs(wanted, workers=workers, scheduler=scheduler, progress=progress, notice=notice) as finished:
         append(output, tuple(job.episode() for job in finished), facts, layout)
     return number
 

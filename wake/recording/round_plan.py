@@ -1,12 +1,9 @@
 """Rounds of episodes that are added to a data set: under a controller, or from the steady wake.
 
 A round under a controller adds the flow states that the controller of the last round reaches (DAgger: Ross, Gordon and
-Bagnell 2011).
-
-Forced or controlled episodes of the developed wake never come near the steady symmetric wake, so a model trained on
-them predicts a wrong growth of small disturbances of the steady wake. Calm episodes begin at the steady wake. Small
-random actions, with another amplitude in each episode, disturb the wake, and the episodes show the growth of the
-disturbances up to shedding.
+Bagnell 2011). Calm episodes begin at the steady wake: small random actions, with another amplitude in each episode,
+disturb it, and the episodes show the growth of the disturbances up to shedding. A model that is trained on other
+episodes alone predicts a wrong growth, because these episodes never come near the steady wake.
 """
 
 from collections.abc import Mapping
@@ -19,8 +16,7 @@ import numpy.typing as npt
 
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from wake.recording.episode_plan import SHEDDING_PERIOD
-from wake.recording.forcing import exploration
+from wake.recording.episode_plan import SHEDDING_PERIOD, EpisodePlan, exploration
 
 ControlledRole = Literal["train", "controlled"]
 CalmRole = Literal["train", "calm"]
@@ -54,7 +50,6 @@ class RoundPlan:
     bundle: str | None
     bundle_digest: str | None
     packages: ClassVar[tuple[str, ...]] = ("onnxruntime",)
-    """Packages, in addition to the flow solver's, whose versions affect the samples."""
 
     @property
     def name(self) -> str:
@@ -62,7 +57,6 @@ class RoundPlan:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """The plan's entries in the provenance that the data set stores, as plain JSON."""
         return {
             "forcing_signal": self.kind,
             "round": self.round,
@@ -79,6 +73,10 @@ class RoundPlan:
         rng = np.random.default_rng([self.seed, self.round, int(self.role != "train"), self.episode])
         rms = self.level / config.flow.action_limit if self.kind == "calm" else self.level
         return exploration(self.steps, config.forcing, config.flow, rng, rms=rms)
+
+
+Plan = EpisodePlan | RoundPlan
+"""The plan of one episode. No two plans of a recording have equal field values."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,6 @@
-"""The adjoint of the flow solver: it gives the sensitivities of a scalar, which depends on later flows, to an earlier
-flow and to the actions.
-
-The adjoint is the exact transpose of the discrete step, except for rounding, and not a discretised adjoint equation: it
-gives the gradient of the computed numbers. The projection's operator is symmetric, so both directions use one Poisson
-solver.
-"""
+"""The adjoint of the flow solver: the exact transpose of the discrete step, except for rounding. It gives the
+sensitivities of a scalar, which depends on later flows, to an earlier flow and to the actions. The projection's
+operator is symmetric, so both directions use one Poisson solver."""
 
 from collections.abc import Callable
 

@@ -1,10 +1,9 @@
 """A second-order immersed boundary: the faces that carry flow, and the velocities on the faces at the walls.
 
 A face between two fluid cells is open: its velocity is a solution of the momentum equation. Every other face in the
-stencil of an open face is a ghost. Its value is taken from a parabola along the wall's normal. The parabola vanishes on
-the exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between
-open faces. On a straight wall this reduces to reflection in one point, with a discrete wall shear of nu u_1 / distance,
-where u_1 is the velocity at this point.
+stencil of an open face is a ghost, with the value of a parabola along the wall's normal. The parabola vanishes on the
+exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between open
+faces. On a straight wall this reduces to reflection in one point.
 
 In the mass balance a ghost carries no flow, so the wall of the mass balance is a staircase. The method is still of
 second order, because the volume flow within one cell of a no-slip wall is of the order of the distance squared.

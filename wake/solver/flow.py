@@ -1,9 +1,8 @@
 """Velocity and pressure in one buffer, and the position of each value in it.
 
-The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u is (nx + 2, ny + 2)
-and v is (nx + 2, ny + 1), with one layer beyond the edges that are parallel to the component and one layer beyond the
-outlet. p is (nx + 1, ny), with its last column beyond the outlet. Unpadded indices (i, j) are those of
-`wake.solver.grid`: u on x-faces (nx + 1, ny), v on y-faces (nx, ny + 1), p in cells (nx, ny).
+The buffer holds u, v and p one after another, each row by row in y and padded for the stencils: u (nx + 2, ny + 2) and
+v (nx + 2, ny + 1), with one layer beyond the edges that are parallel to the component and one layer beyond the outlet;
+p (nx + 1, ny), with its last column beyond the outlet. Unpadded indices (i, j) are those of `wake.solver.grid`.
 """
 
 from dataclasses import dataclass
@@ -39,7 +38,6 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """Length of the buffer."""
         return sum(self._size(component) for component in _ORDER)
 
     def offset(self, component: Component, i: int, j: int) -> int:

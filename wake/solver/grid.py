@@ -41,8 +41,8 @@ class Grid:
     Attributes:
         xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).
         xc, yc: coordinates of the cell centres, shapes (nx,) and (ny,).
-        dxc: distance between the centres on both sides of x-face i, shape (nx + 1,); half cells at the ends.
-        dyc: distance between the centres on both sides of y-face j, shape (ny + 1,).
+        dxc, dyc: distances between the centres on both sides of each face, shapes (nx + 1,) and (ny + 1,); half cells
+            at the ends.
         front, rear: x-face indices of the body's front and base.
         lower, upper: y-face indices of the body's sides.
         slot_cells: number of cells across each slot.
@@ -77,10 +77,8 @@ def truck_grid(refinement: float = 1.0) -> Grid:
 
 
 def box_grid(length: float, refinement: float = 1.0) -> Grid:
-    """Return the grid around a box of width 1 from x = 0 to `length`; every spacing is divided by `refinement`.
-
-    Every box has the same resolution at nose and base. Raises ConfigError if a slot has fewer than two cells.
-    """
+    """Return the grid around a box of width 1 from x = 0 to `length`, with the same resolution at nose and base for
+    every box; every spacing is divided by `refinement`. Raises ConfigError if a slot has fewer than two cells."""
     # The positions are rounded, so that those of the truck equal the tabulated positions bit for bit.
     base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)
     x_parts = [

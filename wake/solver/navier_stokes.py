@@ -2,17 +2,14 @@
 projection per step.
 
 The stages use the pressure gradient of the step's start, and the projection adds the gradient's change (Williamson's
-low-storage coefficients). The velocity is of second order in time, because the stages' divergence enters at second
-order. The boundary conditions are uniform inflow, slip sides, p = 0 and zero normal gradient at the outlet, no slip on
-the body, and prescribed flow through the slots. The velocity at the outlet solves the momentum equation, as in the
-interior, with a mirrored cell beyond the outlet. If the velocity were copied from upstream instead, the last cells
-could have no transverse flow, and a vortex leaving the domain would disturb the pressure everywhere. Pressure here is
-kinematic, p / (rho U_inf^2); Cp is twice this pressure.
+low-storage coefficients); the velocity is of second order in time. The boundary conditions are uniform inflow, slip
+sides, p = 0 and zero normal gradient at the outlet, no slip on the body, and prescribed flow through the slots. The
+velocity at the outlet solves the momentum equation, as in the interior, with a mirrored cell beyond the outlet; copied
+from upstream, it would let a vortex that leaves the domain disturb the pressure everywhere. Pressure here is kinematic,
+p / (rho U_inf^2); Cp is twice this pressure.
 
 A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. The wind's change
-enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged. If
-instead the stream changed its speed in the frame of the ground, as in a wind tunnel, equal velocities would have an
-additional pressure gradient of -dU/dt along the stream.
+enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged.
 """
 
 from collections.abc import Callable
@@ -114,8 +111,6 @@ class FlowSolver(CopiedWhole):
         and restores the flow, if the new flow is not finite or is faster than is physically possible in this flow.
 
         Args:
-            dt, steps: length and number of the time steps.
-            action_from, action_to: actions at the beginning and at the end.
             wind: excess of the stream's velocity over the inflow's, as a continuous function of the time since the
                 beginning.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
@@ -132,16 +127,13 @@ class FlowSolver(CopiedWhole):
         fastest = max(float(flow.u.max()), -float(flow.u.min()))
         if not fastest < 20.0:
             flow.flat[:] = self._before.flat
-            raise self._diverged(dt, steps, max(abs(action_from), abs(action_to)))
-
-    def _diverged(self, dt: float, steps: int, action: float) -> PlantError:
-        flow, rows = self._before, self.domain.slot_rows
-        flow.faces_u[self.domain.slot_column, rows] = action * self.slot_profile[rows]
-        convective = stability.convective_number(self.grid, flow, dt)
-        viscous = stability.viscous_number(self.grid, self.viscosity, dt)
-        return PlantError(
-            f"the flow diverged within {steps} steps of dt = {dt:.3g}: {stability.advice(convective, viscous, dt)}"
-        )
+            before, rows = self._before, self.domain.slot_rows
+            before.faces_u[self.domain.slot_column, rows] = (
+                max(abs(action_from), abs(action_to)) * self.slot_profile[rows]
+            )
+            convective = stability.convective_number(self.grid, before, dt)
+            advice = stability.advice(convective, stability.viscous_number(self.grid, self.viscosity, dt), dt)
+            raise PlantError(f"the flow diverged within {steps} steps of dt = {dt:.3g}: {advice}")
 
     def slot_velocity(self, action_from: float, action_to: float, steps: int) -> Array:
         """Return the jets' velocities at the end of each stage of a ramp's steps, (steps, 3, slots' rows)."""

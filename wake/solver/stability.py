@@ -2,9 +2,9 @@
 
 The convective number of a cell is dt (|u| / dx + |v| / dy), the viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
 stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
-the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck confirm this: they are stable
-with a number of 2.0 at the front corners and diverge at 2.3. Next to the jets, where few cells are fast and only for a
-short time, runs with full reversals over 100 control periods are stable at 4.0 and diverge at 4.3.
+the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a number of 2.0
+at the front corners and diverge at 2.3. Next to the jets, where few cells are fast for a short time, runs with full
+reversals over 100 control periods are stable at 4.0 and diverge at 4.3.
 """
 
 from math import ceil
@@ -51,14 +51,8 @@ def check_step(
     grid: Grid, fluid: npt.NDArray[np.bool_], viscosity: float, jet_speed: float, period: float, substeps: int
 ) -> None:
     """Check, before any flow exists, that a time step is not too large for this grid. Raises PlantError with the number
-    that is too large and the sufficient number of substeps.
-
-    Args:
-        fluid: the grid's fluid cells, (nx, ny).
-        viscosity: 1 / Re.
-        jet_speed: largest speed that can be commanded of the jets, in U_inf.
-        period: control period in t_c.
-    """
+    that is too large and the sufficient number of substeps. `jet_speed` is the largest speed that can be commanded of
+    the jets, in U_inf, `period` the control period in t_c."""
     dt = period / substeps
     per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy
     slot = slice(grid.upper - grid.slot_cells, grid.upper)

@@ -1,21 +1,14 @@
 """Time averages of a shedding wake: the rules for all studies.
 
 The average over a part of a cycle depends on where the series begins and ends. So averages run from the first to the
-last instant at which the lift crosses zero upwards, each found by linear interpolation between two samples. They cover
-a whole number of cycles. Between these instants, the series is integrated by the trapezoidal rule. The instants cut the
-first and the last interval between samples; only the inner part of these intervals counts, with linear interpolation
-between their samples. The standard deviation is the root of the mean of (x - mean)^2, computed in this way. The average
-of a signal with 24 samples per cycle, like this wake's lift, has an error of 1e-6 of its amplitude over a dozen cycles.
+last instant at which the lift crosses zero upwards, each found by linear interpolation between two samples, and the
+series is integrated by the trapezoidal rule between these instants. The standard deviation is the root of the mean of
+(x - mean)^2, computed in this way. The average of a signal with 24 samples per cycle, like this wake's lift, has an
+error of 1e-6 of its amplitude over a dozen cycles; over whole samples between the crossings, it would be 1e-3.
 
-Two other rules are worse. If the average runs over whole samples between the crossings, its ends are wrong by up to a
-sample, and its error is 1e-3 of the amplitude. If the linear interpolation between the samples is squared, the standard
-deviation of the lift is 0.6 % too small; that of the drag, which has twice the frequency, is 2 % too small.
-
-A wake under control may shed very little. Its lift then crosses zero many times within a cycle, because of the
-remaining motion and the jets, and the crossings no longer mark cycles. But the wake and the jets still act near the
+The lift of a wake under control may cross zero many times within a cycle. But the wake and the jets still act near the
 shedding frequency. So a controlled wake is averaged over as many whole cycles of the uncontrolled wake as fit, counted
-back from the last sample (`over_last_cycles`). If control fails, the wake sheds as before, and this average also covers
-whole cycles of the lift. A wake with sinusoidal forcing is averaged over the last cycles of the sine.
+back from the last sample (`over_last_cycles`), and a wake with sinusoidal forcing over the last cycles of the sine.
 """
 
 from dataclasses import dataclass
@@ -53,12 +46,8 @@ class CycleAverage(Average):
 
 
 def over_cycles(t: Array, lift: Array) -> CycleAverage:
-    """Return the average over the whole cycles of a series. Raises PlantError if the series holds no whole cycle.
-
-    Args:
-        t: instants of the n samples, rising, (n,); t_c.
-        lift: Cl at these instants, (n,).
-    """
+    """Return the average over the whole cycles of n samples at instants t (n,), rising, in t_c, with the lift Cl (n,).
+    Raises PlantError if the series holds no whole cycle."""
     up = np.flatnonzero((lift[:-1] < 0.0) & (lift[1:] >= 0.0))
     if len(up) < 2:
         raise PlantError(
@@ -75,12 +64,8 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
 
 
 def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
-    """Return the average over the last whole cycles of a known frequency. Raises PlantError for less than a cycle.
-
-    Args:
-        t: instants of the n samples, rising, (n,); t_c.
-        frequency: cycles per t_c of this wake without control.
-    """
+    """Return the average over the last whole cycles of n samples at instants t (n,), rising, in t_c. `frequency` is the
+    number of cycles per t_c of this wake without control. Raises PlantError for less than a cycle."""
     span = float(t[-1] - t[0]) if len(t) else 0.0
     # Samples are at multiples of a step; rounding must not remove a cycle from a span of whole cycles.
     cycles = int(span * frequency + 1e-9)

@@ -1,9 +1,5 @@
-"""The computation of a developed wake: from fluid at rest, like the shipped start, or from a developed wake on another
-grid.
-
-Developing a wake from rest takes 100 t_c, because the shedding has to grow first. An interpolated wake already sheds;
-it is run until the grid from which it was interpolated has no influence any more.
-"""
+"""The computation of a developed wake: from fluid at rest, like the shipped start, which takes 100 t_c because the
+shedding has to grow first; or from a developed wake on another grid."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -36,10 +32,9 @@ def develop(
     wake: TruckWake, duration: float = 200.0, progress: Callable[[float, float], None] = lambda t, total: None
 ) -> State:
     """Start the flow, break its symmetry with two periods of a sinusoidal jet action, and let it settle without
-    control. Returns the state with its clock set to zero and with shut jets.
+    control. Returns the state with its clock set to zero and with shut jets; the plant is in this state, too.
 
     Args:
-        wake: the plant, which is in the returned state afterwards.
         duration: time after the ramp, in t_c. The wake of this truck needs 60 to 100 t_c to become periodic.
         progress: called with (time, duration) after every control period.
     """
@@ -64,9 +59,7 @@ _COMPONENTS: Final[tuple[Component, ...]] = ("u", "v", "p")
 
 def interpolated(state: State, source: Grid, target: Grid) -> Flow:
     """Interpolate the flow of a state on `source` bilinearly to `target`; extrapolate it beyond the outermost points.
-
-    The padding beyond the grid's edges is zero. The velocities have a divergence, which the next time step removes.
-    """
+    The padding is zero. The next time step removes the divergence of the velocities."""
     found, result = Flow.of(state.flat, source.shape), Flow.zeros(target.shape)
     for name in _COMPONENTS:
         at = np.stack(np.meshgrid(*target.axes(name), indexing="ij"), axis=-1)
@@ -82,15 +75,10 @@ def moved(
     duration: float,
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> State:
-    """Interpolate a state from another grid to the plant's grid, and let the flow settle. Raises PlantError if the flow
-    diverges. Returns the state with its clock at zero and with shut jets.
-
-    Args:
-        state: state on the grid `source`, with the plant's body and Reynolds number.
-        wake: the plant, which is in the returned state afterwards.
-        duration: time without jets after the interpolation, t_c.
-        progress: called with (time, duration) after every control period.
-    """
+    """Interpolate a state on another grid, `source`, to the plant's grid, and let the flow settle without jets for
+    `duration` t_c. Body and Reynolds number are the plant's. Raises PlantError if the flow diverges. Returns the state
+    with its clock at zero and with shut jets; the plant is in this state, too. `progress` is called with (time,
+    duration) after every control period."""
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
     # A very short step fills the padding and the ghosts and removes the divergence. The pressure of such a step is an

@@ -33,7 +33,7 @@ class DifferentiableWake(CopiedWhole):
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
         """Continue from a state with an empty tape. `speeds` (n + 1,) are the speeds at the start and at the samples of
-        the n periods, divided by the design speed. A higher largest speed needs more time steps per period."""
+        the n periods, divided by the design speed; a higher largest speed needs more time steps per period."""
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
         times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0
@@ -62,12 +62,9 @@ class DifferentiableWake(CopiedWhole):
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
-        """Return two means without jets: Cp of the base, and |Cp difference| of the sensor pairs. Returns None if no
-        sensor is on the base.
-
-        Args:
-            over: duration of the settling, and of the average after it, in convective times at this speed.
-        """
+        """Return two means without jets: Cp of the base, and |Cp difference| of the sensor pairs; None if no sensor is
+        on the base. `over` is the duration of the settling, and of the average after it, in convective times at this
+        speed."""
         on_base = np.isin(self._columns, self.plant.layout.base)
         if not on_base.any():
             return None

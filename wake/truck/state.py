@@ -19,11 +19,8 @@ _BODY: Final = ("body_length", "leading_edge_radius")
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """The plant on which a state was computed. `control_period` and `substeps` are None if the state is from an old
-    file that lacks them.
-
-    The origin holds the body's shape but not the positions of the sensors, which do not affect the flow.
-    """
+    """The plant on which a state was computed, without the positions of the sensors, which do not affect the flow.
+    `control_period` and `substeps` are None if the state is from an old file that lacks them."""
 
     shape: tuple[int, int]
     reynolds: float
@@ -44,10 +41,8 @@ class Origin:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
     """All data that determine how the flow continues: velocities and pressures, the number of substeps since t = 0, and
-    the action in force.
-
-    A plant rejects a state whose origin differs from the plant, and accepts a state without origin.
-    """
+    the action in force. A plant rejects a state whose origin differs from the plant, and accepts a state without
+    origin."""
 
     flat: Array
     substep: int

@@ -1,8 +1,8 @@
 """The steady symmetric wake: the flow that results if symmetry suppresses shedding.
 
 A symmetric flow remains symmetric except for rounding errors, which the shedding instability amplifies. Taking the even
-part of the flow after every control period removes these errors, and the flow settles. The result solves the discrete
-equations of the shedding wake. So the drag of the steady wake is the part of the drag that shedding does not cause.
+part of the flow after every control period removes these errors, and the flow settles. So the drag of the steady wake
+is the part of the drag that shedding does not cause.
 """
 
 from collections.abc import Callable
@@ -14,8 +14,8 @@ import numpy as np
 from contract.errors import PlantError
 from wake.plant.sample import Sample
 from wake.solver.flow import Flow
+from wake.solver.grid import Grid
 from wake.truck.develop import start_from_rest
-from wake.truck.recirculation import recirculation_length
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
@@ -38,7 +38,7 @@ class SteadyWake:
     Attributes:
         state: the flow, with its clock set to zero; the plant is in this state, too.
         base_Cp: mean Cp over the sensors on the base.
-        recirculation_length: distance from the base to the point where the velocity on the axis turns downstream, in W.
+        recirculation_length: see `recirculation_length`.
         velocity_rate: largest |du/dt| or |dv/dt| over the last control period, in U_inf / t_c.
         drag_rate: |dCd/dt| of wall and slots over the last control period, in 1 / t_c.
         time: duration of the settling from rest, in t_c.
@@ -54,16 +54,9 @@ class SteadyWake:
 
     def figures(self) -> dict[str, float]:
         """Return the numbers for a results file."""
-        sample = self.sample
-        return {
-            "Cd": sample.Cd,
-            "Cd_slot": sample.Cd_slot,
-            "base_Cp": self.base_Cp,
-            "recirculation_length": self.recirculation_length,
-            "velocity_rate": self.velocity_rate,
-            "drag_rate": self.drag_rate,
-            "time": self.time,
-        }
+        own = ("base_Cp", "recirculation_length", "velocity_rate", "drag_rate", "time")
+        forces = {"Cd": self.sample.Cd, "Cd_slot": self.sample.Cd_slot}
+        return forces | {name: getattr(self, name) for name in own}
 
 
 def settle(
@@ -72,14 +65,9 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> SteadyWake:
-    """Run the symmetric flow from rest, with shut jets, until velocity and drag are steady. Raises PlantError if the
-    flow is not steady after `longest`.
-
-    Args:
-        tolerance: limit of the velocity's rate of change in U_inf / t_c, and of the drag's in 1 / t_c.
-        longest: largest duration in t_c.
-        progress: called with the time and the larger rate after every control period.
-    """
+    """Run the symmetric flow from rest, with shut jets, until the velocity's rate of change in U_inf / t_c and the
+    drag's in 1 / t_c are below `tolerance`. Raises PlantError if the flow is not steady after `longest` t_c. `progress`
+    is called with the time and the larger rate after every control period."""
     start_from_rest(wake)
     period = wake.config.control_period
     before, drag = wake.flow.velocities.copy(), _drag(wake.sample())
@@ -118,10 +106,7 @@ def check_steady(wake: TruckWake, state: State) -> None:
     and the remedy."""
     wake.reset(state)
     flow = wake.flow
-    uneven = max(
-        float(np.abs(flow.u - flow.u[:, ::-1]).max()),
-        float(np.abs(flow.v + flow.v[:, ::-1]).max()),
-    )
+    uneven = max(float(np.abs(flow.u - flow.u[:, ::-1]).max()), float(np.abs(flow.v + flow.v[:, ::-1]).max()))
     remedy = "`stillwake develop FILE --steady` computes the steady wake"
     if uneven > _UNEVEN or state.action != 0.0:
         raise PlantError(
@@ -133,6 +118,23 @@ def check_steady(wake: TruckWake, state: State) -> None:
     rate = float(np.abs(flow.velocities - before).max()) / wake.config.control_period
     if rate > _RATE:
         raise PlantError(f"not the steady wake: max |du/dt| = {rate:.2g}, must be at most {_RATE:g}: {remedy}")
+
+
+def recirculation_length(grid: Grid, flow: Flow) -> float:
+    """Return the distance in W, in a steady or mean flow, from the base to the last point on the axis y = 0 where u
+    turns positive; zero if there is no backward flow on the axis. A bubble that reaches the outlet ends there."""
+    # The axis is a row of faces, so u is stored half a cell below and above the axis.
+    above = grid.shape[1] // 2
+    speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)
+    x = grid.xf[grid.rear :] - grid.xf[grid.rear]
+    upstream = np.flatnonzero(speed < 0.0)
+    if len(upstream) == 0:
+        return 0.0
+    last = int(upstream[-1])
+    if last == len(x) - 1:
+        return float(x[-1])
+    share = speed[last] / (speed[last] - speed[last + 1])
+    return float(x[last] + share * (x[last + 1] - x[last]))
 
 
 def _drag(sample: Sample) -> float:

@@ -1,18 +1,14 @@
-"""Sensors and forces as functionals of the flow.
+"""Sensors and forces as functionals of the flow. Forces are in units of rho U_inf^2 W / 2.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
-step gives all of these quantities. The wall pressure is found with a parabola along the normal: the parabola passes
-through two points in the flow, its slope on the wall follows from the momentum balance of fluid at rest, and its value
-on the wall is the wall pressure. At the rounded corners the pressure falls steeply outside the boundary layer, and a
-straight line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall. Forces are
-in units of rho U_inf^2 W / 2.
+step gives all of these quantities. The wall pressure is the value on the wall of a parabola along the normal, through
+two points in the flow and with the slope that follows from the momentum balance of fluid at rest; at the rounded
+corners, a straight line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall.
 
-The load on the two slot faces comes from the momentum balance of the half cell before each face. Near a slot the
-pressure falls by several dynamic pressures within a slot's width, and a straight line through two cells has an error of
-a fifth. The momentum balance is exact: along x, p + u^2 - 2 nu du/dx on the face equals its value half a cell before
-the face, except for the flux through the half cell's sides and the half cell's acceleration. These two terms are small
-and nearly cancel over a cycle. On the default grid the result is within 2 % of the force on slots resolved twice as
-finely.
+The load on the two slot faces comes from the momentum balance of the half cell before each face: along x, p + u^2 - 2
+nu du/dx on the face equals its value half a cell before the face, except for the flux through the half cell's sides and
+the half cell's acceleration, which are small and nearly cancel over a cycle. On the default grid the result is within 2
+% of the force on slots resolved twice as finely; a straight line through two cells has an error of a fifth.
 """
 
 from collections import defaultdict
@@ -43,12 +39,8 @@ class SlotLoad:
 
 
 class SlotFaces:
-    """The faces of the jets' slots on one grid.
-
-    Args:
-        viscosity: 1 / Re.
-        profile: velocity on the faces at `grid.rear` per unit action, (ny,).
-    """
+    """The faces of the jets' slots on one grid. `viscosity` is 1 / Re, `profile` (ny,) the velocity on the faces at
+    `grid.rear` per unit action."""
 
     def __init__(self, grid: Grid, viscosity: float, profile: Array) -> None:
         self._rear = grid.rear
@@ -101,13 +93,8 @@ force."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """Functionals of a flow at one instant.
-
-    Attributes:
-        Cd, Cl: sum of the pressure and the viscous force on the wall without the slot faces.
-        slots: force of the flow on the slot faces, and the pressure on these faces.
-        Uy_probe: transverse velocity at the wake probe.
-    """
+    """Functionals of a flow at one instant: Cp at the sensors, the sum of the pressure and the viscous force on the
+    wall without the slot faces, the load on these faces, and the transverse velocity at the wake probe."""
 
     Cp: Array
     Cd: float
@@ -117,13 +104,8 @@ class Measured:
 
 
 class Surface:
-    """The functionals of the flow on one grid.
-
-    Args:
-        viscosity: 1 / Re.
-        slot_profile: velocity on the faces of the base per unit action, (ny,).
-        layout: the sensors, on the sides and the base; no sensor is on the front.
-    """
+    """The functionals of the flow on one grid, with the arguments of `SlotFaces`. The sensors of `layout` are on the
+    sides and the base; no sensor is on the front."""
 
     def __init__(
         self,
@@ -154,11 +136,7 @@ class Surface:
         values = self._matrix @ flow.flat
         cp, rest = values[: self._sensors], values[self._sensors :]
         return Measured(
-            Cp=cp,
-            Cd=float(rest[0]),
-            Cl=float(rest[1]),
-            slots=self._slots.measure(flow),
-            Uy_probe=float(rest[2]),
+            Cp=cp, Cd=float(rest[0]), Cl=float(rest[1]), slots=self._slots.measure(flow), Uy_probe=float(rest[2])
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
@@ -170,9 +148,12 @@ class Surface:
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
         """Return the weights with which the flow's values sum to a component's value at a point in the flow."""
+        return self._terms(component, bilinear(*self._grid.axes(component), px, py))
+
+    def _terms(self, component: Component, entries: list[tuple[tuple[int, int], float]]) -> Terms:
         terms: Terms = defaultdict(float)
-        for (i, j), w in bilinear(*self._grid.axes(component), px, py):
-            terms[self._layout.index(component, i, j)] += w
+        for face, w in entries:
+            terms[self._layout.index(component, *face)] += w
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
@@ -186,10 +167,7 @@ class Surface:
         while len(found) < 2:
             entries = bilinear(xs, ys, x + distance * nx, y + distance * ny)
             if all(usable[face] for face, _ in entries):
-                terms: Terms = defaultdict(float)
-                for face, w in entries:
-                    terms[self._layout.index(component, *face)] += w
-                found.append((distance, terms))
+                found.append((distance, self._terms(component, entries)))
                 distance += spacing
             else:
                 distance += 0.0625 * spacing

@@ -1,8 +1,5 @@
-"""Sensitivities of a sequence of control periods: the plant is recorded as it advances, then differentiated backwards.
-
-Each call handles one period, forwards or backwards, so that a controller in the loop can be differentiated with the
-plant: the controller reads a sample before it commands the next action.
-"""
+"""Sensitivities of a sequence of control periods: the plant is recorded as it advances, then differentiated backwards,
+one period at a time, so that a controller in the loop can be differentiated with the plant."""
 
 from dataclasses import dataclass
 

@@ -16,6 +16,7 @@ from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from contract.runtime.copies import CopiedWhole
 from wake.plant.drive import Wind
+from wake.plant.protocol import SteppedPlant
 from wake.plant.sample import Sample
 from wake.solver import boundary, stability
 from wake.solver.flow import Flow
@@ -26,7 +27,7 @@ from wake.truck.state import Origin, State, check_body, check_grid, check_reynol
 from wake.truck.surface import Surface
 
 
-class TruckWake(CopiedWhole):
+class TruckWake(CopiedWhole, SteppedPlant):
     """The flow around the truck, or around another body. Raises ConfigError if the grid is too coarse for the slots;
     PlantError if the time step is too large for any flow on this grid.
 
@@ -65,28 +66,13 @@ class TruckWake(CopiedWhole):
 
     @property
     def description(self) -> str:
-        """Description of solver, grid and time step."""
         nx, ny = self.grid.shape
         return f"stillwake, {nx} x {ny} cells, dt 1/{1.0 / self.dt:g}"
-
-    @property
-    def dt(self) -> float:
-        """Time step in t_c."""
-        return self.config.control_period / self.config.substeps
-
-    @property
-    def t(self) -> float:
-        """Time in t_c."""
-        return self._substep * self.dt
 
     @property
     def action(self) -> float:
         """Jet flow rate in force, in U_inf W."""
         return self._action
-
-    @property
-    def substeps_into_period(self) -> int:
-        return self._substep % self.config.substeps
 
     def reset(self, state: State) -> Sample:
         """Continue from a state, bit for bit. Raises PlantError if the state's body, grid, Reynolds number or clock
@@ -114,11 +100,8 @@ class TruckWake(CopiedWhole):
 
     def scale(self, ratio: float) -> None:
         """Scale the flow to a stream of `ratio` times the present speed: velocities are multiplied by the ratio,
-        pressures by its square.
-
-        The viscosity does not change, so the scaled flow is not yet the developed wake of its new Reynolds number, and
-        has to settle.
-        """
+        pressures by its square. The viscosity does not change, so the scaled flow has to settle to the developed wake
+        of its new Reynolds number."""
         self.flow.velocities[:] *= ratio
         self.flow.p[:] *= ratio * ratio
 
@@ -138,21 +121,13 @@ class TruckWake(CopiedWhole):
             ),
         )
 
-    def advance(self, action: float) -> Sample:
-        """Ramp to `action` over the rest of the control period and return the next sample. Raises PlantError for an
-        action that is not finite or exceeds the bound, or if the flow diverges."""
-        self.advance_to(self.config.substeps, action)
-        return self.sample()
-
     def advance_to(self, substep: int, action: float | None = None, *, starts: Array | None = None) -> None:
-        """Advance within the present period to `substep` (1 .. substeps).
-
-        With an action, the jet ramps so that it reaches the action at the period's end; without an action, the jet's
-        flow rate does not change. `starts` is as for `FlowSolver.run`.
-        """
+        """Advance within the present period to `substep` (1 .. substeps). With an action, the jet ramps so that it
+        reaches the action at the period's end; without an action, the jet's flow rate does not change. `starts` is as
+        for `FlowSolver.run`. Raises PlantError for a substep that is not later in this period or an action that is not
+        finite or exceeds the bound, or if the flow diverges."""
+        self._check_substep(substep)
         into, last = self.substeps_into_period, self.config.substeps
-        if not into < substep <= last:
-            raise PlantError(f"cannot advance to substep {substep} of {last} from substep {into}")
         target = self._action if action is None else self._checked(action)
         steps = substep - into
         reached = self._action + (target - self._action) * steps / (last - into)
@@ -169,7 +144,6 @@ class TruckWake(CopiedWhole):
         self._action = target if substep == last else reached
 
     def sample(self) -> Sample:
-        """Return the present measurements."""
         measured, a = self.surface.measure(self.flow), self._action
         slots = measured.slots
         # The integrals of u^3 over a blowing and a sucking slot cancel, so the power of the jets is the work of the
@@ -228,9 +202,3 @@ class TruckWake(CopiedWhole):
                 f"flow state is at step {substep} of a clock with {origin.substeps} substeps in "
                 f"{origin.control_period} t_c, this plant has {config.substeps} in {config.control_period}"
             )
-
-    def _checked(self, action: float) -> float:
-        limit = self.config.action_limit
-        if not np.isfinite(action) or abs(action) > limit * (1.0 + 1e-12):
-            raise PlantError(f"action {action}: must be finite and within +-{limit}")
-        return float(action)

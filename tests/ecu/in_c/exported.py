@@ -27,9 +27,9 @@ from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.program.windows import random_window
-from export.release.c_folder import write_c_release
 from export.release.gated import gate
 from export.release.lowering import lower
+from export.release.pipeline import write_c_release
 from tests.conftest import write_random
 
 CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))

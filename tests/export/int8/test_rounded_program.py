@@ -31,11 +31,9 @@ from export.to_onnx.control_step import build_controller
 PROGRAM = random_program(0, model=ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8))
 
 
-@pytest.fixture(scope="module", params=["nearest", "calibrated"])
-def rounded(request):
-    return (
-        rounded_to_nearest(PROGRAM) if request.param == "nearest" else rounded_on(PROGRAM, random_windows(PROGRAM, 9))
-    )
+@pytest.fixture(scope="module")
+def rounded():
+    return rounded_on(PROGRAM, random_windows(PROGRAM, 9))
 
 
 def test_every_matrix_is_rounded_and_stands_for_the_programs(rounded):

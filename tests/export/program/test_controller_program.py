@@ -11,12 +11,13 @@ from contract.controller.goal import SPEED_SCALE, Goal, schedule
 from contract.errors import ExportError
 from contract.release.manifest import Scaling
 from export.program.controller_program import ControllerProgram, program_sha256
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, PriorWeights
 
 H, INPUTS, LATENT, WIDTH = 3, 3, 2, 4
 
 
 def parts():
-    """A complete set of arguments for `from_state`, small and all ones."""
+    """A complete set of tensors and settings, small and all ones."""
     encoder = {
         "lstm.weight_ih_l0": (4 * H, INPUTS), "lstm.weight_hh_l0": (4 * H, H),
         "lstm.bias_ih_l0": (4 * H,), "lstm.bias_hh_l0": (4 * H,),
@@ -54,8 +55,18 @@ def parts():
     }
 
 
+def built(*, encoder: Any, dynamics: Any, decoder: Any, prior: Any, **settings: Any) -> ControllerProgram:
+    return ControllerProgram(
+        encoder=EncoderWeights.from_state(encoder),
+        dynamics=DynamicsWeights.from_state(dynamics),
+        decoder=DecoderWeights.from_state(decoder),
+        prior=PriorWeights.from_state(prior),
+        **settings,
+    )
+
+
 def test_every_tensor_is_needed_and_checked():
-    program = ControllerProgram.from_state(**parts())
+    program = built(**parts())
     assert program.latent == LATENT
     assert program.dynamics.hidden.weight.shape == (7, 6)
     assert len(program.decoder.blocks) == 1
@@ -69,29 +80,29 @@ def test_every_tensor_is_needed_and_checked():
             missing = parts()
             del missing[network][name]
             with pytest.raises(ExportError, match=rf"{network}\.{name}: tensor is missing"):
-                ControllerProgram.from_state(**missing)
+                built(**missing)
             longer = parts()
             longer[network][name] = np.ones((tensor.shape[0] + 1, *tensor.shape[1:]))
             with pytest.raises(ExportError, match="must be"):
-                ControllerProgram.from_state(**longer)
+                built(**longer)
             poisoned = parts()
             poisoned[network][name].flat[-1] = np.nan
             with pytest.raises(ExportError, match=rf"{network}\.{name}: nan at .*must be finite"):
-                ControllerProgram.from_state(**poisoned)
+                built(**poisoned)
 
 
 def test_a_prior_with_one_variable_for_the_speed_acts_as_it_was_trained():
     old, rng = parts(), np.random.default_rng(1)
     first, gate = old["prior"]["first"], old["prior"]["gate"] = rng.normal(size=(5, 3, 2, 2)), rng.normal(size=(3, 5))
-    prior = ControllerProgram.from_state(**old).prior
+    prior = built(**old).prior
     assert prior is not None and prior.knows_speed
     for speed in (0.6, 1.0, 1.3):
         now, before = schedule(speed, Goal(0.2, 0.3, 0.4)), (1.0, (speed - 1.0) / SPEED_SCALE, 0.2, 0.3, 0.4)
         np.testing.assert_allclose(np.tensordot(now, prior.first, 1), np.tensordot(before, first, 1), atol=1e-12)
         np.testing.assert_allclose(prior.gate @ now, gate @ before, atol=1e-12)
     # Its identity is that of its own weights too, so bundles of such a model stay valid.
-    as_trained = replace(ControllerProgram.from_state(**old), prior=replace(prior, first=first, gate=gate))
-    assert program_sha256(ControllerProgram.from_state(**old)) == program_sha256(as_trained)
+    as_trained = replace(built(**old), prior=replace(prior, first=first, gate=gate))
+    assert program_sha256(built(**old)) == program_sha256(as_trained)
 
 
 def test_what_does_not_fit_is_refused_by_its_name():
@@ -127,4 +138,4 @@ def test_what_does_not_fit_is_refused_by_its_name():
     ]
     for change, message in cases:
         with pytest.raises(ExportError, match=message):
-            ControllerProgram.from_state(**{**parts(), **change})
+            built(**{**parts(), **change})

@@ -3,7 +3,6 @@
 import re
 import shutil
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +14,8 @@ from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
 from export.program.windows import random_window
 from export.reference.mpc import control_step
-from export.release.c_folder import recorded_rows
 from export.release.lowering import int8_library
+from export.release.pipeline import recorded_rows
 from export.to_c.library import c_library
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)
@@ -30,21 +29,9 @@ def contents(request) -> dict[str, bytes]:
     return c_library(PROGRAM) if request.param == "float32" else int8_library(PROGRAM, WINDOWS)
 
 
-@pytest.fixture
-def folder(tmp_path, contents) -> Path:
-    write_folder(tmp_path / "c", contents)
-    return tmp_path / "c"
-
-
-def test_fast_math_is_refused(folder):
-    command = [*host_compiler(), "-std=c99", "-ffast-math", "-c", "sw_control_step.c"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode != 0
-    assert "compile without -ffast-math" in done.stderr
-
-
 @pytest.mark.slow
-def test_cppcheck_finds_nothing(folder):
+def test_cppcheck_finds_nothing(tmp_path, contents):
+    write_folder(tmp_path / "c", contents)
     if shutil.which("cppcheck") is None:
         pytest.skip("cppcheck is not installed")
     options = ("--enable=warning,style,performance,portability", "--std=c99", "--quiet", "--error-exitcode=1")
@@ -52,7 +39,7 @@ def test_cppcheck_finds_nothing(folder):
     known = ("shiftTooManyBitsSigned", "constVariablePointer", "constParameterPointer")
     suppressed = [f"--suppress={name}" for name in known]
     done = subprocess.run(
-        ["cppcheck", *options, *suppressed, "."], cwd=folder, capture_output=True, text=True, check=False
+        ["cppcheck", *options, *suppressed, "."], cwd=tmp_path / "c", capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
 

@@ -11,9 +11,8 @@ import torch
 
 from contract import sensors
 from train.distillation.distil import distil, encode_all
-from train.distillation.distil_predictor import distil_predictor
 from train.distillation.evaluate import latent_error, rollout_starts
-from train.distillation.lessons import teach
+from train.distillation.lessons import distil_predictor, teach
 from train.fitting.fit import seeded
 from train.networks.model import Predictor, WakeModel
 from train.samples.rows import fit_scaling, prepare
@@ -40,7 +39,7 @@ def test_the_student_follows_a_frozen_teacher(small_recording, small_config):
     scaling = fit_scaling(episodes)
     rows = prepare(episodes, scaling, mirrored=True)
     test = prepare(small_recording.with_role("test"), scaling, mirrored=False)
-    config = replace(small_config, train=replace(small_config.train, distil_epochs=60.0))
+    config = replace(small_config, train=replace(small_config.train, stream_epochs=40.0, distil_epochs=20.0))
     with seeded(5, torch.device("cpu")):
         teacher = WakeModel(90, config.model).encoder
     before = [parameter.clone() for parameter in teacher.parameters()]

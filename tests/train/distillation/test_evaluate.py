@@ -58,7 +58,7 @@ def test_errors_are_those_of_the_formula():
         # The offset is carried along; against the encoder's own later latents it cancels.
         assert item.lift == pytest.approx(bias / seen.std(), rel=1e-4)
         assert item.latent == pytest.approx(0.0, abs=1e-5)
-    assert [item["horizon"] for item in metrics.as_tree()["rollout"]] == [2, 5]
+    assert [item.horizon for item in metrics.rollout] == [2, 5]
 
 
 def test_short_and_constant_test_episodes_are_refused():

@@ -28,13 +28,12 @@ def encoder(small_config) -> Encoder:
     return WakeModel(90, small_config.model).encoder
 
 
-@pytest.mark.slow  # two rankings by SHAP
-def test_every_method_chooses_as_many_as_asked_and_the_same_again(encoder, rows, small_config):
+@pytest.mark.slow  # a ranking by SHAP
+def test_every_method_chooses_as_many_as_asked(encoder, rows, small_config):
     settings = replace(small_config.train, shap_background=4, shap_explained=5, shap_samples=2)
     for method in METHODS:
         names = select(method, encoder, rows, 3, settings=settings)
         assert len(sensors.TRUCK.indices(names)) == 3, method  # refuses unknown and repeated names
-        assert names == select(method, encoder, rows, 3, settings=settings), method
         for count in (0, 91):
             with pytest.raises(ConfigError, match=rf"train\.sensors = {count}: must be from 1 to 90"):
                 select(method, encoder, rows, count, settings=settings)
@@ -97,14 +96,6 @@ def test_pivots_are_the_peaks_of_disjoint_modes():
     pressure[:, 70] = 0.5 * np.cos(t)
     first, second = select_qr(rows_of(pressure), 2)
     assert {first, second} in ({10, 70}, {11, 70})
-    # More modes than sensors: 5 is largest in the strong mode, 8 has the longest row, 0.36 / 2.17 + 0.81 / 1.17.
-    strong, weak = np.zeros(sensors.COUNT), np.zeros(sensors.COUNT)
-    strong[[5, 6, 8]], weak[[6, 8]] = (1.0, 0.9, 0.6), (0.6, -0.9)
-    rows = rows_of(np.outer(2.0 * np.sin(t), strong) + np.outer(np.cos(t), weak))
-    assert select_qr(rows, 1) == (5,)
-    assert select_qr(rows, 1, modes=2) == (8,)
-    # A basis smaller than the budget grows to it.
-    assert select_qr(rows, 2, modes=1) == select_qr(rows, 2)
 
 
 def test_the_choice_is_symmetric_and_grows_from_the_rear_corners():

@@ -17,8 +17,7 @@ from ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import Killed, equal
 from wake.recording import recorder
 from wake.recording.episode_job import Policy
-from wake.recording.episode_plan import EpisodePlan
-from wake.recording.forcing import exploration
+from wake.recording.episode_plan import EpisodePlan, exploration
 from wake.recording.recorder import record_round
 from wake.recording.round_plan import CalmRound, ControlledRound
 

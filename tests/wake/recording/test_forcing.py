@@ -6,11 +6,13 @@ from scipy.signal import chirp as scipy_chirp
 from scipy.signal import hilbert
 
 from contract.config.plant import FlowConfig, ForcingConfig
-from wake.recording.forcing import SIGNALS
+from tests.examples import examples
+from wake.recording.episode_plan import SIGNALS
 
 FLOW, FORCING = FlowConfig(), ForcingConfig()
 
 
+@examples(30)
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(sorted(SIGNALS)), steps=st.integers(1, 400))
 def test_every_signal_keeps_the_bound_and_is_repeatable(seed, name, steps):
     first, second = (SIGNALS[name](steps, FORCING, FLOW, np.random.default_rng(seed)) for _ in range(2))

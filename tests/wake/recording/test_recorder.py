@@ -12,10 +12,11 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.recording.dataset import Dataset, read
 from tests.wake.recording.killing import Killed, equal, kill_before_operation
-from wake.recording import recorder
+from wake.recording import episode_job, recorder
 from wake.recording.episode_plan import EpisodePlan
 from wake.recording.recorder import record
 from wake.solver.grid import truck_grid
+from wake.truck.truck_wake import TruckWake
 
 pytestmark = pytest.mark.usefixtures("cheap_plant")
 
@@ -27,11 +28,14 @@ def recorded(output: Path, plans: list[EpisodePlan] = PLANS, **arguments: Any) -
     return read(output)
 
 
-def test_samples_follow_the_timing_convention(tmp_path, monkeypatch, wake):
-    monkeypatch.undo()
+def test_samples_follow_the_timing_convention(tmp_path, monkeypatch, coarse):
+    wake = TruckWake(coarse.flow)
     monkeypatch.setattr(recorder, "TruckWake", lambda config, *, body: wake)
-    first = wake.sample()
-    episode = recorded(tmp_path / "a.h5", [EpisodePlan(forcing="training", steps=5, seed=5)]).episodes[0]
+    monkeypatch.setattr(episode_job, "developed_state", lambda: coarse.start)
+    first = wake.reset(coarse.start)
+    plan = EpisodePlan(forcing="training", steps=5, seed=5)
+    record(tmp_path / "a.h5", [plan], Config(flow=coarse.flow), block_steps=3)
+    episode = read(tmp_path / "a.h5").episodes[0]
     series = episode.series
     assert series["t"] == pytest.approx(0.2 * np.arange(5))
     assert series["Cd"][0] == pytest.approx(first.Cd, abs=2**-15)  # stored in 16 bits

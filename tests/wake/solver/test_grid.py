@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract import geometry
+from tests.examples import examples
 from wake.solver import boundary
 from wake.solver.grid import bilinear, box_grid, from_faces, truck_grid
 
@@ -33,6 +34,7 @@ def test_grid_is_symmetric_and_smooth_and_the_one_all_shipped_data_was_recorded_
     assert value == pytest.approx(2.0 + 2.4 - 0.1 + 0.04, abs=1e-13)
 
 
+@examples(30)
 @given(length=st.floats(0.5, 15.0), refinement=st.sampled_from([0.7, 1.0, 1.4]))
 def test_every_box_has_faces_on_its_walls_and_is_resolved_as_the_truck(length, refinement):
     grid, truck = box_grid(length, refinement), truck_grid(refinement)

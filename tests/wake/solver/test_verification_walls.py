@@ -87,10 +87,10 @@ def _orders(spun: list[list[Spun]], name: str) -> Array:
 
 def test_the_flow_inside_a_curved_wall_is_of_second_order():
     """On three grids, each in two places, since errors depend on how the wall cuts the cells."""
-    spun = [[_spin(cells, shift) for shift in (0.0, 0.3)] for cells in (24, 48, 96)]
+    spun = [[_spin(cells, shift) for shift in (0.0, 0.3)] for cells in (20, 40, 80)]
     # Measured 1.8 to 2.1; single ratios scatter with the cuts.
     assert _orders(spun, "inside").mean() > 1.7
-    assert spun[-1][0].inside < 6e-4
+    assert spun[-1][0].inside < 9e-4
     # At the wall the staircase of the mass balance leaves first order.
     # In cells the wall cuts, what the staircase lets through is of the order of the distance squared over the cell.
     assert _orders(spun, "largest").mean() > 0.7

@@ -8,8 +8,6 @@ import pytest
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
-from wake.solver.flow import Flow
-from wake.truck.body import signed_distance
 from wake.truck.state import developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
@@ -35,24 +33,6 @@ def test_the_trucks_first_steps_are_those_from_before_other_bodies(wake):
     assert sample.Cd == pytest.approx(0.9973759647024201, rel=1e-12)
     assert sample.Cl == pytest.approx(2.106641897948373, rel=1e-12)
     assert sample.Uy_probe == pytest.approx(-0.5623716000360626, rel=1e-12)
-
-
-def test_pressure_gradients_give_archimedes_force():
-    """Gauss's theorem on the outline, as for the truck: -integral p n dS = -grad p * area."""
-    body = BodyConfig(length=2.0, leading_edge_radius=0.5, sensors_per_side=3, sensors_on_base=1)
-    area = 2.0 - 2 * (1 - np.pi / 4) * 0.25
-    wake = TruckWake(FlowConfig(reynolds=100.0, substeps=50), body=body)
-    grid, flow, balance = wake.grid, Flow.zeros(wake.grid.shape), 50.0
-    for slope_x, slope_y in ((1.0, 0.0), (0.0, 1.0)):
-        flow.cells_p[:] = slope_x * grid.xc[:, None] + slope_y * grid.yc
-        flow.faces_u[:] = balance * slope_x * signed_distance(grid.xf[:, None], grid.yc, body) ** 2
-        flow.faces_v[:] = balance * slope_y * signed_distance(grid.xc[:, None], grid.yf, body) ** 2
-        measured = wake.surface.measure(flow)
-        assert measured.Cd + measured.slots.Cd_pressure == pytest.approx(-2 * area * slope_x, rel=2e-3, abs=1e-9)
-        assert measured.Cl == pytest.approx(-2 * area * slope_y, rel=1e-3, abs=1e-9)
-        # A pressure without curvature is met exactly on a straight wall.
-        x, y = wake.layout.positions.T
-        assert measured.Cp == pytest.approx(2 * (slope_x * x + slope_y * y), abs=2e-3)
 
 
 def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square):
