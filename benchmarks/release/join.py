@@ -14,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from contract.config.tree import Config
 from contract.controller.goal import Goal
 from contract.errors import ModelError
@@ -25,13 +27,15 @@ from train import model_store
 from train.fitting.threads import torch_threads, without_denormals
 from train.model_store import TrainedModel
 from train.refinement.feedback import Feedback, scales_of
-from train.refinement.imitation import Demonstration, demonstrate, imitate
+from train.refinement.imitation import Demonstration, demonstration, imitate, watch
 from train.refinement.pipeline import middles_and_deviations
 
 PERIODS: Final = 1000
 """Periods of an expert's run: 200 convective times of the design speed. At 60 % of the design speed, the wake's drag
 needs half of this time until it no longer changes."""
 STARTS: Final = 2
+RAMP: Final = 40
+"""Periods over which the speed changes from the design speed."""
 
 
 def feedback_of(model: TrainedModel, base: TrainedModel) -> Feedback:
@@ -59,10 +63,12 @@ def demonstrations_of(
     feedback = feedback_of(model_store.load(expert), base)
     with torch_threads(1), without_denormals():
         flow, starts = differentiable_wake(config, base.sensors, None, lambda *_: None)
-        found = [demonstrate(flow, feedback, start, speed, goal, periods=PERIODS) for start in starts]
-    late = [float(one.Cd[PERIODS // 5 :].mean()) for one in found]
+        speeds = np.concatenate([np.linspace(1.0, speed, RAMP), np.full(PERIODS, speed)])
+        right = np.ones(len(speeds) - 1)
+        runs = [watch(flow, feedback, start, speeds, goal, told=right) for start in starts]
+    late = [float(one.Cd[PERIODS // 5 :].mean()) for one in runs]
     make_console().print(f"{expert} at {speed}: Cd {', '.join(f'{Cd:.3f}' for Cd in late)}", soft_wrap=True)
-    return found
+    return [demonstration(one, feedback, goal, told=right) for one in runs]
 
 
 def join(base: TrainedModel, experts: Sequence[tuple[float, Path]], *, workers: int = 2) -> TrainedModel:
@@ -80,15 +86,16 @@ def join(base: TrainedModel, experts: Sequence[tuple[float, Path]], *, workers: 
     with process_pool(workers, None) as pool:
         speeds, paths = zip(*experts, strict=True)
         demonstrations = list(pool.map(partial(demonstrations_of, base=base, config=config, goal=goal), speeds, paths))
-    for faster in (False, True):
-        given = [
-            one for speed, found in zip(speeds, demonstrations, strict=True) for one in found if (speed > 1) == faster
-        ]
-        if given:
-            error, action = imitate(student, given, goal, faster=faster)
-            side = "above" if faster else "below"
-            make_console().print(f"{side} the design speed: rms error {error:.3f} of the limit, action {action:.3f}")
+    fit(student, [one for found in demonstrations for one in found], goal)
     return replace(base, prior={**(base.prior or {}), **student.as_prior()})
+
+
+def fit(student: Feedback, given: Sequence[Demonstration], goal: Goal) -> None:
+    """Fit the student's prior to demonstrations on each side of the design speed, and print the errors."""
+    for faster, side in ((False, "below"), (True, "above")):
+        if any(((one.speeds > 1.0) == faster).any() for one in given):
+            error, action = imitate(student, given, goal, faster=faster)
+            make_console().print(f"{side} the design speed: rms error {error:.3f} of the limit, action {action:.3f}")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,17 @@
-"""Imitation: a prior takes over what other priors do at other speeds, and stays as it is at the design speed.
+"""Imitation: a prior takes over what other priors do at other speeds, and what it does itself when it is told the right
+speed; it stays as it is at the design speed.
 
 A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
 speeds run in closed loop there, and the scheduled weights below or above the design speed are fitted to their actions.
 These weights are multiplied by the distance from the design speed, so they have no effect there.
+
+A vehicle knows its speed over the ground, but the wind adds to it. The pressures that a prior reads contain the true
+speed: a prior that is told a wrong speed can be fitted to the actions of a prior that is told the right one.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 from typing import Final
 
 import numpy as np
@@ -17,72 +22,150 @@ from contract.arrays import Array
 from contract.controller.goal import SPEED_PLACES, Goal, schedule
 from contract.differentiable import DifferentiableFlow, FlowState
 from train.refinement.feedback import Feedback
-from train.refinement.windows import Stream, StretchReadings, closed_loop
+from train.refinement.windows import Stream, StretchReadings, closed_loop, read
 
 PERIODS_AT_ONCE: Final = 100
 """Periods that the tape stores at once."""
-RAMP: Final = 40
-"""Periods over which the speed changes from the design speed."""
+SLOWEST: Final = 0.5
+"""Lowest speed that a prior is told, in units of the design speed."""
 OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
 """Price of the mean squared change of the weights, relative to the mean squared error of the action divided by its
 limit. It determines the weights that the demonstrations do not."""
+RIGHT: Final = 10.0
+"""Weight of a period in which the right speed is told, relative to another."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Watched:
+    """A closed loop of n control periods.
+
+    Attributes:
+        rows: (n, 2 p + 1) differences and sums of the sensor pairs, in Cp of the true speed, and the action that starts
+            in the period, in units of the design speed.
+        speeds: (n,) true speeds in units of the design speed.
+        Cd: (n,) drag coefficients after the periods.
+    """
+
+    rows: Tensor
+    speeds: Array
+    Cd: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """What a prior read and did in n control periods: (n, M, 2 p + 1) rows and (n,) actions in units of the present
-    speed, (n,) speeds in units of the design speed, and (n,) drag coefficients after the periods."""
+    """What a prior reads in n control periods, and what it is to do.
+
+    Attributes:
+        rows: (n, M, 2 p + 1) rows, in units of the told speed.
+        speeds: (n,) told speeds in units of the design speed.
+        actions: (n,) actions in units of the told speed.
+        weight: weight of a period in the fit.
+    """
 
     rows: Tensor
     speeds: Array
     actions: Tensor
-    Cd: Array
+    weight: float = 1.0
 
 
-def demonstrate(
-    flow: DifferentiableFlow, feedback: Feedback, start: FlowState, speed: float, goal: Goal, *, periods: int
-) -> Demonstration:
-    """Run a feedback in closed loop from a developed wake: a ramp to a constant speed, then `periods` at this speed.
-    Raises PlantError if the flow diverged."""
-    stream = Stream.begun(start, feedback, min(1.0, speed))
+def watch(
+    flow: DifferentiableFlow, feedback: Feedback, start: FlowState, speeds: Array, goal: Goal, *, told: Array
+) -> Watched:
+    """Run a feedback in closed loop from a wake without jets at the design speed.
+
+    Args:
+        speeds: (n + 1,) true speeds at the samples of n periods, in units of the design speed; the first is 1.
+        told: (n,) ratio of the speed that the feedback is told to the true one.
+
+    Raises:
+        PlantError: the flow diverged.
+    """
+    stream = Stream.begun(start, feedback, SLOWEST)
     stream.goal = goal
-    course = np.concatenate([np.linspace(1.0, speed, RAMP + 1), np.full(periods, speed)])
-    rows, speeds, actions, Cd = list[Tensor](), list[float](), list[float](), list[float]()
+    rows, Cd = list[Array](), list[float]()
     with torch.no_grad():
-        for first in range(0, len(course) - 1, PERIODS_AT_ONCE):
-            part = course[first : first + PERIODS_AT_ONCE + 1]
+        for first in range(0, len(told), PERIODS_AT_ONCE):
+            part = told[first : first + PERIODS_AT_ONCE]
+            readings = StretchReadings(
+                noise=np.zeros((len(part), 2 * feedback.pairs)), told=part, lost=np.zeros(len(part), dtype=bool)
+            )
             run = closed_loop(
                 flow,
                 feedback,
                 stream,
-                StretchReadings.plain(len(part) - 1, feedback.pairs),
-                speeds=part,
+                readings,
+                speeds=speeds[first : first + len(part) + 1],
                 action_limit=goal.share_of_limit() * feedback.limit,
             )
-            for window, told, action in run.read:
-                rows.append(window)
-                speeds.append(told)
-                actions.append(float(action))
+            rows += [row.numpy() for row in run.leaves]
             Cd += [one.Cd for one in run.seen[1:]]
+    true = np.array(rows)
+    true[:, :-1] *= told[:, None] ** 2
+    return Watched(rows=torch.from_numpy(true), speeds=speeds[:-1], Cd=np.array(Cd))
+
+
+def demonstration(
+    run: Watched, expert: Feedback, goal: Goal, *, told: Array, expert_told: float = 1.0
+) -> Demonstration:
+    """Return what an expert does in the states of a run, as a demonstration for a prior that is told another speed. The
+    first periods, which have no complete past, are left out.
+
+    Args:
+        told: (n,) ratio of the speed that the prior is told to the true one.
+        expert_told: ratio of the speed that the expert is told to the true one.
+    """
+    limit = goal.share_of_limit() * expert.limit
+    kept = ceil(expert.memory / SLOWEST) + 1
+    prior_reads, expert_reads = (
+        _as_told(run, ratio, kept, expert.memory) for ratio in (told, expert_told * np.ones(1))
+    )
+    actions = list[float]()
+    for k, ((_, said), (rows, speed)) in enumerate(zip(prior_reads, expert_reads, strict=True)):
+        before = float(run.rows[kept - 1 + k, -1])
+        with torch.no_grad():
+            action = float(expert(rows, speed, goal))
+        command = before + min(1.0, speed * speed) * (action * speed - before)
+        command = min(max(command, -limit), limit)
+        actions.append((before + (command - before) / min(1.0, said * said)) / said)
     return Demonstration(
-        rows=torch.stack(rows),
-        speeds=np.array(speeds),
+        rows=torch.stack([rows for rows, _ in prior_reads]),
+        speeds=np.array([said for _, said in prior_reads]),
         actions=torch.tensor(actions, dtype=torch.float64),
-        Cd=np.array(Cd),
+        weight=RIGHT if (told == 1.0).all() else 1.0,
     )
 
 
+def _as_told(run: Watched, told: Array, kept: int, memory: int) -> list[tuple[Tensor, float]]:
+    """Return the (M, 2 p + 1) rows that a prior reads at the told speed, and this speed, for each period from number
+    `kept` on."""
+    scale = torch.from_numpy(1.0 / told**2)[:, None]
+    rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()
+    spans = [slice(last - kept, last) for last in range(kept, len(rows) + 1)]
+    return [(read(rows[span], speeds[span], memory), speeds[span.stop - 1]) for span in spans]
+
+
 def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, faster: bool) -> tuple[float, float]:
-    """Fit the feedback's scheduled weights of one side of the design speed, in place, to demonstrations with this goal
-    at speeds of this side: above the design speed if `faster`. Returns the root mean square of the error, and of the
-    action, divided by the action's limit."""
+    """Fit the feedback's scheduled weights of one side of the design speed to demonstrations.
+
+    Args:
+        feedback: changed in place.
+        given: demonstrations, of which the periods with told speeds of this side are used.
+        goal: goal of the demonstrations.
+        faster: whether the side is above the design speed.
+
+    Returns:
+        Root mean square of the error, and of the action, divided by the action's limit.
+    """
     place = SPEED_PLACES[faster]
     speeds = np.concatenate([one.speeds for one in given])
-    scheduled = torch.tensor([schedule(float(speed), goal) for speed in speeds], dtype=torch.float64)
-    odd, even = feedback.features(torch.cat([one.rows for one in given]))
-    wanted, limit = torch.cat([one.actions for one in given]), goal.share_of_limit() * feedback.limit
+    side = (speeds > 1.0) == faster
+    scheduled = torch.tensor([schedule(float(speed), goal) for speed in speeds[side]], dtype=torch.float64)
+    odd, even = feedback.features(torch.cat([one.rows for one in given])[side])
+    wanted, limit = torch.cat([one.actions for one in given])[side], goal.share_of_limit() * feedback.limit
+    weights = torch.from_numpy(np.repeat([one.weight for one in given], [len(one.speeds) for one in given])[side])
+    weights = weights / weights.mean()
     first, gate = (one.detach()[place].clone() for one in (feedback.first, feedback.gate))
     share = scheduled[:, place, None]
     with torch.no_grad():
@@ -98,7 +181,7 @@ def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, f
         units = torch.tanh(inner + share * (odd @ new_first))
         opened = 1.0 + torch.tanh(gates + share * new_gate)
         done: Tensor = limit * torch.tanh((opened * units) @ output) - wanted
-        return (done / feedback.limit).square().mean()
+        return (weights * (done / feedback.limit).square()).mean()
 
     def step() -> Tensor:
         optimiser.zero_grad()
