@@ -27,8 +27,10 @@ FD_IDS: Final = frozenset(spec.frame_id for spec in SPECS if spec.is_fd)
 FD_FRAME, BRS, ESI = 1, 2, 4
 """Bits that describe a frame: CAN FD format, bit-rate switch, error-passive sender."""
 PROTOCOL, NO_ACK = 0x8, 0x20
-_CLASSES: Final = ("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver")
-ERROR_CLASSES: Final = (*_CLASSES, "no acknowledgement", "bus off", "bus error", "restarted", "error counters")
+_ERROR_CLASSES: Final = (
+    *("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver"),
+    *("no acknowledgement", "bus off", "bus error", "restarted", "error counters"),
+)
 """Names of the bits in an error frame's identifier, from the lowest bit. Each bit states one class of errors
 (linux/can/error.h)."""
 
@@ -58,7 +60,7 @@ Ident = tuple[int, bool]
 
 def error_class(message: can.Message) -> str:
     """Return a description of the errors that an error frame reports."""
-    names = [name for bit, name in enumerate(ERROR_CLASSES) if message.arbitration_id >> bit & 1]
+    names = [name for bit, name in enumerate(_ERROR_CLASSES) if message.arbitration_id >> bit & 1]
     return " and ".join(names) or "not stated"
 
 
@@ -122,28 +124,19 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
     return bytes(int(word, base) for word in there)
 
 
-class Lines:
-    """The lines of a text log with their line ends, numbered from 1.
+Lines = Iterator[tuple[int, str]]
+"""The lines of a text log that are not empty, with their line ends and their numbers from 1."""
 
-    Escape characters replace bytes that are invalid in the encoding. They have no effect in headers and comments; a
-    reader rejects a frame's line that has an escape character.
 
-    Attributes:
-        count: number of lines read so far that are not empty.
-    """
-
-    def __init__(self, file: Binary) -> None:
-        self.count = 0
-        self._file = file
-
-    def __iter__(self) -> Iterator[tuple[int, str]]:
-        raw = io.BufferedReader(cast(io.RawIOBase, self._file))
-        encoding = _encoding(raw.peek(4)[:4])
-        errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
-        for number, line in enumerate(io.TextIOWrapper(raw, encoding=encoding, errors=errors), 1):
-            if line.strip():
-                self.count += 1
-                yield number, line
+def lines_of(file: Binary) -> Lines:
+    """Yield the lines of a text log. Escape characters replace bytes that are invalid in the encoding. They have no
+    effect in headers and comments; a reader rejects a frame's line that has an escape character."""
+    raw = io.BufferedReader(cast(io.RawIOBase, file))
+    encoding = _encoding(raw.peek(4)[:4])
+    errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
+    for number, line in enumerate(io.TextIOWrapper(raw, encoding=encoding, errors=errors), 1):
+        if line.strip():
+            yield number, line
 
 
 def _encoding(head: bytes) -> str:

@@ -16,8 +16,7 @@ import numpy as np
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.logs.channels import ChannelGroup, NamedChannel
 from can_bridge.logs.mcap_file import write_mcap
-from can_bridge.logs.mdf_file import write_mdf
-from can_bridge.logs.mdf_log import asammdf_for
+from can_bridge.logs.mdf_file import asammdf_for, write_mdf
 from can_bridge.tools.raw_bus import frame_of
 from can_bridge.tools.signals import SignalValue, decode
 from can_bridge.wire.messages import Mode, Reason
