@@ -138,7 +138,8 @@ class CanLog:
             case ".db":
                 return read_db(self.path)
         is_packed = self.path.suffix.lower() == PACKED
-        file: Binary = stack.enter_context(GzipFile(self.path) if is_packed else self.path.open("rb"))
+        file: Binary = GzipFile(self.path) if is_packed else self.path.open("rb")
+        stack.enter_context(file)
         match suffix:
             case ".blf":
                 return read_blf(file, self._since_epoch)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.tester.messages import AccessError, NoAnswerError, NotNowError, RefusedError
+from can_bridge.tester.messages import AccessError, NoAnswerError, RefusedError, in_good_state
 from can_bridge.uds.fault_codes import SNAPSHOT_FORMATS
 from can_bridge.uds.services import Did, Nrc, Routine, Session
 
@@ -147,8 +147,9 @@ class Asking:
         return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
 
     def clear_faults(self) -> None:
-        """Clear the ECU's fault memory."""
-        self._ask("clear its faults", self._client.clear_dtc)
+        """Clear the ECU's fault memory; raises NotNowError while a jet may run."""
+        with in_good_state("clear its faults", "its jets are enabled"):
+            self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
         """Switch off the detection of faults and the messages of the control loop before programming, as far as the ECU
@@ -187,15 +188,8 @@ class Asking:
             self._sleep(BUSY_WAIT_S)
 
     def _in_good_state(self, step: str, call: Callable[[], Any], *, times: int = TIMES) -> Any:
-        try:
+        with in_good_state(step, "its jets are enabled or the vehicle asks for control"):
             return self._ask(step, call, times=times)
-        except RefusedError as refused:
-            if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
-                raise
-            raise NotNowError(
-                f"the ECU refused to {step} now: its jets are enabled or the vehicle asks for control; withdraw the "
-                "enable request and try again"
-            ) from refused
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
         """Return the ECU's answer. Raises RefusedError for a negative response; NoAnswerError if none of `times`

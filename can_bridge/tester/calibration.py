@@ -6,7 +6,7 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import NotNowError, RefusedError
+from can_bridge.tester.messages import in_good_state, refusal_means
 from can_bridge.uds.services import Did, Nrc, Session
 from contract.controller.calibration import PACKED_BYTES, Calibration, CalibrationLimits
 from contract.errors import ConfigError, FlashError
@@ -34,13 +34,10 @@ class Calibrated:
 
 def read(asking: Asking) -> Calibrated:
     """Read the calibration, in any session; raises FlashError for an ECU without values to calibrate."""
-    try:
+    missing = FlashError("the ECU has no calibration: no release runs in it; flash one")
+    with refusal_means(Nrc.OUT_OF_RANGE, missing):
         in_force, of_release = asking.read(Did.CALIBRATION), asking.read(Did.CALIBRATION_LIMITS)
         is_stored = asking.read(Did.CALIBRATION_STORED) == _STORE
-    except RefusedError as refused:
-        if refused.code != Nrc.OUT_OF_RANGE:
-            raise
-        raise FlashError("the ECU has no calibration: no release runs in it; flash one") from refused
     try:
         if len(of_release) != 3 * PACKED_BYTES:
             raise ConfigError(f"limits of {len(of_release)} bytes, must have {3 * PACKED_BYTES}")
@@ -84,15 +81,8 @@ def revert(asking: Asking, release: Calibration) -> None:
 
 
 def _keep(asking: Asking, value: bytes, step: str) -> None:
-    try:
+    with in_good_state(step, "its jets are enabled; the present values stay in force"):
         asking.write(Did.CALIBRATION_STORED, value)
-    except RefusedError as refused:
-        if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
-            raise
-        raise NotNowError(
-            f"the ECU refused to {step} now: its jets are enabled; the present values stay in force; withdraw the "
-            "enable request and try again"
-        ) from refused
 
 
 def _check_in_force(asking: Asking, wanted: bytes) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 from can_bridge.flashing import report
 from can_bridge.flashing.report import StoreReport
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import NotNowError, RefusedError, WrongReleaseError
+from can_bridge.tester.messages import WrongReleaseError
 from can_bridge.uds.fault_codes import REASON_BY_CODE, Snapshot
 from can_bridge.uds.fault_memory import Status
-from can_bridge.uds.services import Did, Nrc
+from can_bridge.uds.services import Did
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import FlashError
 from contract.release.checks import Bundle, dbc_sha256
@@ -121,18 +121,6 @@ def read_faults(asking: Asking) -> list[StoredFault]:
     """Return all codes that are pending, confirmed or present; raises FlashError for codes of another version."""
     found = asking.faults("get_dtc_by_status_mask", int(_ENTERED))
     return [_read_one(asking, int(dtc.id), int(dtc.status.get_byte_as_int())) for dtc in found]
-
-
-def clear_faults(asking: Asking) -> None:
-    """Clear all codes; raises NotNowError while a jet may run."""
-    try:
-        asking.clear_faults()
-    except RefusedError as refused:
-        if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
-            raise
-        raise NotNowError(
-            "the ECU refused to clear its faults now: its jets are enabled; withdraw the enable request and try again"
-        ) from refused
 
 
 def _read_one(asking: Asking, code: int, status: int) -> StoredFault:

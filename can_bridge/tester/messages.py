@@ -5,6 +5,8 @@ stationary. 6: use another release or key list. 7: examine the ECU. 8: the new r
 runs. The status is 1 for all other errors, such as a key file that cannot be read, and 2 for wrong use of a command.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import ClassVar, Final
 
 from can_bridge.flashing.verdicts import Verdict
@@ -90,6 +92,25 @@ class RefusedError(FlashError):
         super().__init__(f"the ECU refused to {step}: {in_words(code)}")
         self.code = code
         self.step = step
+
+
+@contextmanager
+def refusal_means(code: Nrc, error: FlashError) -> Iterator[None]:
+    """Raise `error` in place of a RefusedError with this code."""
+    try:
+        yield
+    except RefusedError as refused:
+        if refused.code != code:
+            raise
+        raise error from refused
+
+
+@contextmanager
+def in_good_state(step: str, why: str) -> Iterator[None]:
+    """Raise NotNowError, with the reason `why`, if the ECU refuses the step because of the vehicle's state."""
+    text = f"the ECU refused to {step} now: {why}; withdraw the enable request and try again"
+    with refusal_means(Nrc.CONDITIONS_NOT_CORRECT, NotNowError(text)):
+        yield
 
 
 def in_words(code: int) -> str:
