@@ -5,10 +5,10 @@ The functions are pure: from the senders and the wrong bits, they compute a verd
 bits that the attempt occupies. The rules are in `can_bridge.bus.simulated.fault_confinement`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from typing import Final, Generic, Literal, NamedTuple, TypeVar
+from typing import Final, Generic, NamedTuple, TypeVar
 
 from can_bridge.bus.simulated.fault_confinement import FaultConfinement
 from can_bridge.wire.frame import Frame
@@ -43,25 +43,23 @@ class AttemptVerdict(Enum):
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
         """Return the node's error counters after the attempt."""
-        match self:
-            case AttemptVerdict.SENT:
-                return faults.transmitted()
-            case AttemptVerdict.HEARD:
-                return faults.received()
-            case AttemptVerdict.TRANSMIT_ERROR:
-                return faults.transmit_error()
-            case AttemptVerdict.UNACKNOWLEDGED:
-                return faults.unacknowledged()
-            case AttemptVerdict.ARBITRATION_STUFF:
-                return faults
-            case AttemptVerdict.RECEIVE_ERROR:
-                return faults.receive_error()
-        return faults.receive_error().dominant_after_flag()
+        return _RULES[self](faults)
 
     @property
     def is_senders(self) -> bool:
         """Whether the node was the transmitter. An error-passive transmitter waits longer before its next frame."""
         return self not in (AttemptVerdict.HEARD, AttemptVerdict.RECEIVE_ERROR, AttemptVerdict.SIGNALLED_FIRST)
+
+
+_RULES: Final[Mapping[AttemptVerdict, Callable[[FaultConfinement], FaultConfinement]]] = {
+    AttemptVerdict.SENT: FaultConfinement.transmitted,
+    AttemptVerdict.HEARD: FaultConfinement.received,
+    AttemptVerdict.TRANSMIT_ERROR: FaultConfinement.transmit_error,
+    AttemptVerdict.UNACKNOWLEDGED: FaultConfinement.unacknowledged,
+    AttemptVerdict.ARBITRATION_STUFF: lambda faults: faults,
+    AttemptVerdict.RECEIVE_ERROR: FaultConfinement.receive_error,
+    AttemptVerdict.SIGNALLED_FIRST: lambda faults: faults.receive_error().dominant_after_flag(),
+}
 
 
 class Sender(NamedTuple, Generic[T]):
@@ -110,21 +108,41 @@ def resolve(
     """
     verdicts: dict[T, AttemptVerdict] = {}
     senders, position = _collide(list(senders), verdicts)
-    bits = senders[0].bits
+    nodes, frame, bits = [sender.node for sender in senders], senders[0].frame, senders[0].bits
+
+    def destroyed(position: int, verdict: AttemptVerdict = AttemptVerdict.TRANSMIT_ERROR) -> AttemptOutcome[T]:
+        """Return the outcome of an error that every node detects sooner or later, with the senders' verdict."""
+        by_node = dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | dict.fromkeys(nodes, verdict) | verdicts
+        rest = ERROR_FLAGS + DELIMITER + INTERMISSION
+        return AttemptOutcome(frame=None, verdicts=by_node, used=bits.through(position), rest=rest)
+
     if position is not None:
-        return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, bits.through(position))
-    last = sum(bits.total) - INTERMISSION - 1
+        return destroyed(position)
+    nominal, fast = bits.total
+    last = nominal + fast - INTERMISSION - 1
     slot = last - AFTER_ACKNOWLEDGE
+    heard = {node: AttemptVerdict.HEARD for node in receivers if node not in misheard}
+    # A sending node does not acknowledge frames.
     acknowledged = any(misheard.get(node, last + 1) > slot for node in receivers)
     # The flag of an error-passive receiver is recessive, so no other node notices it.
     loud = {node: min(at, last) for node, at in misheard.items() if not receivers[node]}
     earliest = min(loud.values(), default=last + 1)
     everywhere = last + 1 if disturbed is None else min(disturbed, last)
     if min(everywhere, earliest) > (last if acknowledged else slot):
-        return _undisturbed(senders, receivers, verdicts, deaf=misheard, acknowledged=acknowledged)
+        verdict = AttemptVerdict.SENT if acknowledged else AttemptVerdict.UNACKNOWLEDGED
+        verdicts |= dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | heard | dict.fromkeys(nodes, verdict)
+        if acknowledged:
+            used = nominal - INTERMISSION, fast
+            return AttemptOutcome(frame=frame, verdicts=verdicts, used=used, rest=INTERMISSION)
+        used = nominal - INTERMISSION - AFTER_ACKNOWLEDGE, fast
+        return AttemptOutcome(frame=None, verdicts=verdicts, used=used, rest=FLAG + DELIMITER + INTERMISSION)
     if everywhere <= earliest:
-        return _disturbed(senders, receivers, verdicts, everywhere, last=last, deaf=misheard)
-    outcome = _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, bits.through(earliest))
+        if everywhere < last:
+            return destroyed(everywhere, _inverted(frame, bits, everywhere))
+        # Receivers accept a frame one bit before its end. The sender repeats the frame, so the receivers get it twice.
+        outcome = destroyed(last)
+        return replace(outcome, frame=frame, verdicts={**outcome.verdicts, **heard})
+    outcome = destroyed(earliest)
     first = {node for node, at in loud.items() if at == earliest}
     answered = any(not sender.passive for sender in senders) or any(
         not passive for node, passive in receivers.items() if node not in first
@@ -154,65 +172,13 @@ def _collide(senders: list[Sender[T]], verdicts: dict[T, AttemptVerdict]) -> tup
     return senders, None
 
 
-def _undisturbed(
-    senders: list[Sender[T]],
-    receivers: Mapping[T, bool],
-    verdicts: dict[T, AttemptVerdict],
-    *,
-    deaf: Mapping[T, int],
-    acknowledged: bool,
-) -> AttemptOutcome[T]:
-    """Return the outcome of an attempt without an error flag. A sending node does not acknowledge frames."""
-    nominal, fast = senders[0].bits.total
-    for node in receivers:
-        verdicts[node] = AttemptVerdict.RECEIVE_ERROR if node in deaf else AttemptVerdict.HEARD
-    verdicts.update(
-        {sender.node: AttemptVerdict.SENT if acknowledged else AttemptVerdict.UNACKNOWLEDGED for sender in senders}
-    )
-    if acknowledged:
-        return AttemptOutcome(
-            frame=senders[0].frame, verdicts=verdicts, used=(nominal - INTERMISSION, fast), rest=INTERMISSION
-        )
-    used = nominal - INTERMISSION - AFTER_ACKNOWLEDGE, fast
-    return AttemptOutcome(frame=None, verdicts=verdicts, used=used, rest=FLAG + DELIMITER + INTERMISSION)
-
-
-def _disturbed(
-    senders: list[Sender[T]],
-    receivers: Mapping[T, bool],
-    verdicts: dict[T, AttemptVerdict],
-    position: int,
-    *,
-    last: int,
-    deaf: Mapping[T, int],
-) -> AttemptOutcome[T]:
-    """Return the outcome if all nodes see the bit at `position` inverted."""
-    frame, bits = senders[0].frame, senders[0].bits
-    used = bits.through(position)
-    if position == last:
-        # Receivers accept a frame one bit before its end. The sender repeats the frame, so the receivers get it twice.
-        outcome = _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
-        heard = {node: AttemptVerdict.HEARD for node in receivers if node not in deaf}
-        return replace(outcome, frame=frame, verdicts={**outcome.verdicts, **heard})
+def _inverted(frame: Frame, bits: SentBits, position: int) -> AttemptVerdict:
+    """Return the verdict for the sender of a frame whose bit at `position` all nodes see inverted."""
     if position < len(bits.stuffed) and bits.stuffed[position] == "1":
         if is_arbitration_stuff_bit(frame, position):
-            return _destroyed(senders, receivers, verdicts, AttemptVerdict.ARBITRATION_STUFF, used)
+            return AttemptVerdict.ARBITRATION_STUFF
         if is_arbitration_bit(frame, position):
             # The sender has interpreted the wrong bit as a lost arbitration, so it acts as a receiver when the error is
             # detected.
-            return _destroyed(senders, receivers, verdicts, AttemptVerdict.RECEIVE_ERROR, used)
-    return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
-
-
-def _destroyed(
-    senders: list[Sender[T]],
-    receivers: Mapping[T, bool],
-    verdicts: dict[T, AttemptVerdict],
-    verdict: Literal[AttemptVerdict.TRANSMIT_ERROR, AttemptVerdict.ARBITRATION_STUFF, AttemptVerdict.RECEIVE_ERROR],
-    used: tuple[int, int],
-) -> AttemptOutcome[T]:
-    """Return the outcome of an attempt with an error that every node detects sooner or later."""
-    by_node = (
-        dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | {sender.node: verdict for sender in senders} | verdicts
-    )
-    return AttemptOutcome(frame=None, verdicts=by_node, used=used, rest=ERROR_FLAGS + DELIMITER + INTERMISSION)
+            return AttemptVerdict.RECEIVE_ERROR
+    return AttemptVerdict.TRANSMIT_ERROR
