@@ -30,7 +30,6 @@ class Drop(SidedFault, section="drop"):
     probability: Probability[float]
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`."""
         return lambda frame: [] if random.random() < self.probability else [frame]
 
 
@@ -54,24 +53,16 @@ class BurstLoss(SidedFault, section="burst_loss"):
         wording = f"at most {most:g} with bursts of {self.mean_burst:g}: at least one frame passes between two bursts"
         require(self.loss <= most, self, "loss", wording)
 
-    @property
-    def to_good(self) -> float:
-        """Probability that a lost frame is the last of its burst."""
-        return 1.0 / self.mean_burst
-
-    @property
-    def to_bad(self) -> float:
-        """Probability that a burst begins after a frame that was not lost."""
-        return self.to_good * self.loss / (1.0 - self.loss)
-
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`. The function drops the frames of each burst."""
+        """Return a function that drops the frames of each burst."""
+        to_good = 1.0 / self.mean_burst
+        to_bad = to_good * self.loss / (1.0 - self.loss)
         # The chain starts in its stationary distribution: the first state is bad with probability `loss`.
         bad = random.random() < self.loss
 
         def change(frame: Frame) -> list[Frame]:
             nonlocal bad
-            bad = random.random() < (1.0 - self.to_good if bad else self.to_bad)
+            bad = random.random() < (1.0 - to_good if bad else to_bad)
             return [] if bad else [frame]
 
         return change
@@ -90,7 +81,6 @@ class Duplicate(SidedFault, section="duplicate"):
     """Number of copies of each frame, without the frame itself."""
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`."""
         return lambda frame: [frame] * (1 + self.copies) if random.random() < self.probability else [frame]
 
 
@@ -110,7 +100,7 @@ class Delay(FrameFault, section="delay"):
     stamp shows the delay, because the frame waits after it was stamped, in a queue of the receiver."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. Frames are received when their delays have passed, in the order of these times."""
+        """Receive frames when their delays have passed, in the order of these times."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -147,7 +137,7 @@ class Reorder(FrameFault, section="reorder"):
     window: Annotated[int, at_least(1)] = 2
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. Each complete group is received in a random order; unaffected frames never wait."""
+        """Receive each complete group in a random order; unaffected frames never wait."""
         kept: list[Frame] = []
 
         def shuffled() -> list[Frame]:
@@ -192,7 +182,7 @@ class FlipBits(SidedFault, section="flip_bits"):
     the protection: in a driver, a gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`. With `before_crc`, an authenticated frame raises BusError."""
+        """Return the function; with `before_crc`, it raises BusError for an authenticated frame."""
         return lambda frame: [self._flipped(frame, random) if random.random() < self.probability else frame]
 
     def _flipped(self, frame: Frame, random: Random) -> Frame:
@@ -217,7 +207,7 @@ class StuckAt(SidedFault, section="stuck_at"):
     buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`. With `counter_runs`, an authenticated frame raises BusError."""
+        """Return the function; with `counter_runs`, it raises BusError for an authenticated frame."""
         first: dict[tuple[bool, int], bytes] = {}
 
         def change(frame: Frame) -> list[Frame]:

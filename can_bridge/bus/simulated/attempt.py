@@ -77,7 +77,6 @@ class AttemptOutcome(Generic[T]):
 
     Attributes:
         frame: frame that the nodes with the verdict HEARD receive; None if the frame did not reach its end.
-        verdicts: the result for each node.
         used: number of bits at the nominal bit rate and number of bits at the data bit rate, from the start of frame to
             the end of frame or to the error.
         rest: number of nominal bits from the last bit of `used` until the bus is free.
@@ -96,11 +95,9 @@ def resolve(
     misheard: Mapping[T, int],
     disturbed: int | None,
 ) -> AttemptOutcome[T]:
-    """Return the outcome of an attempt in which the senders start frames of equal priority at the same time. Usually
-    there is only one sender.
+    """Return the outcome of an attempt in which the senders start frames of equal priority at the same time.
 
     Args:
-        senders: the nodes that send, with their frames.
         receivers: all other active nodes; the value states whether the node is error-passive.
         misheard: receivers that each see one wrong bit that no other node sees, and the bit's position.
         disturbed: position of the bit that all nodes see inverted. Positions are counted from the start of frame; a

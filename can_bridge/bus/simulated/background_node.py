@@ -1,8 +1,7 @@
 """The traffic of other nodes on the simulated bus: periodic messages with random contents.
 
 Each message has a separate clock, as if sent by a separate node, so that its phase relative to the control loop changes
-during a run. With one clock for all messages, the phases would stay constant during a run, and the run could by chance
-have favourable or unfavourable phases throughout.
+during a run.
 """
 
 from collections.abc import Iterable

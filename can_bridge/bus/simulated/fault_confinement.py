@@ -36,13 +36,8 @@ _AFTER_PASSIVE: Final = 127
 
 @dataclass(frozen=True, kw_only=True)
 class FaultConfinement:
-    """A controller's error counters.
-
-    Attributes:
-        tx_errors, rx_errors: transmit and receive error counters, TEC and REC.
-        is_off: whether the controller went bus-off and has not recovered.
-        times_off: number of times that the controller went bus-off since power-on.
-    """
+    """A controller's error counters TEC and REC, whether it went bus-off and has not recovered, and how often it went
+    bus-off since power-on."""
 
     tx_errors: int = 0
     rx_errors: int = 0
