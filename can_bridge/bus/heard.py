@@ -35,9 +35,7 @@ def line(
     """Return a line that states why no usable frame arrived in `SILENCE_S`, as far as the received frames show.
 
     Args:
-        heard: counts of the frames that were received.
-        wanted: specification of the message that the node waits for.
-        messages: the message set that this node uses.
+        wanted: the message that the node waits for, one of the node's `messages`.
         rejected: numbers of receptions that were not frames of this node's format, by reason.
         sender: word for the node that sends the message.
     """

@@ -16,7 +16,7 @@ from typing import Final, Self
 
 import can
 
-from can_bridge.bus.backends.connection import QUEUE_SIZE, SETTLE_S, OpenBus, open_backend
+from can_bridge.bus.backends.connection import QUEUE_SIZE, OpenBus, open_backend
 from can_bridge.bus.conversion import frame_of, to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection
 from can_bridge.wire.frame import Frame
@@ -47,13 +47,8 @@ _LENGTH: Final = 8
 
 
 def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
-    """Return the controller's health after one error frame.
-
-    Args:
-        health: the controller's health before the error frame.
-        classes: the error frame's identifier without its flags.
-        data: the error frame's eight bytes; data of another length is ignored.
-    """
+    """Return the controller's health after one error frame. `classes` is the error frame's identifier without its
+    flags; data of another length than eight bytes is ignored."""
     if len(data) != _LENGTH:
         return health
     controller = data[1] if classes & _CONTROLLER else 0
@@ -119,10 +114,9 @@ class PythonCanBus(OpenBus):
         linux_error_frames: bool = False,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> None:
-        """Take over an open python-can bus.
+        """Take over an open python-can bus, which is closed together with this object.
 
         Args:
-            bus: python-can bus, which is closed together with this object.
             accept: identifiers to receive, in which a plain number is an 11-bit identifier; None for all 11-bit
                 identifiers. python-can's own filter is not used, because with this filter a call that waits for a frame
                 ends at the first frame that the filter drops.
@@ -149,21 +143,16 @@ class PythonCanBus(OpenBus):
         config: BusConfig,
         *,
         accept: Collection[CanId | int] | None = None,
-        settle_s: float = SETTLE_S,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> Self:
-        """Open the configured bus.
+        """Open the configured bus; `accept` and `keep` are those of the constructor.
 
         A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
         epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on
         `udp_multicast` do not leave this machine. Raises BusError, which states the interface and the channel, if the
         bus cannot be opened.
-
-        Args:
-            accept, keep: see the constructor.
-            settle_s: time in s that a serial adapter gets to start after its port is opened.
         """
-        bus, interface = open_backend(config, settle_s=settle_s)
+        bus, interface = open_backend(config)
         return cls(
             bus,
             accept=accept,
@@ -226,8 +215,8 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame; None if none arrives within `timeout_s`. Raises BusError if the bus failed or delivers
-        only garbage."""
+        """Return the next frame; None if none arrives in time. Raises BusError if the bus failed or delivers only
+        garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())

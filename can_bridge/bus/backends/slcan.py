@@ -74,8 +74,7 @@ class SlcanBus(slcanBus):
             self._fill(wait=not over)
 
     def _fill(self, *, wait: bool) -> None:
-        """Read the bytes that have arrived. With `wait`, wait for the first byte, but not longer than the port's time
-        limit."""
+        """Read the bytes that have arrived; with `wait`, wait for the first byte up to the port's time limit."""
         port = self.serialPortOrig
         if not port.is_open:
             raise can.CanOperationError("the serial port is closed")

@@ -288,7 +288,7 @@ def test_bus_that_cannot_be_opened_is_named_in_one_line(monkeypatch):
         ("pcan", "PCAN_USBBUS1", r"CAN bus pcan 'PCAN_USBBUS1': ."),
     ]:
         with refused(BusError, message) as caught:
-            PythonCanBus.open(BusConfig(interface=interface, channel=channel), settle_s=0.0)
+            PythonCanBus.open(BusConfig(interface=interface, channel=channel))
         assert str(caught.value).isprintable(), (interface, channel)
     # Without the extra `bus`.
     for name in [*sys.modules]:

@@ -46,7 +46,7 @@ def line() -> Iterator[Adapter]:
 
 @pytest.fixture
 def bus(line: Adapter) -> Iterator[PythonCanBus]:
-    with PythonCanBus.open(BusConfig(interface="slcan", channel=line.port), settle_s=0.0) as bus:
+    with PythonCanBus.open(BusConfig(interface="slcan", channel=line.port)) as bus:
         assert line.read(b"O\r", 2) == b"C\rS6\rY2\rO\rO\r"
         yield bus
 
@@ -167,7 +167,7 @@ def test_port_that_takes_no_more_is_reported_in_time_and_cuts_one_line_only(line
 
 def test_classic_bus_and_bit_rates_that_the_protocol_does_not_have(line):
     usual = BusConfig(interface="slcan", channel=line.port)
-    with PythonCanBus.open(replace(usual, frames="classic"), settle_s=0.0) as classic:
+    with PythonCanBus.open(replace(usual, frames="classic")) as classic:
         commands = line.read(b"O\r", 2)
         assert b"S6\r" in commands and b"Y" not in commands
         classic.send(Frame(frame_id=0x121, data=bytes(8), is_fd=False))
@@ -175,13 +175,13 @@ def test_classic_bus_and_bit_rates_that_the_protocol_does_not_have(line):
     assert line.read(b"\r") == b"C\r"
     for config in (replace(usual, nominal_bitrate=400_000), replace(usual, data_bitrate=4_000_000)):
         with refused(BusError, r"CAN bus slcan '.*': Invalid .*bitrate, choose one of"):
-            PythonCanBus.open(config, settle_s=0.0)
+            PythonCanBus.open(config)
 
 
 def test_port_that_vanishes_ends_the_bus_and_closes_without_another_error(line):
     with (
         pytest.raises(BusError, match="CAN bus failed"),
-        PythonCanBus.open(BusConfig(interface="slcan", channel=line.port), settle_s=0.0) as bus,
+        PythonCanBus.open(BusConfig(interface="slcan", channel=line.port)) as bus,
     ):
         os.close(line.fd)
         # The error of the body must come out, not one of closing.
