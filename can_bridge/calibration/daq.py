@@ -49,8 +49,7 @@ class _Stage(IntEnum):
 
 
 class DaqLists:
-    """The measurement list, and the values of the latest control period. `period_ns` is the length of a control period,
-    in ns.
+    """The measurement list, and the values of the latest control period.
 
     `sample` may be called in one thread, and the remaining methods in another thread. The method of a command takes a
     packet of at least the command's shortest length and returns the answer, or raises Denied.

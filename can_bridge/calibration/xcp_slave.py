@@ -28,15 +28,8 @@ WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
 
 
 class XcpSlave:
-    """The slave, which has one connection at a time.
-
-    Args:
-        random_bytes: returns the given number of unpredictable bytes.
-        period_ns: control period, in ns.
-
-    Attributes:
-        daq: list of measured values.
-    """
+    """The slave, which has one connection at a time. `random_bytes` returns so many unpredictable bytes, and `daq` is
+    the list of measured values."""
 
     def __init__(
         self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes], *, period_ns: int

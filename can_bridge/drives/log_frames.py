@@ -20,7 +20,6 @@ Verify = Callable[[MessageSpec, bytes], int | None]
 else None."""
 
 _SHOWN: Final = 12
-"""Largest number of identifiers that an error message lists."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +27,6 @@ class LogFrames:
     """Our frames in a log.
 
     Attributes:
-        messages: message set of the pressures.
         channel: the only channel with valid frames of our messages; empty if the log has no channels.
         pressures, commands, speeds: frames with a valid CRC, in the log's order; with `verify`, only authentic and
             fresh frames.
@@ -60,7 +58,6 @@ def frames_of(
 
     Args:
         path: file of the log, for error messages.
-        messages: messages in the order of the log.
         only: the message set to read; by default, the set of the pressures in the log.
         verify: check of secured messages; without it, freshness and authentication codes are not checked.
         back_s: largest time in s by which a message's time may be before the latest time so far in the log.
@@ -110,15 +107,9 @@ def frames_of(
 
 
 class _Bus:
-    """The frames of one channel, by identifier.
-
-    Attributes:
-        kept: frames with a valid CRC, without forged frames.
-        sound: number of frames with a valid CRC.
-        damaged, forged: numbers of damaged and of forged frames (see `LogFrames`).
-        seen: number of all data frames.
-        goes_back: latest time in s so far, and the time of a frame that is too far before it; None if there is none.
-    """
+    """The frames of one channel, by identifier: frames to use, and numbers of frames with a valid CRC (`sound`), of
+    damaged and forged frames, and of all data frames. `goes_back` has the latest time in s so far, and the time of a
+    frame that is too far before it."""
 
     def __init__(self) -> None:
         self.kept: dict[int, list[CountedFrame]] = {}

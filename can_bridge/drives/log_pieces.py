@@ -19,7 +19,6 @@ SHORTEST_PIECE: Final = 16
 _SAME: Final = 1e-6
 """Distance in control periods by which a row may lie outside a piece because of rounding."""
 _SHOWN: Final = 5
-"""Largest number of filled gaps of one table that are listed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +47,6 @@ class Cutter:
     """A collector of pieces, and of a line of text about each gap that was filled, cut or left out.
 
     Attributes:
-        pieces: pieces in the order of time.
         lines: lines of text, which state times in s after the log's first pressure.
         filled: number of rows with filled pressures, and number of rows with a filled action.
         ever_valid: whether each pressure was valid in any row, (4,).
@@ -184,7 +182,6 @@ def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
 
 
 def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:
-    """Return start and end (exclusive) of every run of True in the mask; the mask's first element has the position
-    `start`."""
+    """Return start and end (exclusive) of every run of True in a mask that begins at the position `start`."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)) + start
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

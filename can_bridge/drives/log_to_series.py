@@ -49,7 +49,6 @@ class LogReport:
 
     Attributes:
         messages: name of the message set.
-        channel: channel of the messages; empty if the log has no channels.
         speed: smallest, median and largest speed of the vehicle in the log in m/s, the median while the vehicle moves;
             None if the log has no speed.
         without_speed: number of rows in which the speed was unknown or the vehicle did not move.
@@ -62,7 +61,6 @@ class LogReport:
         stale: number of frames whose pressures were a period old or older when they were sent.
         drift: relative difference between the sender's period, measured on the log's clock, and its nominal value.
         jitter_s: largest difference in s between the time of a pressure frame and its row's time.
-        gaps: one line of text for each gap that was filled, cut or left out.
         checked: whether authentication codes were checked; None for messages without such codes.
     """
 
@@ -85,15 +83,8 @@ class LogReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSeries:
-    """The pieces of a log, with their common times and the report.
-
-    Attributes:
-        pieces: pieces in the order of time.
-        start_s: time in s of the log's first row, on the log's clock.
-        travel: distance travelled since `start_s`.
-        period_s: the sender's period in s on the log's clock.
-        report: report on the log.
-    """
+    """The pieces of a log in the order of time. On the log's clock, `start_s` is the time of the log's first row, from
+    which `travel` counts, and `period_s` the sender's period."""
 
     pieces: tuple[Piece, ...]
     start_s: float
@@ -118,13 +109,10 @@ def series_of(
 
     Args:
         path: file of the log, for error messages.
-        messages: messages of the log, in its order.
-        scales: operating point and control period.
         fill: longest gap that is filled, in control periods.
         split: whether a longer gap divides the drive into two pieces; otherwise such a gap raises an error.
         sensors: names of the pressures, for the report.
-        only: the message set to read; by default, the set of the pressures in the log.
-        verify: check of secured messages; without it, freshness and authentication codes are not checked.
+        only, verify: see `frames_of`.
     """
     log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
     modulus, command_modulus = (

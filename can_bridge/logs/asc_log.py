@@ -117,13 +117,8 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
 
 
 class _Clock:
-    """A clock that converts the times of a file's lines to s since the start of the first trigger block. In the file,
-    times may count from the previous line, or restart with each trigger block.
-
-    Attributes:
-        offset_s: time in s to add to the times of the present trigger block, to get times that count from the start of
-            the first block.
-    """
+    """A clock that converts the times of a file's lines to s since the start of the first trigger block, by adding
+    `offset_s`. In the file, times may count from the previous line, or restart with each trigger block."""
 
     def __init__(self) -> None:
         self.offset_s = 0.0

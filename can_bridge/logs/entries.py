@@ -72,17 +72,8 @@ def error_frame(time_s: float, channel: str, classes: int = 0) -> can.Message:
 def frame(
     time_s: float, channel: str, ident: Ident, data: bytes | None, *, fd: int = 0, is_rx: bool = True, dlc: int = 0
 ) -> can.Message:
-    """Return a data frame, or a remote frame if `data` is None. Raises ValueError for an impossible identifier.
-
-    Args:
-        time_s: time in s.
-        channel: name of the channel.
-        ident: identifier, and whether it has 29 bits.
-        data: bytes of the frame.
-        fd: bits `FD_FRAME`, `BRS` and `ESI`; 0 for classic CAN.
-        is_rx: whether the frame was received.
-        dlc: length of a remote frame in bytes.
-    """
+    """Return a data frame, or a remote frame of `dlc` bytes if `data` is None. `fd` has the bits `FD_FRAME`, `BRS` and
+    `ESI`; 0 means classic CAN. Raises ValueError for an impossible identifier."""
     if not 0 <= ident[0] <= MAX_EXTENDED_ID:
         raise ValueError(f"identifier {ident[0]:X}, must have at most 29 bits")
     return can.Message(

@@ -74,21 +74,16 @@ class CanLog:
     the file.
 
     Attributes:
-        events: numbers of entries read so far that are not messages, by name.
-        messages: number of messages read so far. Messages and events together are all lines that are not empty.
+        events: numbers of lines or objects read so far that are not messages, by name.
+        messages: number of messages read so far.
         channels: numbers of messages by channel; an empty name if the format has no channels.
         is_local: whether the times since the epoch are computed from a local start time in the file; without a given
             zone this start time counts as UTC.
     """
 
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
-        """Open a log. Raises BusError for a file that does not exist or has no supported format.
-
-        Args:
-            path: file of the log.
-            zone: time zone of a local start time in the file; UTC if None.
-            channels: names of the channels to read; all channels by default.
-        """
+        """Open a log. Raises BusError for a file that does not exist or has no supported format. `zone` is that of a
+        local start time in the file; only the named channels are read, or all."""
         check_suffix(path)
         if not path.is_file():
             raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")

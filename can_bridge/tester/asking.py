@@ -42,22 +42,13 @@ DELAY_S: Final = 15.0
 
 
 class Asking:
-    """A tester's connection to an ECU.
-
-    Attributes:
-        unanswered: number of requests that were repeated because no answer came.
-    """
+    """A tester's connection to an ECU. `unanswered` is the number of requests repeated because no answer came."""
 
     def __init__(
         self, client: Client, *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
     ) -> None:
-        """Configure the client, whose connection must be open.
-
-        Args:
-            key: returns the key for a seed; None if no level is to be unlocked.
-            clock: returns the time in s.
-            sleep: waits a number of seconds.
-        """
+        """Configure the client, whose connection must be open. `key` is None if no level is to be unlocked; times are
+        in s."""
         self._client = client
         self._clock = clock
         self._sleep = sleep
@@ -72,7 +63,7 @@ class Asking:
         self._in_good_state(step, lambda: self._client.change_session(session))
 
     def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
-        """Return the value of an identifier; `times` is the largest number of attempts."""
+        """Return the value of an identifier."""
         found = self._ask(
             f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
         )
@@ -142,8 +133,7 @@ class Asking:
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def faults(self, report: str, *args: int, **others: int) -> Any:
-        """Return the codes in a report of the fault memory; `report` is the name of the client's method for this
-        report."""
+        """Return the codes in a report of the fault memory, which the client's method `report` requests."""
         return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
 
     def clear_faults(self) -> None:
@@ -163,7 +153,7 @@ class Asking:
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Wait for `seconds`. With `keep_session`, send messages meanwhile that keep the session open."""
+        """Wait; with `keep_session`, send messages meanwhile that keep the session open."""
         left = seconds
         while left > 0:
             if keep_session:

@@ -17,14 +17,8 @@ _REVERT: Final = b"\x00"
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated:
-    """The calibration that an ECU reports. All values have the precision of float32.
-
-    Attributes:
-        in_force: values in force from the ECU's next control period on.
-        limits: limits of the values.
-        release: the release's own values.
-        is_stored: whether values are stored in non-volatile memory.
-    """
+    """The calibration that an ECU reports, with the precision of float32: the values in force from the ECU's next
+    control period on, their limits, the release's own values, and whether values are stored in non-volatile memory."""
 
     in_force: Calibration
     limits: CalibrationLimits

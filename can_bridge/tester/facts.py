@@ -20,13 +20,8 @@ from contract.release.checks import Bundle, dbc_sha256
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFacts:
-    """The properties of one ECU.
-
-    Attributes:
-        dbc_sha256: SHA-256, in hex, of the DBC whose messages the ECU sends.
-        period_ns: control period of the ECU, in ns.
-        capacity: size of the largest image in bytes.
-    """
+    """The properties of one ECU. `dbc_sha256` is the hash of the DBC whose messages the ECU sends, and `capacity` the
+    size of the largest image in bytes."""
 
     hardware: str
     serial_number: str
@@ -61,12 +56,8 @@ def _text(asking: Asking, did: Did) -> str:
 
 
 def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
-    """Raise WrongReleaseError for the first property of the release that does not fit the ECU.
-
-    Args:
-        release: a loaded bundle. Its DBC is that of this version, because no other bundle can be loaded.
-        length: length of the release's image, in bytes.
-    """
+    """Raise WrongReleaseError for the first property of the release, or of its image of `length` bytes, that does not
+    fit the ECU. The bundle's DBC is that of this version, because no other bundle can be loaded."""
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
 

@@ -76,12 +76,8 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class FlashOptions:
-    """Options that leave out steps.
-
-    Attributes:
-        dry_run: whether to leave out every step that writes.
-        confirm: whether to confirm the release after its self-test.
-    """
+    """Options that leave out steps: a dry run leaves out every step that writes; without `confirm` the release stays on
+    trial."""
 
     dry_run: bool = False
     confirm: bool = True
@@ -89,13 +85,8 @@ class FlashOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Flashed:
-    """The report on one run of `flash`.
-
-    Attributes:
-        transferred: report of the transfer; None if no image had to be transferred.
-        unanswered: number of requests that were repeated because no answer came.
-        seconds: duration in s, measured with the given clock.
-    """
+    """The report on one run of `flash`. `transferred` is None if no image had to be transferred; `unanswered` counts
+    the requests that were repeated because no answer came."""
 
     end: End
     before: EcuFacts
@@ -125,10 +116,6 @@ def flash(
         image: image of the release, as built by `contract.release.image`.
         key: returns the key for a seed of the programming level; a dry run needs none.
         judge: raises FlashError if an ECU with these properties must not be flashed with this image.
-        progress: called after each block that the ECU has received.
-        on_step: called at the beginning of each step.
-        clock: returns the time in s.
-        sleep: waits a number of seconds.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)

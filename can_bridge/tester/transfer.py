@@ -92,12 +92,7 @@ _COUNTERS: Final = 256
 
 @dataclass(frozen=True, kw_only=True)
 class Transferred:
-    """The report of a transfer.
-
-    Attributes:
-        resumed_from: number of bytes that the ECU had before the transfer.
-        attempts: number of announcements.
-    """
+    """The number of bytes that the ECU had before a transfer, and the number of announcements."""
 
     resumed_from: int
     attempts: int

@@ -62,11 +62,7 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
 
 
 class _Log:
-    """A thread that writes frames.
-
-    Attributes:
-        fault: the error that ended the thread; None if there was none.
-    """
+    """A thread that writes frames; `fault` is the error that ended it."""
 
     def __init__(self, stream: Path) -> None:
         self.fault: OSError | None = None

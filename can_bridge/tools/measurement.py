@@ -61,11 +61,9 @@ def write_measurement(
     Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap` file.
 
     Args:
-        path: file to write.
         messages: messages in the order of their times.
         more: channels that are not in frames.
-        events: topics, times in ns and Protobuf messages, which are only written to an `.mcap` file.
-        facts: names and values, which are only written to an `.mcap` file.
+        events, facts: see `can_bridge.logs.mcap_file.write_mcap`; they are only written to an `.mcap` file.
     """
     check_measurement(path)
     listed = list(messages)
