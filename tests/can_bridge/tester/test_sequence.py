@@ -280,9 +280,12 @@ def test_a_mishap_at_any_one_request_is_overcome() -> None:
     nothing, as `test_lost_and_doubled_payloads_only_cost_time` shows."""
     whole, _ = fresh()
     flashed(whole)
-    blocks = [number for number, request in enumerate(whole.heard) if request[0] == Service.TRANSFER]
-    # Blocks in the middle are all alike.
-    numbers = set(range(len(whole.heard))) - set(blocks[2:-2])
+    blocks, reads = (
+        [number for number, request in enumerate(whole.heard) if request[0] == service]
+        for service in (Service.TRANSFER, Service.READ)
+    )
+    # Blocks in the middle are all alike, and so are the reports before anything is done.
+    numbers = set(range(len(whole.heard))) - set(blocks[2:-2]) - set(reads[2:6])
     for number, (to_ecu, loses_power) in product(numbers, ((True, True), (False, True), (False, False))):
         line, ecu = fresh()
         left = [number]
