@@ -14,17 +14,25 @@ from can_bridge.drives.log_to_series import series_of
 from can_bridge.wire.message_sets import CLASSIC, FD
 from contract.errors import DatasetError
 from tests.can_bridge.drives.drive_log import (
+    EXACT,
     FLOW,
+    KINDS,
     LATENCY,
+    LOG,
     PERIOD,
+    SCALES,
     Drive,
+    at,
     authentication_code,
     command,
     drive,
+    in_time,
     log_of,
+    noise,
     pressure,
+    read,
+    same,
 )
-from tests.can_bridge.drives.known_series import EXACT, KINDS, LOG, SCALES, at, in_time, noise, read, same
 from tests.examples import examples
 from tests.refused import refused
 

@@ -95,18 +95,6 @@ def test_requests_fill_frames_and_other_answers_are_dropped(config: BusConfig, l
             assert time.monotonic() - began < 5.0
 
 
-def test_equal_frames_in_a_row_all_arrive_by_multicast() -> None:
-    """A run of zeros gives the same consecutive frame every 16, which could pass for copies of one datagram."""
-    pytest.importorskip("msgpack")
-    config = BusConfig(interface="udp_multicast", channel=f"239.77.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}")
-    ecu = EcuToFlash()
-    # The server answers requests of this length by their service.
-    with served(ecu, config), open_client(config) as client:
-        for _ in range(5):
-            client.conn.send(b"\x99" + bytes(3999))
-            assert client.conn.wait_frame(timeout=5.0) == b"\x7f\x99\x11"
-
-
 def test_a_bus_without_an_ecu_is_reported_after_a_few_requests_and_no_warning_of_a_library_reaches_the_terminal(
     config: BusConfig, listener: can.BusABC, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
