@@ -10,18 +10,8 @@ from typing import Final
 
 import can
 
-from can_bridge.logs.entries import (
-    COMMENT,
-    REQUEST,
-    Binary,
-    CutOffError,
-    Entry,
-    LogEvent,
-    SinceEpoch,
-    error_frame,
-    frame,
-    length_of,
-)
+from can_bridge.logs import entries
+from can_bridge.logs.entries import Entry, LogEvent
 
 _FILE: Final = struct.Struct("<4s L 8x Q Q 8x 8H")
 """Header of the file: signature, header length, file size, unpacked size, start as a Windows SYSTEMTIME."""
@@ -58,7 +48,7 @@ _NAMES: Final = {
     65: "text",
     72: "system variable",
     91: "driver overrun",
-    92: COMMENT,
+    92: entries.COMMENT,
     96: "marker",
     115: "restore point",
     125: "data lost, begin",
@@ -70,7 +60,7 @@ _DIRECTION: Final = 0xF
 _TX, _TX_REQUEST = 1, 2
 
 
-def read_blf(file: Binary, since_epoch: SinceEpoch) -> Iterator[Entry]:
+def read_blf(file: entries.Binary, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
     """Yield an entry for each object that is not a container. Raises ValueError for a file of another format;
     CutOffError for a truncated file."""
     head = file.read(_FILE.size)
@@ -89,9 +79,9 @@ def read_blf(file: Binary, since_epoch: SinceEpoch) -> Iterator[Entry]:
             for found_kind, found_object, found_header in found:
                 yield _entry(found_kind, found_object, found_header, start_ns)
     if announced > there:
-        raise CutOffError(f"{announced} bytes announced, {there} present")
+        raise entries.CutOffError(f"{announced} bytes announced, {there} present")
     if outside.has_rest or inside.has_rest:
-        raise CutOffError("its last object is incomplete")
+        raise entries.CutOffError("its last object is incomplete")
 
 
 def _entry(kind: int, one: bytes, header: int, start_ns: int) -> Entry:
@@ -111,7 +101,7 @@ def _entry(kind: int, one: bytes, header: int, start_ns: int) -> Entry:
         data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
         return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
     (channel,) = _CHANNEL.unpack_from(one, header)
-    return error_frame(time_s, str(channel & (0xFF if kind == _FD_ERROR_TYPE else 0xFFFF)))
+    return entries.error_frame(time_s, str(channel & (0xFF if kind == _FD_ERROR_TYPE else 0xFFFF)))
 
 
 class _Stream:
@@ -161,11 +151,11 @@ def _frame(
     """Return a frame, or an event for a transmit request. `flags` has the direction and the remote bit, `fd` the bits
     `FD_FRAME`, `BRS` and `ESI` of `can_bridge.logs.entries`."""
     if flags & _DIRECTION == _TX_REQUEST:
-        return LogEvent(REQUEST)
-    length, is_rx = length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX
+        return LogEvent(entries.REQUEST)
+    length, is_rx = entries.length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX
     ident = (frame_id & ~_EXTENDED, bool(frame_id & _EXTENDED))
     if flags & _REMOTE and not fd:
-        return frame(time_s, str(channel), ident, None, dlc=length, is_rx=is_rx)
+        return entries.frame(time_s, str(channel), ident, None, dlc=length, is_rx=is_rx)
     if len(data) < length:
         raise ValueError(f"{length} bytes announced, {len(data)} present")
-    return frame(time_s, str(channel), ident, data[:length], fd=fd, is_rx=is_rx)
+    return entries.frame(time_s, str(channel), ident, data[:length], fd=fd, is_rx=is_rx)

@@ -20,20 +20,9 @@ from typing import Any, Final
 import can
 import numpy as np
 
+from can_bridge.logs import entries
 from can_bridge.logs.channels import ChannelGroup, NamedChannel
-from can_bridge.logs.entries import (
-    BRS,
-    ESI,
-    FD_FRAME,
-    NO_ACK,
-    PROTOCOL,
-    Entry,
-    LogEvent,
-    SinceEpoch,
-    error_frame,
-    frame,
-    length_of,
-)
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent
 from can_bridge.wire.frame import FD_LENGTHS
 from contract.atomic import replacing
 from contract.errors import BusError, install
@@ -50,7 +39,7 @@ _SMALLEST: Final = 2
 """asammdf's number for compression by transposition and deflate, which the standard allows from version 4.1 on."""
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
-_ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), PROTOCOL), 5: NO_ACK}
+_ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), entries.PROTOCOL), 5: entries.NO_ACK}
 """Linux's error classes, by the standard's error types (bit, form, stuff, CRC, acknowledgement)."""
 
 
@@ -71,7 +60,7 @@ def asammdf_for(path: Path) -> Any:
     return package
 
 
-def read_mdf(path: Path, since_epoch: SinceEpoch) -> Iterator[Entry]:
+def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
     """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing or there are no CAN
     frames; ValueError for a damaged file."""
     asammdf = asammdf_for(path)
@@ -131,21 +120,21 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
     for row, time_s in enumerate(times.tolist()):
         channel = str(of("BusChannel", row)) if "BusChannel" in columns else ""
         if kind == _ERROR_FRAME:
-            yield error_frame(time_s, channel, _ERROR_TYPES.get(of("ErrorType", row), 0))
+            yield entries.error_frame(time_s, channel, _ERROR_TYPES.get(of("ErrorType", row), 0))
             continue
         frame_id, is_rx, fd = of("ID", row), not of("Dir", row), FD_FRAME if of("EDL", row) else 0
         is_extended = bool(of("IDE", row)) if "IDE" in columns else bool(frame_id & _EXTENDED)
         ident = (frame_id & ~_EXTENDED, is_extended)
-        length = length_of(of("DLC", row), is_fd=bool(fd)) if "DLC" in columns else of("DataLength", row)
+        length = entries.length_of(of("DLC", row), is_fd=bool(fd)) if "DLC" in columns else of("DataLength", row)
         if kind == _REMOTE_FRAME:
-            yield frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
+            yield entries.frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
             continue
         there = of("DataLength", row) if "DataLength" in columns else length
         data = np.asarray(columns["DataBytes"][row], dtype=np.uint8).tobytes()[:there]
         if len(data) != length:
             raise ValueError(f"record {row + 1} of {kind}: {length} bytes announced, {len(data)} present")
         fd |= (BRS * (of("BRS", row) == 1) | ESI * (of("ESI", row) == 1)) if fd else 0
-        yield frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
+        yield entries.frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 
 
 def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[ChannelGroup]) -> None:
