@@ -25,23 +25,12 @@ from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
-_CONTROLLER: Final = 0x004
-"""Error class CAN_ERR_CRTL of Linux: data byte 1 has the controller's state."""
-_BUS_OFF: Final = 0x040
-"""Error class CAN_ERR_BUSOFF of Linux: the controller went bus-off."""
-_RESTARTED: Final = 0x100
-"""Error class CAN_ERR_RESTARTED of Linux: the controller has returned from bus-off."""
-_COUNTERS: Final = 0x200
-"""Error class CAN_ERR_CNT of Linux: data bytes 6 and 7 hold the transmit and receive error counters. Kernels before 6.0
-do not set this class."""
-
-_RX_OVERFLOW: Final = 0x01
-"""CAN_ERR_CRTL_RX_OVERFLOW, a bit of data byte 1: the controller lost received frames."""
-_PASSIVE: Final = 0x10 | 0x20
-"""CAN_ERR_CRTL_RX_PASSIVE and CAN_ERR_CRTL_TX_PASSIVE, bits of data byte 1: the controller is error-passive."""
-_ACTIVE: Final = 0x40
-"""CAN_ERR_CRTL_ACTIVE, a bit of data byte 1: the controller is error-active again."""
-
+_CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
+"""Error classes of Linux: CAN_ERR_CRTL (data byte 1 has the controller's state), CAN_ERR_BUSOFF, CAN_ERR_RESTARTED
+(from bus-off) and CAN_ERR_CNT (data bytes 6 and 7 have the transmit and receive error counters; kernels before 6.0 do
+not set this class)."""
+_RX_OVERFLOW, _PASSIVE, _ACTIVE = 0x01, 0x10 | 0x20, 0x40
+"""Bits CAN_ERR_CRTL_... of data byte 1: received frames were lost; error-passive by RX or TX; error-active again."""
 _LENGTH: Final = 8
 """Length of an error frame's data in bytes (CAN_ERR_DLC)."""
 

@@ -1,18 +1,8 @@
 """A CAN controller's fault confinement: its two counters and three states, as pure functions of a frozen value.
 
 The source is ISO 11898-1:2015, fault confinement. The rules have the numbers of the Bosch specification (CAN
-Specification 2.0, part B, chapter 8), which is free to read. Each function is one rule:
-
-    1  `receive_error`         REC + 1   a receiver detects an error
-    2  `dominant_after_flag`   REC + 8   a receiver sees a dominant bit right after its own error flag
-    3  `transmit_error`        TEC + 8   a transmitter sends an error flag, with two exceptions
-    4, 5, 6                              a flag that is not seen, or many dominant bits after it (not simulated)
-    7  `transmitted`           TEC - 1   a frame was sent and acknowledged
-    8  `received`              REC - 1   a frame was received without error; above 127, REC becomes 127
-    9  `state`                           error-passive if one of the counters is 128 or more
-    10 `state`                           bus-off if TEC is 256 or more
-    11 `state`                           error-active again if both counters are below 128
-    12 `recovered`                       error-active with both counters at 0 after 128 x 11 recessive bits (`RECOVERY`)
+Specification 2.0, part B, chapter 8), which is free to read. Each function is one rule. Rules 4 to 6, for a flag that
+is not seen and for many dominant bits after it, are not simulated.
 """
 
 from dataclasses import dataclass, replace
@@ -46,7 +36,7 @@ class FaultConfinement:
 
     @property
     def state(self) -> BusState:
-        """The controller's state according to rules 9 to 11."""
+        """The controller's state according to rules 9 to 11: bus-off, error-passive from 128 on, error-active."""
         if self.is_off:
             return BusState.BUS_OFF
         passive = max(self.tx_errors, self.rx_errors) >= PASSIVE_FROM
@@ -58,16 +48,16 @@ class FaultConfinement:
         return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":
-        """Apply rule 1: count a receive error."""
+        """Apply rule 1: a receiver that detects an error adds 1 to REC."""
         return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
 
     def dominant_after_flag(self) -> "FaultConfinement":
-        """Apply rule 2: other nodes answered this receiver's error flag, so this receiver may have caused the error."""
+        """Apply rule 2: a receiver adds 8 if other nodes answered its flag, because it may have caused the error."""
         return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
 
     def transmit_error(self) -> "FaultConfinement":
-        """Apply rule 3. The rule's second exception, a recessive stuff bit of the identifier that is seen dominant,
-        changes no counter."""
+        """Apply rules 3 and 10: a sender of an error flag adds 8 to TEC, and is bus-off from 256 on. The second
+        exception of rule 3, a recessive stuff bit of the identifier that is seen dominant, changes no counter."""
         counted = self.tx_errors + ERROR_STEP
         goes_off = counted >= OFF_FROM and not self.is_off
         return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
@@ -83,11 +73,11 @@ class FaultConfinement:
         return replace(self, tx_errors=self.tx_errors - 1) if self.tx_errors else self
 
     def received(self) -> "FaultConfinement":
-        """Apply rule 8: decrement REC after a reception without errors."""
+        """Apply rule 8: decrement REC after a reception without errors; above 127 it becomes 127."""
         if self.rx_errors >= PASSIVE_FROM:
             return replace(self, rx_errors=_AFTER_PASSIVE)
         return replace(self, rx_errors=self.rx_errors - 1) if self.rx_errors else self
 
     def recovered(self) -> "FaultConfinement":
-        """Apply rule 12: reset both counters after bus-off."""
+        """Apply rule 12: reset both counters after `RECOVERY`."""
         return FaultConfinement(times_off=self.times_off)

@@ -18,7 +18,6 @@ nodes are also left out: all nodes begin a frame in the same nanosecond. All oth
 import heapq
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -174,22 +173,13 @@ class SimulatedBus:
         else:
             for port in self._ports:
                 if port.recovery is not None:
-                    events.append((self._recovers_ns(port.recovery), partial(self._recover, port)))
+                    idle_ns = self._ns(RECESSIVE_BITS * max(port.recovery.left, 0))
+                    events.append((max(self._free_ns, port.recovery.since_ns) + idle_ns, port.recover))
         if self._calls:
-            events.append((self._calls[0][0], self._call))
+            events.append((self._calls[0][0], lambda: heapq.heappop(self._calls)[2]()))
         if self._attempt is None:
             events += [(max(self._free_ns, port.ready_ns), None) for port in self._ports if port.queue]
         return min(events, key=itemgetter(0), default=None)
-
-    def _call(self) -> None:
-        heapq.heappop(self._calls)[2]()
-
-    def _recovers_ns(self, recovery: Recovery) -> int:
-        return max(self._free_ns, recovery.since_ns) + self._ns(RECESSIVE_BITS * max(recovery.left, 0))
-
-    def _recover(self, port: SimulatedPort) -> None:
-        port.recovery = None
-        port.faults = port.faults.recovered()
 
     def _begin(self, at_ns: int) -> None:
         """Let the ready nodes compete in an arbitration, and begin the winner's attempt."""

@@ -134,6 +134,10 @@ class SimulatedPort:
         else:
             self.overruns += 1
 
+    def recover(self) -> None:
+        """End bus-off. Only the bus calls this method."""
+        self.recovery, self.faults = None, self.faults.recovered()
+
     def settle(self, now_ns: int) -> None:
         """Empty the queue of a node that went bus-off, and begin the node's recovery. The bus calls this method after
         every error."""
