@@ -95,11 +95,8 @@ class Segment:
         self._begun = b""
 
     def take(self) -> Calibration | None:
-        """Return the values in force at the beginning of a control period if they have changed since the last call,
-        otherwise None.
-
-        A thread other than the writing thread may call this method, because a set of values is replaced as a whole.
-        """
+        """Return the values in force if they have changed since the last call, otherwise None. Another thread than the
+        writing thread may call this method, because a set of values is replaced as a whole."""
         values = self.in_force
         if values == self._taken:
             return None

@@ -45,8 +45,7 @@ class XcpSlave:
         self._to_store: Calibration | None = None
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """Return the values that the tool asked to store, until `stored` or `not_stored` is called or the connection
-        ends."""
+        """Return the values that the tool asked to store, until the answer or the end of the connection."""
         self._end_if_idle(now_ns)
         return self._to_store
 
@@ -56,7 +55,7 @@ class XcpSlave:
         return [bytes([xcp.EVENT, xcp.STORED_EVENT])] if self._is_connected else []
 
     def not_stored(self) -> None:
-        """Note that storing failed: the tool sees that its request is no longer pending and receives no event."""
+        """Note that storing failed; the tool receives no event."""
         self._to_store = None
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:

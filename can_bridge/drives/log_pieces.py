@@ -74,9 +74,8 @@ class Cutter:
             )
 
     def add(self, table: Array, clock: SenderClock, moves: Mask) -> None:
-        """Cut the table of one `FrameStretch` into pieces. `table` is the result of `table_of`, converted to
-        coefficients; the table is NaN in rows in which the vehicle does not move or its speed is unknown, and `moves`
-        is False there."""
+        """Cut the table of one `FrameStretch`, converted to coefficients, into pieces. The table is NaN in rows in
+        which the vehicle does not move or its speed is unknown, and `moves` is False there."""
         present = np.isfinite(table)
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))

@@ -1,7 +1,7 @@
 """A recorded drive as series: pressures and actions, one row for each control period, and a report of missing data.
 
 A short gap is interpolated linearly. A long gap ends a piece, because an episode of a data set is one uninterrupted
-recording. The caller decides whether a log may have more than one piece.
+recording.
 
 If the log has the vehicle's speed, the coefficients are computed from it row by row. If the recorded rows are not a
 control period apart in convective time, new rows are interpolated from them, as in the ECU's window.
@@ -204,8 +204,7 @@ def series_of(
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
     """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
-    DatasetError if the vehicle never moves, a setting that the user gave contradicts the log, or the control period
-    fits no speed in the log."""
+    DatasetError if it never moves, a given setting contradicts the log, or the control period fits no speed in it."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
     if not len(moving):  # or the control period is of another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
@@ -238,8 +237,8 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Return speed in m/s and density in kg/m3 at the rows of a table, whose first row is one period before the first
-    frame. The speed is NaN in rows in which it is unknown or the vehicle does not move."""
+    """Return speed in m/s and density in kg/m3 at the rows of a table; the speed is NaN where it is unknown or the
+    vehicle does not move."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)

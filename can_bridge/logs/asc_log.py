@@ -139,16 +139,14 @@ class _Clock:
 
 def _between(first: str, second: str) -> float | None:
     """Return the seconds between two dates less than a month apart; None if a date is unreadable."""
-    found = [_DATE.search(text) for text in (first, second)]
-    if found[0] is None or found[1] is None:
-        return None
-    days, seconds = [], []
-    for one in found:
-        assert one is not None
-        hour = int(one[2]) % 12 + 12 * (one[5].lower() == "p") if one[5] else int(one[2])
-        days.append(int(one[1]))
-        seconds.append(3600.0 * hour + 60.0 * int(one[3]) + float(one[4]))
-    months = [text[: one.start()].split()[-1:] for text, one in zip((first, second), found, strict=True) if one]
+    months, days, seconds = [], [], []
+    for text in (first, second):
+        if (date := _DATE.search(text)) is None:
+            return None
+        hour = int(date[2]) % 12 + 12 * (date[5].lower() == "p") if date[5] else int(date[2])
+        months.append(text[: date.start()].split()[-1:])
+        days.append(int(date[1]))
+        seconds.append(3600.0 * hour + 60.0 * int(date[3]) + float(date[4]))
     if months[0] == months[1]:
         return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
     # If the month changes, one day has passed: blocks are never further apart. The lengths of the months are not used,

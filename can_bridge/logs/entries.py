@@ -1,6 +1,7 @@
 """The entries that every reader of logs yields, and functions that the readers share: encodings, names, bytes."""
 
 import io
+import json
 import re
 from collections.abc import Callable, Iterator
 from datetime import datetime
@@ -123,19 +124,8 @@ def lines_of(file: Binary) -> Lines:
     """Yield the lines of a text log. Escape characters replace bytes that are invalid in the encoding. They have no
     effect in headers and comments; a reader rejects a frame's line that has an escape character."""
     raw = io.BufferedReader(cast(io.RawIOBase, file))
-    encoding = _encoding(raw.peek(4)[:4])
+    encoding = json.detect_encoding(raw.peek(4)[:4])
     errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
     for number, line in enumerate(io.TextIOWrapper(raw, encoding=encoding, errors=errors), 1):
         if line.strip():
             yield number, line
-
-
-def _encoding(head: bytes) -> str:
-    """Return the encoding: the byte order mark shows it, or the zeros between the characters show UTF-16."""
-    if head[:3] == b"\xef\xbb\xbf":
-        return "utf-8-sig"
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "utf-16"
-    if len(head) == 4 and 0 not in (head[0], head[2]) and head[1] == head[3] == 0:
-        return "utf-16-le"
-    return "utf-16-be" if len(head) == 4 and head[0] == head[2] == 0 and head[1] and head[3] else "utf-8"

@@ -1,5 +1,4 @@
-"""The log of a node on a real bus while the node runs: frames are written to a text file during the run, and to a
-measurement at the end.
+"""The log of a node on a real bus: a text file while the node runs, and a measurement at its end.
 
 A process that is killed leaves the text file, in candump's format, beside the measurement: `.NAME.PID.log`.
 """

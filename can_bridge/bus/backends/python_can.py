@@ -159,9 +159,8 @@ class PythonCanBus(OpenBus):
     def overflows(self) -> int:
         """The number of receptions that are known to be lost because a queue was full.
 
-        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own losses.
-        Losses in a serial adapter or driver, or on another system, are not counted; they appear as gaps in the
-        end-to-end counters.
+        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Other
+        losses appear as gaps in the end-to-end counters.
         """
         try:
             in_kernel = _dropped(self._bus.fileno())
@@ -173,8 +172,7 @@ class PythonCanBus(OpenBus):
         """The health of the CAN controller as far as it is known; `HEALTHY` if nothing is known.
 
         SocketCAN reports the health in error frames, which this object has to receive. For other interfaces, the health
-        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers: for
-        some, PASSIVE is a node that only listens. `bus_off` counts each bus-off that this object has noticed.
+        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR
@@ -190,12 +188,8 @@ class PythonCanBus(OpenBus):
         )
 
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
-        """Send one frame, waiting at most `timeout_s`.
-
-        If sending fails on a virtual bus because one peer does not read, all other peers have received the frame.
-        Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD frame on a classic
-        bus; ValueError for a negative timeout.
-        """
+        """Send one frame. Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD
+        frame on a classic bus; ValueError for a negative timeout."""
         if timeout_s < 0:
             raise ValueError(f"timeout_s = {timeout_s}: must not be negative")
         if frame.is_fd and self._is_classic:

@@ -70,15 +70,10 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
 @dataclass(frozen=True, kw_only=True)
 class Duplicate(SidedFault, section="duplicate"):
-    """Copies follow a frame directly, with the frame's time stamp. `acted` counts the frames that were copied.
-
-    Duplicates also occur on CAN itself: if a sender sees an error in the last bit of the end of frame, it repeats the
-    frame, although the receivers accepted the frame one bit earlier (ISO 11898-1, message validation).
-    """
+    """Copies follow a frame directly, with the frame's time stamp. `acted` counts the frames that were copied."""
 
     probability: Probability[float] = 1.0
     copies: AtLeastOne[int] = 1
-    """Number of copies of each frame, without the frame itself."""
 
     def change(self, random: Random) -> Change:
         return lambda frame: [frame] * (1 + self.copies) if random.random() < self.probability else [frame]
@@ -173,7 +168,6 @@ class FlipBits(SidedFault, section="flip_bits"):
     """Bits of the data are inverted. `acted` counts the changed frames."""
 
     probability: Probability[float] = 1.0
-    """Probability that a frame is changed."""
     bits: AtLeastOne[int] = 1
     """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
@@ -253,7 +247,6 @@ class WireErrors(Span, section="wire_errors"):
     has an effect."""
 
     bit_error_rate: Probability[float]
-    """Probability that a bit is wrong. The shorter bits at CAN FD's data bit rate have the same probability."""
     nodes: tuple[str, ...] = ()
     """Names of the ports at which the bits are wrong; empty for all ports. With the argument `corrupts` of the bus, the
     fault acts on the frames that these ports send, and all nodes see the error. With the argument `mishears`, only
@@ -272,8 +265,7 @@ class WireErrors(Span, section="wire_errors"):
                 return None
             if rate == 0.0 or not self.is_active(begin_ns):
                 return None
-            # The index of the first wrong bit is distributed geometrically, because the bits are independent. It is
-            # computed from a uniform random number by inverting the distribution.
+            # The index of the first wrong bit is distributed geometrically, because the bits are independent.
             draw = random.random()
             place = 0 if rate == 1.0 else int(log1p(-draw) / log1p(-rate))
             return place if place < sum(frame_bits(frame)) - _INTERMISSION else None

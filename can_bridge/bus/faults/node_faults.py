@@ -17,11 +17,8 @@ transmit queue of a simulated port holds fewer frames."""
 
 @dataclass(frozen=True, kw_only=True)
 class Disconnect(BusFault, section="disconnect"):
-    """The node sends and receives nothing. `acted` counts the frames lost in both directions.
-
-    Frames that would have arrived in the span are lost. Frames that a `device_gone` node had already received are
-    delivered after the span.
-    """
+    """The node sends and receives nothing. `acted` counts the frames lost in both directions. Frames that a
+    `device_gone` node had already received are delivered after the span."""
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
     """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
