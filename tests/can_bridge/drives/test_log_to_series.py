@@ -37,21 +37,6 @@ from tests.examples import examples
 from tests.refused import refused
 
 
-def test_a_sound_log_is_the_drive() -> None:
-    for kind in KINDS:
-        one = drive(kind, 600, 1)
-        series = read(log_of(one))
-        same(series, one)
-        (piece,) = series.pieces
-        assert (piece.first_row, piece.initial_action) == (0, 0.0), kind
-        # Times of reception lie on the grid to the double's resolution at 1000 s.
-        np.testing.assert_allclose(piece.time_s, 1000.0 + PERIOD * np.arange(600), atol=1e-9)
-        report = series.report
-        assert (report.frames, report.lost, report.filled, report.gaps) == ((600, 600), (0, 0), (0, 0), ()), kind
-        assert report.unused == {}, kind
-        assert abs(report.drift) < 1e-9, kind
-
-
 @examples(30)
 @given(data=st.data(), kind=st.sampled_from(KINDS), seed=st.integers(0, 2**32 - 1))
 def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataObject, kind: str, seed: int) -> None:
