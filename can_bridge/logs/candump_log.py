@@ -8,13 +8,19 @@ The times on a screen are absolute (-t a, -t A in words), or they count from the
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import datetime
+from pathlib import Path
 from typing import Final
 
+import can
+
+from can_bridge.bus.conversion import to_message
 from can_bridge.logs import entries
 from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent
-from can_bridge.wire.frame import FD_LENGTHS
+from can_bridge.wire.frame import FD_LENGTHS, Frame
+from contract.atomic import replacing
 from contract.printable import quoted
 
 _ERROR: Final = 0x20000000
@@ -147,3 +153,15 @@ def _ident(digits: str) -> entries.Ident:
     if len(digits) > 8:
         raise ValueError(f"identifier {digits}, must have at most 8 digits")
     return int(digits, 16), len(digits) > 3
+
+
+@contextmanager
+def recording(path: Path) -> Iterator[Callable[[Frame], None]]:
+    """Yield a function that appends a frame to the log. The file is created only if the `with` block ends without an
+    error.
+
+    Frames must come in the order of their timestamps: the writer stamps a frame that is earlier than the previous frame
+    with the previous frame's time. Raises StillwakeError if the file cannot be written.
+    """
+    with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
+        yield lambda frame: writer.on_message_received(to_message(frame))

@@ -1,7 +1,7 @@
 """A CAN bus in virtual time: arbitration, exact frame lengths, errors and fault confinement, without a clock or thread.
 
 Every node has a port with a queue (`can_bridge.bus.simulated.port`) and a controller's error counters
-(`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the first frames of all queues compete, and the
+(`can_bridge.bus.simulated.attempt`). When the bus is free, the first frames of all queues compete, and the
 smallest identifier wins. The winning frame occupies the bus for the time of its bits (`can_bridge.wire.frame_bits`),
 including the intermission of three bits. At the end of frame, before the intermission, all other nodes receive the
 frame, stamped with this time, and the sender removes the frame from its queue. A destroyed frame is sent again.
@@ -22,8 +22,7 @@ from operator import itemgetter
 from typing import Final, NamedTuple
 
 from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.attempt import AttemptOutcome, AttemptVerdict, Sender, resolve
-from can_bridge.bus.simulated.fault_confinement import RECESSIVE_BITS
+from can_bridge.bus.simulated.attempt import RECESSIVE_BITS, AttemptOutcome, AttemptVerdict, Sender, resolve
 from can_bridge.bus.simulated.port import Queued, Recovery, SimulatedPort
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits

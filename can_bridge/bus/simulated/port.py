@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from can_bridge.bus.interface import BusHealth
-from can_bridge.bus.simulated.fault_confinement import RECOVERY, FaultConfinement
+from can_bridge.bus.simulated.attempt import RECOVERY, FaultConfinement
 from can_bridge.wire.frame import Frame, Priority, priority
 from contract.errors import BusError
 

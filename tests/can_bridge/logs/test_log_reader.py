@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from can_bridge.logs.frame_log import recording
+from can_bridge.logs.candump_log import recording
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.interface import BusState
+from can_bridge.bus.simulated.attempt import FaultConfinement
 from can_bridge.bus.simulated.background_node import BackgroundNode
-from can_bridge.bus.simulated.fault_confinement import FaultConfinement
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
 from can_bridge.timing.periodic_message import PeriodicMessage
 from can_bridge.wire.frame import Frame, priority
