@@ -163,10 +163,8 @@ class Cutter:
 
 def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
     """Return the piece with rows at equal distances travelled, `period` body lengths apart, as in the ECU's window.
-
-    Pressures are interpolated linearly between the rows. In the period after each row, the jets move linearly from the
-    previous row's action to the row's own action (`contract.recording`).
-    """
+    Pressures are interpolated linearly. In the period after each row, the jets move linearly from the previous row's
+    action to the row's own (`contract.recording`)."""
     way = travel.at(np.append(piece.time_s, 2 * piece.time_s[-1] - piece.time_s[-2]))
     first = int(np.ceil(way[0] / period - _SAME))
     wanted = period * np.arange(first, int(way[-2] / period + _SAME) + 1, dtype=np.float64)

@@ -58,17 +58,6 @@ def is_log(path: Path) -> bool:
         return False
 
 
-def check_suffix(path: Path) -> None:
-    """Raise BusError if no reader reads files with this ending."""
-    if suffix_of(path) not in LOG_SUFFIXES:
-        raise BusError(
-            f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
-            f"`python -m can.logconvert` converts other formats"
-        )
-    if path.suffix.lower() == PACKED and suffix_of(path) in _UNPACKED:
-        raise BusError(f"{path}: unpack it first (gunzip): a compressed {suffix_of(path)} cannot be read")
-
-
 class CanLog:
     """A log that can be read once, from its first message to its last. Timestamps are in s; channels are named as in
     the file.
@@ -84,7 +73,14 @@ class CanLog:
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
         """Open a log. Raises BusError for a file that does not exist or has no supported format. `zone` is that of a
         local start time in the file; only the named channels are read, or all."""
-        check_suffix(path)
+        suffix = suffix_of(path)
+        if suffix not in LOG_SUFFIXES:
+            raise BusError(
+                f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
+                f"`python -m can.logconvert` converts other formats"
+            )
+        if path.suffix.lower() == PACKED and suffix in _UNPACKED:
+            raise BusError(f"{path}: unpack it first (gunzip): a compressed {suffix} cannot be read")
         if not path.is_file():
             raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")
         self.path = path

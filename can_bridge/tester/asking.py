@@ -84,7 +84,7 @@ class Asking:
         is wrong, or if wrong keys were sent too often."""
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
-        refused_keys = 0
+        had_late_answer = False
         while True:
             unanswered = self.unanswered
             try:
@@ -92,10 +92,9 @@ class Asking:
                 self._ask(step, lambda: self._client.unlock_security_access(int(level)))
                 return
             except RefusedError as refused:
-                if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
-                    # The key may have been computed from the late answer to an earlier request, so a new seed is
-                    # requested.
-                    refused_keys += 1
+                if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not had_late_answer:
+                    # The key may have been computed from the late answer to an earlier request.
+                    had_late_answer = True
                     continue
                 if refused.code == Nrc.INVALID_KEY:
                     raise AccessError(

@@ -45,8 +45,8 @@ class WrappedBus:
 
 class FrameArrivals:
     """The arrival times of frames. A frame arrives at its time stamp if the stamp lies between the node's last two
-    readings of the bus, as it does if stamps and readings use one clock. Otherwise the frame arrives at the reading
-    that found it. No frame arrives before a frame that the bus returned earlier."""
+    readings of the bus, otherwise at the reading that found it. No frame arrives before a frame that the bus returned
+    earlier."""
 
     def __init__(self) -> None:
         self._looked_ns = 0

@@ -9,10 +9,8 @@ frame, stamped with this time, and the sender removes the frame from its queue. 
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-Two functions that the caller passes state which bits are wrong, so that a seed can make physical errors reproducible.
-Remote frames and overload frames are left out, because today's controllers do not need them. Phase differences between
-nodes are also left out: all nodes begin a frame in the same nanosecond. All other faults wrap a port, which is a
-`can_bridge.bus.interface.Bus`.
+Two functions that the caller passes state which bits are wrong; all other faults wrap a port. Remote frames, overload
+frames and phase differences are left out: all nodes begin a frame in the same nanosecond.
 """
 
 import heapq

@@ -26,12 +26,8 @@ RECEIVE_CAPACITY: Final = 4096
 
 
 class TransmitQueue:
-    """A queue of limited length, as in a controller with many mailboxes or a sorted FIFO.
-
-    As the response-time analysis assumes, no frame in the queue waits for an earlier frame of lower priority. A frame
-    stays in the queue until it has been sent, so a frame of higher priority may be sent before a destroyed frame is
-    repeated.
-    """
+    """A queue of limited length, as in a controller with many mailboxes or a sorted FIFO. As the response-time analysis
+    assumes, no frame waits for an earlier frame of lower priority. A frame stays in the queue until it was sent."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity

@@ -1,5 +1,7 @@
 """Counts, times and load of traffic that was made up, and what a live view lists of it."""
 
+from typing import Any
+
 import can
 
 from can_bridge.bus.conversion import to_message
@@ -23,7 +25,7 @@ def test_load_of_known_frames():
     111 bits without stuffing (ISO 11898-1: 44 + 64 and 3 of intermission) and at most 3 in the CRC and its
     neighbourhood, at 500 kbit/s every ms.
     """
-    alternating = {"arbitration_id": 0x555, "is_extended_id": False, "data": b"\x55" * 8}
+    alternating: dict[str, Any] = {"arbitration_id": 0x555, "is_extended_id": False, "data": b"\x55" * 8}
     load = summary_of(*(can.Message(timestamp=i / 1000, **alternating) for i in range(101))).load
     assert load is not None and 111 - 1e-6 <= load * 100 / 101 * 500 <= 114 + 1e-6
     fast, slow = (
