@@ -13,7 +13,7 @@ from tests.can_bridge.tester.calibrated_ecu import OWN, Ecu
 from tests.can_bridge.tester.line import Line
 
 
-def test_a_value_is_refused_before_anything_is_sent_and_another_tools_values_are_noticed():
+def test_a_value_is_refused_before_anything_is_sent_and_another_tools_values_are_noticed(monkeypatch):
     ecu = Ecu()
     line = Line(ecu)
     asking = Asking(Client(line), key=KEY.answer, clock=line.time.clock, sleep=line.time.sleep)
@@ -39,6 +39,6 @@ def test_a_value_is_refused_before_anything_is_sent_and_another_tools_values_are
         yield from serve(did, value)
         ecu.segment.set(replace(OWN, delay_steps=3))
 
-    ecu.service.write = write
+    monkeypatch.setattr(ecu.service, "write", write)
     with pytest.raises(FlashError, match="another tool"):
         calibration.write(asking, read.limits.changed(read.in_force, {"lift": 0.5}))

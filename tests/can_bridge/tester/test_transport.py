@@ -163,7 +163,7 @@ def test_blocks_fit_a_request_and_end_at_words(limit: int, fates: list[bool], of
     # They shrink to a word and grow back.
     longest = BlockLength().next_from(0)
     length = BlockLength()
-    for fate, count, expected in ((length.lost, 10, BLOCK_STEP), (length.arrived, 1000, longest)):
+    for report, count, expected in ((length.lost, 10, BLOCK_STEP), (length.arrived, 1000, longest)):
         for _ in range(count):
-            fate()
+            report()
         assert length.next_from(0) == expected

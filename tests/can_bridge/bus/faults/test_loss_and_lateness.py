@@ -25,22 +25,19 @@ def test_everything_named_is_lost_in_the_span_and_nothing_else():
         assert len(link.listener.receive_all()) == (55 if at == "send" else 60), at
 
 
-def test_as_many_are_lost_as_the_probability_says(link):
-    n, p = 500, 0.3
-    faulty = link.wrapped(link.one, Drop(probability=p))
-    received = numbers(link.stream(faulty, link.other, n))
-    # Five standard deviations of a binomial number.
-    assert abs(n - len(received) - n * p) < 5 * sqrt(n * p * (1 - p))
-    assert faulty.injectors[0].acted == n - len(received)
-    assert received == sorted(set(received))
-
-
-def test_bursts_have_the_stated_share_and_length():
-    for loss, mean_burst in ((0.1, 4.0), (0.02, 1.0), (0.8, 10.0)):
+def test_losses_and_bursts_have_the_stated_share_and_length():
+    # Independent losses are bursts, too.
+    independent = 0.3, 1 / 0.7, Drop(probability=0.3)
+    bursts_of = ((0.1, 4.0), (0.02, 1.0), (0.8, 10.0))
+    for loss, mean_burst, fault in (
+        independent,
+        *((loss, mean_burst, BurstLoss(loss=loss, mean_burst=mean_burst)) for loss, mean_burst in bursts_of),
+    ):
         link = simulated_link()
         n = 1000
-        faulty = link.wrapped(link.one, BurstLoss(loss=loss, mean_burst=mean_burst))
+        faulty = link.wrapped(link.one, fault)
         gone = [not frames for frames in link.stream(faulty, link.other, n)]
+        assert faulty.injectors[0].acted == sum(gone)
         to_good = 1 / mean_burst
         correlation = 1 - to_good - to_good * loss / (1 - loss)
         # The variance of a sum over a two-state Markov chain, and of a geometric length; five standard deviations.
