@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from typing import Final
 
 from can_bridge.bus.interface import Rejection
@@ -16,17 +15,14 @@ SILENCE_S: Final = 1.0
 """Time in s without a usable frame after which the line is reported."""
 
 
-@dataclass(kw_only=True, eq=False)
-class Heard:
+class Heard(Counter[tuple[int, int]]):
     """Counts of the frames since the last report, by identifier and length."""
-
-    frames: Counter[tuple[int, int]] = field(default_factory=Counter)
 
     def add(self, frames: Iterable[Frame]) -> None:
         """Count more frames."""
         for frame in frames:
-            if len(self.frames) < 1000 or (frame.frame_id, len(frame.data)) in self.frames:
-                self.frames[frame.frame_id, len(frame.data)] += 1
+            if len(self) < 1000 or (frame.frame_id, len(frame.data)) in self:
+                self[frame.frame_id, len(frame.data)] += 1
 
 
 def line(
@@ -35,14 +31,12 @@ def line(
     """Return a line that states why no usable frame arrived in `SILENCE_S`, as far as the received frames show.
 
     Args:
-        heard: counts of the frames that were received.
-        wanted: specification of the message that the node waits for.
-        messages: the message set that this node uses.
+        wanted: the message that the node waits for, one of the node's `messages`.
         rejected: numbers of receptions that were not frames of this node's format, by reason.
         sender: word for the node that sends the message.
     """
     opening = f"no usable {wanted.name} (0x{wanted.frame_id:03x}) in {SILENCE_S:g} s"
-    lengths = {length: count for (frame_id, length), count in heard.frames.items() if frame_id == wanted.frame_id}
+    lengths = {length: count for (frame_id, length), count in heard.items() if frame_id == wanted.frame_id}
     wrong = {length: count for length, count in lengths.items() if length != wanted.length}
     if wrong:
         length = max(wrong, key=wrong.__getitem__)
@@ -51,7 +45,7 @@ def line(
         reason = "MAC, counter or CRC are wrong"
         check = "another bus.key or DBC" if wanted.is_secured else "another DBC, or two nodes send it"
         return f"{opening}: {sum(lengths.values())} arrived, but their {reason}: {check}"
-    ids = {frame_id for frame_id, _ in heard.frames} - {spec.frame_id for spec in messages.specs}
+    ids = {frame_id for frame_id, _ in heard} - {spec.frame_id for spec in messages.specs}
     for other in SETS:
         if ids & {spec.frame_id for spec in other.specs}:
             usual = f"--set bus.frames={'fd' if other.command.spec.is_fd else 'classic'}"

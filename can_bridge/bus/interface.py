@@ -20,7 +20,6 @@ class BusHealth:
     """The error state of a node's CAN controller.
 
     Attributes:
-        state: error-active, error-passive or bus-off.
         tx_errors, rx_errors: error counters. The controller is error-passive if a counter is above 127, and bus-off if
             `tx_errors` is 256 or more.
         bus_off: number of times that the controller went bus-off since power-on.

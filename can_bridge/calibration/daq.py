@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import Final
 
 from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES
-from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error
+from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error, deny_if
 
 MOST_ODTS: Final = 16
 """Largest number of frames per period: enough for all values of `measured`, one floating-point value per frame."""
@@ -49,8 +49,7 @@ class _Stage(IntEnum):
 
 
 class DaqLists:
-    """The measurement list, and the values of the latest control period. `period_ns` is the length of a control period,
-    in ns.
+    """The measurement list, and the values of the latest control period.
 
     `sample` may be called in one thread, and the remaining methods in another thread. The method of a command takes a
     packet of at least the command's shortest length and returns the answer, or raises Denied.
@@ -104,99 +103,86 @@ class DaqLists:
 
     # These commands build and start the list.
 
-    def release(self, data: bytes) -> bytes:
-        """Delete the list and allow a new allocation (FREE_DAQ)."""
+    def free_daq(self, data: bytes) -> bytes:
+        """Delete the list and allow a new allocation."""
         self.free()
         self._stage = _Stage.FREED
         return _OK
 
-    def alloc_lists(self, data: bytes) -> bytes:
-        """Allocate the list (ALLOC_DAQ)."""
+    def alloc_daq(self, data: bytes) -> bytes:
+        """Allocate the list."""
         self._check_stage(_Stage.FREED, _Stage.LISTS)
         count = _number(data, 2)
-        if count > 1:
-            raise Denied(Error.MEMORY_OVERFLOW)
+        deny_if(count > 1, Error.MEMORY_OVERFLOW)
         self._stage, self._lists = _Stage.LISTS, count
         return _OK
 
-    def alloc_odts(self, data: bytes) -> bytes:
-        """Allocate the frames of the list (ALLOC_ODT)."""
+    def alloc_odt(self, data: bytes) -> bytes:
+        """Allocate the frames of the list."""
         self._check_stage(_Stage.LISTS, _Stage.ODTS)
         self._check_list(data, 2)
         count = data[4]
-        if count == 0:
-            raise Denied(Error.OUT_OF_RANGE)
-        if count > MOST_ODTS:
-            raise Denied(Error.MEMORY_OVERFLOW)
+        deny_if(count == 0, Error.OUT_OF_RANGE)
+        deny_if(count > MOST_ODTS, Error.MEMORY_OVERFLOW)
         self._stage, self._odts = _Stage.ODTS, [[] for _ in range(count)]
         return _OK
 
-    def alloc_entries(self, data: bytes) -> bytes:
-        """Allocate the entries of one frame, once for each frame (ALLOC_ODT_ENTRY)."""
+    def alloc_odt_entry(self, data: bytes) -> bytes:
+        """Allocate the entries of one frame, once for each frame."""
         self._check_stage(_Stage.ODTS, _Stage.ENTRIES)
         self._check_list(data, 2)
         odt, count = data[4], data[5]
-        if odt >= len(self._odts) or count == 0:
-            raise Denied(Error.OUT_OF_RANGE)
-        if self._odts[odt]:
-            raise Denied(Error.SEQUENCE)
-        if self._used + count > MOST_ENTRIES:
-            raise Denied(Error.MEMORY_OVERFLOW)
+        deny_if(odt >= len(self._odts) or count == 0, Error.OUT_OF_RANGE)
+        deny_if(bool(self._odts[odt]), Error.SEQUENCE)
+        deny_if(self._used + count > MOST_ENTRIES, Error.MEMORY_OVERFLOW)
         self._stage, self._odts[odt] = _Stage.ENTRIES, [(0, 0)] * count
         self._used += count
         return _OK
 
-    def set_pointer(self, data: bytes) -> bytes:
-        """Set the pointer to an entry (SET_DAQ_PTR)."""
+    def set_daq_ptr(self, data: bytes) -> bytes:
+        """Set the pointer to an entry."""
         self._check_idle()
         self._check_list(data, 2)
         odt, entry = data[4], data[5]
-        if odt >= len(self._odts) or entry >= len(self._odts[odt]):
-            raise Denied(Error.OUT_OF_RANGE)
+        deny_if(odt >= len(self._odts) or entry >= len(self._odts[odt]), Error.OUT_OF_RANGE)
         self._pointer = odt, entry
         return _OK
 
-    def write(self, data: bytes) -> bytes:
-        """Write the entry at the pointer, and move the pointer to the frame's next entry (WRITE_DAQ)."""
+    def write_daq(self, data: bytes) -> bytes:
+        """Write the entry at the pointer, and move the pointer to the frame's next entry."""
         self._check_idle()
         if self._pointer is None or self._pointer[1] >= len(self._odts[self._pointer[0]]):
             raise Denied(Error.SEQUENCE)
         bits, size, extension = data[1:4]
-        if bits != _NO_BITS or not 0 < size <= MOST_IN_ODT or extension:
-            raise Denied(Error.OUT_OF_RANGE)
+        deny_if(bits != _NO_BITS or not 0 < size <= MOST_IN_ODT or extension != 0, Error.OUT_OF_RANGE)
         at = int.from_bytes(data[4:8], "little") - MEASURED_ADDRESS
-        if not 0 <= at <= at + size <= MEASURED_BYTES:
-            raise Denied(Error.ACCESS_DENIED)
+        deny_if(not 0 <= at <= at + size <= MEASURED_BYTES, Error.ACCESS_DENIED)
         odt, entry = self._pointer
         entries = self._odts[odt]
-        if sum(other for _, other in entries) - entries[entry][1] + size > MOST_IN_ODT:
-            raise Denied(Error.DAQ_CONFIG)
+        deny_if(sum(other for _, other in entries) - entries[entry][1] + size > MOST_IN_ODT, Error.DAQ_CONFIG)
         entries[entry] = at, size
         self._pointer = odt, entry + 1
         return _OK
 
-    def set_mode(self, data: bytes) -> bytes:
-        """Set the list's mode (SET_DAQ_LIST_MODE); the priority in the command is ignored."""
+    def set_daq_list_mode(self, data: bytes) -> bytes:
+        """Set the list's mode; the priority in the command is ignored."""
         self._check_idle()
-        if data[1] != 0:
-            raise Denied(Error.MODE_NOT_VALID)
+        deny_if(data[1] != 0, Error.MODE_NOT_VALID)
         self._check_list(data, 2)
-        if _number(data, 4) != 0 or data[6] != 1:
-            raise Denied(Error.OUT_OF_RANGE)
+        deny_if(_number(data, 4) != 0 or data[6] != 1, Error.OUT_OF_RANGE)
         return _OK
 
-    def mode(self, data: bytes) -> bytes:
-        """Return the list's mode (GET_DAQ_LIST_MODE)."""
+    def get_daq_list_mode(self, data: bytes) -> bytes:
+        """Return the list's mode."""
         self._check_list(data, 2)
         bits = (_SELECTED if self._is_selected else 0) | (_RUNNING if self.is_running else 0)
         event, prescaler, priority = 0, 1, 0
         return bytes([RESPONSE, bits, 0, 0, event, 0, prescaler, priority])
 
-    def start_stop(self, data: bytes) -> bytes:
-        """Stop, start or select the list (START_STOP_DAQ_LIST)."""
+    def start_stop_daq_list(self, data: bytes) -> bytes:
+        """Stop, start or select the list."""
         self._check_list(data, 2)
-        if data[1] > 2:
-            raise Denied(Error.MODE_NOT_VALID)
+        deny_if(data[1] > 2, Error.MODE_NOT_VALID)
         if data[1] == 0:
             self._stop()
         elif not self._odts:
@@ -207,10 +193,9 @@ class DaqLists:
             self._is_selected = True
         return bytes([RESPONSE, 0])
 
-    def start_stop_selected(self, data: bytes) -> bytes:
-        """Stop all lists, start the selected lists, or stop the selected lists (START_STOP_SYNCH)."""
-        if data[1] > 2:
-            raise Denied(Error.MODE_NOT_VALID)
+    def start_stop_synch(self, data: bytes) -> bytes:
+        """Stop all lists, start the selected lists, or stop the selected lists."""
+        deny_if(data[1] > 2, Error.MODE_NOT_VALID)
         if data[1] == 0 or (data[1] == 2 and self._is_selected):
             self._stop()
         elif data[1] == 1 and self._is_selected:
@@ -220,19 +205,18 @@ class DaqLists:
 
     # These commands describe the measurement.
 
-    def processor_info(self, data: bytes) -> bytes:
-        """Return the properties of the processor (GET_DAQ_PROCESSOR_INFO)."""
+    def get_daq_processor_info(self, data: bytes) -> bytes:
+        """Return the properties of the processor."""
         events = 1
         return bytes([RESPONSE, DYNAMIC, self._lists, 0, events, 0, 0, 0])
 
-    def resolution_info(self, data: bytes) -> bytes:
-        """Return the sizes that an entry may have (GET_DAQ_RESOLUTION_INFO)."""
+    def get_daq_resolution_info(self, data: bytes) -> bytes:
+        """Return the sizes that an entry may have."""
         return bytes([RESPONSE, 1, MOST_IN_ODT, 1, 0, 0, 0, 0])
 
-    def event_info(self, data: bytes) -> bytes:
-        """Return the properties of the event (GET_DAQ_EVENT_INFO); the tool reads the event's name by UPLOAD."""
-        if _number(data, 2) != 0:
-            raise Denied(Error.OUT_OF_RANGE)
+    def get_daq_event_info(self, data: bytes) -> bytes:
+        """Return the properties of the event; the tool reads the event's name by UPLOAD."""
+        deny_if(_number(data, 2) != 0, Error.OUT_OF_RANGE)
         lists, priority = 1, 0
         return bytes([RESPONSE, OF_DAQ, lists, len(EVENT_NAME), *self._cycle, priority])
 
@@ -241,16 +225,13 @@ class DaqLists:
         self._left = []
 
     def _check_stage(self, *stages: _Stage) -> None:
-        if self._stage not in stages:
-            raise Denied(Error.SEQUENCE)
+        deny_if(self._stage not in stages, Error.SEQUENCE)
 
     def _check_idle(self) -> None:
-        if self.is_running:
-            raise Denied(Error.DAQ_ACTIVE)
+        deny_if(self.is_running, Error.DAQ_ACTIVE)
 
     def _check_list(self, data: bytes, at: int) -> None:
-        if _number(data, at) >= self._lists:
-            raise Denied(Error.OUT_OF_RANGE)
+        deny_if(_number(data, at) >= self._lists, Error.OUT_OF_RANGE)
 
 
 _OK: Final = bytes([RESPONSE])

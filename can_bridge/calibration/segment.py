@@ -25,37 +25,23 @@ class Page(IntEnum):
 
 
 class Segment:
-    """The two pages, and the choice of the page in force. Raises ConfigError if the release's values are out of the
-    limits."""
+    """The two pages, and the choice of the page in force, `page`. Raises ConfigError if the release's values are out of
+    the limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
         self.reference = reference
         self.limits = limits
+        self.page = Page.WORKING
         self._working = reference
-        self._page = Page.WORKING
         self._taken = reference
         self._begun_at = 0
         self._begun = b""
 
     @property
-    def working(self) -> Calibration:
-        """The values of the working page."""
-        return self._working
-
-    @property
-    def page(self) -> Page:
-        """The page in force."""
-        return self._page
-
-    @property
     def in_force(self) -> Calibration:
         """The values of the page in force, from the next control period on."""
-        return self._working if self._page is Page.WORKING else self.reference
-
-    def select(self, page: Page) -> None:
-        """Put a page in force."""
-        self._page = page
+        return self._working if self.page is Page.WORKING else self.reference
 
     def read(self, page: Page, offset: int, length: int) -> bytes:
         """Return bytes of a page, including the first bytes of a value that is only partly written. Raises ConfigError
@@ -96,12 +82,12 @@ class Segment:
         self.limits.check(calibration)
         self._working = calibration
         self._begun = b""
-        self._page = Page.WORKING
+        self.page = Page.WORKING
 
     def revert(self) -> None:
         """Copy the release's own values to the working page, and put the working page in force."""
         self.copy_reference()
-        self._page = Page.WORKING
+        self.page = Page.WORKING
 
     def copy_reference(self) -> None:
         """Copy the release's own values to the working page."""
@@ -109,11 +95,8 @@ class Segment:
         self._begun = b""
 
     def take(self) -> Calibration | None:
-        """Return the values in force at the beginning of a control period if they have changed since the last call,
-        otherwise None.
-
-        A thread other than the writing thread may call this method, because a set of values is replaced as a whole.
-        """
+        """Return the values in force if they have changed since the last call, otherwise None. Another thread than the
+        writing thread may call this method, because a set of values is replaced as a whole."""
         values = self.in_force
         if values == self._taken:
             return None

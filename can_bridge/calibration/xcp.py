@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from enum import IntEnum
 from hmac import compare_digest
-from typing import Final, Protocol
+from typing import Final, Protocol, Self
 
 from can_bridge.flashing.access_level import Level
 
@@ -41,71 +41,50 @@ ALL_MODE: Final = 0x80
 
 
 class Command(IntEnum):
-    """The first byte of a packet from the tool."""
+    """The first byte of a packet from the tool. `shortest` is the smallest number of bytes of the command; padding may
+    follow."""
 
-    CONNECT = 0xFF
+    shortest: int
+
+    def __new__(cls, code: int, shortest: int = 1) -> Self:
+        command = int.__new__(cls, code)
+        command._value_, command.shortest = code, shortest
+        return command
+
+    CONNECT = 0xFF, 2
     DISCONNECT = 0xFE
     GET_STATUS = 0xFD
     SYNCH = 0xFC
     GET_COMM_MODE_INFO = 0xFB
-    GET_ID = 0xFA
-    SET_REQUEST = 0xF9
-    GET_SEED = 0xF8
-    UNLOCK = 0xF7
-    SET_MTA = 0xF6
-    UPLOAD = 0xF5
-    SHORT_UPLOAD = 0xF4
-    BUILD_CHECKSUM = 0xF3
-    DOWNLOAD = 0xF0
-    SET_CAL_PAGE = 0xEB
-    GET_CAL_PAGE = 0xEA
+    GET_ID = 0xFA, 2
+    SET_REQUEST = 0xF9, 2
+    GET_SEED = 0xF8, 3
+    UNLOCK = 0xF7, 3
+    SET_MTA = 0xF6, 8
+    UPLOAD = 0xF5, 2
+    SHORT_UPLOAD = 0xF4, 8
+    BUILD_CHECKSUM = 0xF3, 8
+    DOWNLOAD = 0xF0, 3
+    SET_CAL_PAGE = 0xEB, 4
+    GET_CAL_PAGE = 0xEA, 3
     GET_PAG_PROCESSOR_INFO = 0xE9
-    GET_SEGMENT_INFO = 0xE8
-    GET_PAGE_INFO = 0xE7
-    COPY_CAL_PAGE = 0xE4
-    SET_DAQ_PTR = 0xE2
-    WRITE_DAQ = 0xE1
-    SET_DAQ_LIST_MODE = 0xE0
-    GET_DAQ_LIST_MODE = 0xDF
-    START_STOP_DAQ_LIST = 0xDE
-    START_STOP_SYNCH = 0xDD
+    GET_SEGMENT_INFO = 0xE8, 5
+    GET_PAGE_INFO = 0xE7, 4
+    COPY_CAL_PAGE = 0xE4, 5
+    SET_DAQ_PTR = 0xE2, 6
+    WRITE_DAQ = 0xE1, 8
+    SET_DAQ_LIST_MODE = 0xE0, 8
+    GET_DAQ_LIST_MODE = 0xDF, 4
+    START_STOP_DAQ_LIST = 0xDE, 4
+    START_STOP_SYNCH = 0xDD, 2
     GET_DAQ_PROCESSOR_INFO = 0xDA
     GET_DAQ_RESOLUTION_INFO = 0xD9
-    GET_DAQ_EVENT_INFO = 0xD7
+    GET_DAQ_EVENT_INFO = 0xD7, 4
     FREE_DAQ = 0xD6
-    ALLOC_DAQ = 0xD5
-    ALLOC_ODT = 0xD4
-    ALLOC_ODT_ENTRY = 0xD3
+    ALLOC_DAQ = 0xD5, 4
+    ALLOC_ODT = 0xD4, 5
+    ALLOC_ODT_ENTRY = 0xD3, 6
 
-
-SHORTEST_COMMAND: Final = {
-    Command.CONNECT: 2,
-    Command.GET_ID: 2,
-    Command.SET_REQUEST: 2,
-    Command.GET_SEED: 3,
-    Command.UNLOCK: 3,
-    Command.SET_MTA: 8,
-    Command.UPLOAD: 2,
-    Command.SHORT_UPLOAD: 8,
-    Command.BUILD_CHECKSUM: 8,
-    Command.DOWNLOAD: 3,
-    Command.SET_CAL_PAGE: 4,
-    Command.GET_CAL_PAGE: 3,
-    Command.GET_SEGMENT_INFO: 5,
-    Command.GET_PAGE_INFO: 4,
-    Command.COPY_CAL_PAGE: 5,
-    Command.SET_DAQ_PTR: 6,
-    Command.WRITE_DAQ: 8,
-    Command.SET_DAQ_LIST_MODE: 8,
-    Command.GET_DAQ_LIST_MODE: 4,
-    Command.START_STOP_DAQ_LIST: 4,
-    Command.START_STOP_SYNCH: 2,
-    Command.GET_DAQ_EVENT_INFO: 4,
-    Command.ALLOC_DAQ: 4,
-    Command.ALLOC_ODT: 5,
-    Command.ALLOC_ODT_ENTRY: 6,
-}
-"""Smallest number of bytes of a command; padding may follow. A command that is not listed has one byte."""
 
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
@@ -140,6 +119,12 @@ class Denied(Exception):  # noqa: N818  (an error packet is an answer, no error)
     def __init__(self, code: Error) -> None:
         super().__init__(code.name)
         self.code = code
+
+
+def deny_if(condition: bool, code: Error) -> None:
+    """Raise Denied if the condition holds."""
+    if condition:
+        raise Denied(code)
 
 
 XCP_SEED_LENGTH: Final = 12
@@ -185,13 +170,11 @@ class XcpAccess:
         requested, or if the random source gives zeros."""
         if mode == 0:
             self._forget()
-            if resource != CAL_PAG:
-                raise Denied(Error.OUT_OF_RANGE)
+            deny_if(resource != CAL_PAG, Error.OUT_OF_RANGE)
             if self.is_unlocked:
                 return bytes([0])
             seed = self._random_bytes(XCP_SEED_LENGTH)
-            if not any(seed):
-                raise Denied(Error.GENERIC)
+            deny_if(not any(seed), Error.GENERIC)
             self._seed = self._unsent = seed
         elif mode != 1:
             raise Denied(Error.OUT_OF_RANGE)
@@ -209,8 +192,7 @@ class XcpAccess:
             self._forget()
             raise Denied(Error.SEQUENCE)
         piece = data[: min(left, _PIECE)]
-        if len(piece) < min(left, _PIECE):
-            raise Denied(Error.CMD_SYNTAX)
+        deny_if(len(piece) < min(left, _PIECE), Error.CMD_SYNTAX)
         self._key += piece
         if len(self._key) == XCP_KEY_LENGTH:
             right = compare_digest(self._access.answer(Level.CALIBRATION, self._seed), self._key)

@@ -1,4 +1,5 @@
-"""The ECU's side of XCP: a state machine whose inputs are the time and the packets from the tool.
+"""The ECU's side of XCP: a state machine whose inputs are the time and the packets from the tool. Each command has a
+method of its own name, here or in `can_bridge.calibration.daq`.
 
 A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`), and reads or measures the latest
 control period (`can_bridge.calibration.daq`). The ECU supports neither block mode nor flashing.
@@ -6,13 +7,13 @@ control period (`can_bridge.calibration.daq`). The ECU supports neither block mo
 
 import struct
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Final
 
 from can_bridge.calibration import xcp
 from can_bridge.calibration.daq import EVENT_NAME, DaqLists
 from can_bridge.calibration.segment import ADDRESS, Page, Segment
-from can_bridge.calibration.xcp import MAX_CTO, AnswersSeeds, Command, Denied, Error, WrongKey, XcpAccess
+from can_bridge.calibration.xcp import MAX_CTO, AnswersSeeds, Command, Denied, Error, WrongKey, XcpAccess, deny_if
 from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
@@ -27,15 +28,8 @@ WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
 
 
 class XcpSlave:
-    """The slave, which has one connection at a time.
-
-    Args:
-        random_bytes: returns the given number of unpredictable bytes.
-        period_ns: control period, in ns.
-
-    Attributes:
-        daq: list of measured values.
-    """
+    """The slave, which has one connection at a time. `random_bytes` returns so many unpredictable bytes, and `daq` is
+    the list of measured values."""
 
     def __init__(
         self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes], *, period_ns: int
@@ -51,8 +45,7 @@ class XcpSlave:
         self._to_store: Calibration | None = None
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """Return the values that the tool asked to store, until `stored` or `not_stored` is called or the connection
-        ends."""
+        """Return the values that the tool asked to store, until the answer or the end of the connection."""
         self._end_if_idle(now_ns)
         return self._to_store
 
@@ -62,20 +55,13 @@ class XcpSlave:
         return [bytes([xcp.EVENT, xcp.STORED_EVENT])] if self._is_connected else []
 
     def not_stored(self) -> None:
-        """Note that storing failed: the tool sees that its request is no longer pending and receives no event."""
+        """Note that storing failed; the tool receives no event."""
         self._to_store = None
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:
         """Take a packet from the tool and return the packets to the tool. No packet raises an exception."""
         self._end_if_idle(now_ns)
-        if not data:
-            return []
-        if data[0] == Command.CONNECT:
-            self._last_ns = now_ns
-            return (
-                [self._connect()] if len(data) >= xcp.SHORTEST_COMMAND[Command.CONNECT] else [_error(Error.CMD_SYNTAX)]
-            )
-        if not self._is_connected:
+        if not data or not (self._is_connected or data[0] == Command.CONNECT):
             return []
         self._last_ns = now_ns
         try:
@@ -91,13 +77,13 @@ class XcpSlave:
             command = Command(data[0])
         except ValueError:
             raise Denied(Error.CMD_UNKNOWN) from None
-        if len(data) < xcp.SHORTEST_COMMAND.get(command, 1):
-            raise Denied(Error.CMD_SYNTAX)
-        if command in xcp.PROTECTED and not self._access.is_unlocked:
-            raise Denied(Error.ACCESS_LOCKED)
-        return _COMMANDS[command](self, data)
+        deny_if(len(data) < command.shortest, Error.CMD_SYNTAX)
+        deny_if(command in xcp.PROTECTED and not self._access.is_unlocked, Error.ACCESS_LOCKED)
+        name = command.name.lower()
+        handle: Callable[[bytes], bytes] = getattr(self, f"_{name}", None) or getattr(self.daq, name)
+        return handle(data)
 
-    def _connect(self) -> bytes:
+    def _connect(self, data: bytes) -> bytes:
         self._end()
         self._is_connected = True
         return struct.pack(
@@ -132,7 +118,7 @@ class XcpSlave:
         self._end()
         return bytes([xcp.RESPONSE])
 
-    def _status(self, data: bytes) -> bytes:
+    def _get_status(self, data: bytes) -> bytes:
         session = 0 if self._to_store is None else xcp.STORE_REQUEST
         session |= xcp.DAQ_RUNNING if self.daq.is_running else 0
         return bytes([xcp.RESPONSE, session, self._access.protected, 0, 0, 0])
@@ -140,7 +126,7 @@ class XcpSlave:
     def _synch(self, data: bytes) -> bytes:
         raise Denied(Error.CMD_SYNCH)
 
-    def _comm_mode_info(self, data: bytes) -> bytes:
+    def _get_comm_mode_info(self, data: bytes) -> bytes:
         """Answer that the slave accepts neither blocks of commands nor a queue of commands."""
         return bytes([xcp.RESPONSE, 0, 0, 0, 0, 0, 0, xcp.DRIVER_VERSION])
 
@@ -149,14 +135,13 @@ class XcpSlave:
         self._identification = A2L_NAME if data[1] in (0, 1) else b""
         return struct.pack("<4BI", xcp.RESPONSE, 0, 0, 0, len(self._identification))
 
-    def _event_info(self, data: bytes) -> bytes:
-        answer = self.daq.event_info(data)
+    def _get_daq_event_info(self, data: bytes) -> bytes:
+        answer = self.daq.get_daq_event_info(data)
         self._identification = EVENT_NAME
         return answer
 
     def _set_request(self, data: bytes) -> bytes:
-        if data[1] != xcp.STORE_REQUEST:
-            raise Denied(Error.OUT_OF_RANGE)
+        deny_if(data[1] != xcp.STORE_REQUEST, Error.OUT_OF_RANGE)
         self._to_store = self._segment.in_force
         return bytes([xcp.RESPONSE])
 
@@ -196,11 +181,9 @@ class XcpSlave:
 
     def _download(self, data: bytes) -> bytes:
         length = _length(data[1], MAX_CTO - 2)
-        if len(data) < 2 + length:
-            raise Denied(Error.CMD_SYNTAX)
+        deny_if(len(data) < 2 + length, Error.CMD_SYNTAX)
         _check_inside(self._address, length)
-        if self._page is not Page.WORKING:
-            raise Denied(Error.WRITE_PROTECTED)
+        deny_if(self._page is not Page.WORKING, Error.WRITE_PROTECTED)
         try:
             self._segment.write(self._address - ADDRESS, data[2 : 2 + length])
         except ConfigError:
@@ -208,31 +191,29 @@ class XcpSlave:
         self._address += length
         return bytes([xcp.RESPONSE])
 
-    def _set_page(self, data: bytes) -> bytes:
+    def _set_cal_page(self, data: bytes) -> bytes:
         mode, segment = data[1], data[2]
-        if not mode & (xcp.ECU_MODE | xcp.XCP_MODE):
-            raise Denied(Error.MODE_NOT_VALID)
+        deny_if(not mode & (xcp.ECU_MODE | xcp.XCP_MODE), Error.MODE_NOT_VALID)
         if not mode & xcp.ALL_MODE:
             _check_segment(segment)
         page = _page(data[3])
         if mode & xcp.ECU_MODE:
-            self._segment.select(page)
+            self._segment.page = page
         if mode & xcp.XCP_MODE:
             self._page = page
         return bytes([xcp.RESPONSE])
 
-    def _get_page(self, data: bytes) -> bytes:
-        if data[1] not in (xcp.ECU_MODE, xcp.XCP_MODE):
-            raise Denied(Error.MODE_NOT_VALID)
+    def _get_cal_page(self, data: bytes) -> bytes:
+        deny_if(data[1] not in (xcp.ECU_MODE, xcp.XCP_MODE), Error.MODE_NOT_VALID)
         _check_segment(data[2])
         page = self._segment.page if data[1] == xcp.ECU_MODE else self._page
         return bytes([xcp.RESPONSE, 0, 0, page])
 
-    def _page_processor_info(self, data: bytes) -> bytes:
+    def _get_pag_processor_info(self, data: bytes) -> bytes:
         segments, properties = 1, 0
         return bytes([xcp.RESPONSE, segments, properties])
 
-    def _segment_info(self, data: bytes) -> bytes:
+    def _get_segment_info(self, data: bytes) -> bytes:
         mode, info = data[1], data[3]
         _check_segment(data[2])
         if mode == 0 and info in (0, 1):
@@ -241,17 +222,16 @@ class XcpSlave:
             return bytes([xcp.RESPONSE, len(Page), 0, 0, 0, 0])
         raise Denied(Error.OUT_OF_RANGE)
 
-    def _page_info(self, data: bytes) -> bytes:
+    def _get_page_info(self, data: bytes) -> bytes:
         _check_segment(data[2])
         properties = WORKING_PROPERTIES if _page(data[3]) is Page.WORKING else REFERENCE_PROPERTIES
         return bytes([xcp.RESPONSE, properties, 0])
 
-    def _copy_page(self, data: bytes) -> bytes:
+    def _copy_cal_page(self, data: bytes) -> bytes:
         _check_segment(data[1])
         _check_segment(data[3])
         source, target = _page(data[2]), _page(data[4])
-        if target is Page.REFERENCE:
-            raise Denied(Error.WRITE_PROTECTED)
+        deny_if(target is Page.REFERENCE, Error.WRITE_PROTECTED)
         if source is Page.REFERENCE:
             self._segment.copy_reference()
         return bytes([xcp.RESPONSE])
@@ -268,26 +248,22 @@ def _error(code: Error) -> bytes:
 
 
 def _length(count: int, greatest: int) -> int:
-    if not 0 < count <= greatest:
-        raise Denied(Error.OUT_OF_RANGE)
+    deny_if(not 0 < count <= greatest, Error.OUT_OF_RANGE)
     return count
 
 
 def _address(data: bytes) -> int:
     """Return the address in a command, which follows the address extension in byte 3."""
-    if data[3] != 0:
-        raise Denied(Error.OUT_OF_RANGE)
+    deny_if(data[3] != 0, Error.OUT_OF_RANGE)
     return int.from_bytes(data[4:8], "little")
 
 
 def _check_inside(address: int, length: int) -> None:
-    if not ADDRESS <= address <= address + length <= ADDRESS + PACKED_BYTES:
-        raise Denied(Error.ACCESS_DENIED)
+    deny_if(not ADDRESS <= address <= address + length <= ADDRESS + PACKED_BYTES, Error.ACCESS_DENIED)
 
 
 def _check_segment(number: int) -> None:
-    if number != 0:
-        raise Denied(Error.SEGMENT_NOT_VALID)
+    deny_if(number != 0, Error.SEGMENT_NOT_VALID)
 
 
 def _page(number: int) -> Page:
@@ -295,40 +271,3 @@ def _page(number: int) -> Page:
         return Page(number)
     except ValueError:
         raise Denied(Error.PAGE_NOT_VALID) from None
-
-
-_COMMANDS: Final[Mapping[Command, Callable[[XcpSlave, bytes], bytes]]] = {
-    Command.DISCONNECT: XcpSlave._disconnect,
-    Command.GET_STATUS: XcpSlave._status,
-    Command.SYNCH: XcpSlave._synch,
-    Command.GET_COMM_MODE_INFO: XcpSlave._comm_mode_info,
-    Command.GET_ID: XcpSlave._get_id,
-    Command.SET_REQUEST: XcpSlave._set_request,
-    Command.GET_SEED: XcpSlave._get_seed,
-    Command.UNLOCK: XcpSlave._unlock,
-    Command.SET_MTA: XcpSlave._set_mta,
-    Command.UPLOAD: XcpSlave._upload,
-    Command.SHORT_UPLOAD: XcpSlave._short_upload,
-    Command.BUILD_CHECKSUM: XcpSlave._build_checksum,
-    Command.DOWNLOAD: XcpSlave._download,
-    Command.SET_CAL_PAGE: XcpSlave._set_page,
-    Command.GET_CAL_PAGE: XcpSlave._get_page,
-    Command.GET_PAG_PROCESSOR_INFO: XcpSlave._page_processor_info,
-    Command.GET_SEGMENT_INFO: XcpSlave._segment_info,
-    Command.GET_PAGE_INFO: XcpSlave._page_info,
-    Command.COPY_CAL_PAGE: XcpSlave._copy_page,
-    Command.SET_DAQ_PTR: lambda slave, data: slave.daq.set_pointer(data),
-    Command.WRITE_DAQ: lambda slave, data: slave.daq.write(data),
-    Command.SET_DAQ_LIST_MODE: lambda slave, data: slave.daq.set_mode(data),
-    Command.GET_DAQ_LIST_MODE: lambda slave, data: slave.daq.mode(data),
-    Command.START_STOP_DAQ_LIST: lambda slave, data: slave.daq.start_stop(data),
-    Command.START_STOP_SYNCH: lambda slave, data: slave.daq.start_stop_selected(data),
-    Command.GET_DAQ_PROCESSOR_INFO: lambda slave, data: slave.daq.processor_info(data),
-    Command.GET_DAQ_RESOLUTION_INFO: lambda slave, data: slave.daq.resolution_info(data),
-    Command.GET_DAQ_EVENT_INFO: XcpSlave._event_info,
-    Command.FREE_DAQ: lambda slave, data: slave.daq.release(data),
-    Command.ALLOC_DAQ: lambda slave, data: slave.daq.alloc_lists(data),
-    Command.ALLOC_ODT: lambda slave, data: slave.daq.alloc_odts(data),
-    Command.ALLOC_ODT_ENTRY: lambda slave, data: slave.daq.alloc_entries(data),
-}
-"""The method of each command, not bound to a slave."""

@@ -1,9 +1,9 @@
 """The frames of one message in a log, numbered by their E2E counter, to find missing, repeated and misplaced frames.
 
-A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. The
-counter numbers the sender's frames; the time only shows the number of times that the counter has wrapped. A stretch is
-a part of the log in which the counter runs without interruption. A new stretch begins after a long gap, and where the
-counter and the time disagree permanently because the sender restarted or the logger's clock was set.
+A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. So the
+counter numbers the frames; the time only shows how often the counter has wrapped. A new stretch of frames begins after
+a long gap, and where the counter and the time disagree permanently because the sender restarted or the logger's clock
+was set.
 """
 
 from collections.abc import Sequence
@@ -67,7 +67,7 @@ def usual_interval(frames: Sequence[CountedFrame], modulus: int) -> float | None
 
 
 def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[CountedFrame]:
-    """Return the frames without repetitions. A repetition has the same data as a frame at most `within_s` before it."""
+    """Return the frames without those that repeat the data of a frame at most `within_s` before them."""
     kept: list[CountedFrame] = []
     last: dict[bytes, float] = {}
     for frame in frames:
@@ -82,10 +82,9 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
     misplaced frames. The counter of a misplaced frame fits neither the frames before it nor the frames after it.
 
     Args:
-        frames: frames with valid CRCs, in the order of reception.
+        frames: frames in the order of reception.
         period_s: the sender's period on the log's clock in s, known to a few per cent.
-        modulus: number of frames after which the counter wraps. If more than half of this number are lost, only the
-            times show how many frames were lost.
+        modulus: number of frames after which the counter wraps.
     """
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)

@@ -4,7 +4,6 @@ frames."""
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +20,6 @@ Verify = Callable[[MessageSpec, bytes], int | None]
 else None."""
 
 _SHOWN: Final = 12
-"""Largest number of identifiers that an error message lists."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +27,6 @@ class LogFrames:
     """Our frames in a log.
 
     Attributes:
-        messages: message set of the pressures.
         channel: the only channel with valid frames of our messages; empty if the log has no channels.
         pressures, commands, speeds: frames with a valid CRC, in the log's order; with `verify`, only authentic and
             fresh frames.
@@ -61,7 +58,6 @@ def frames_of(
 
     Args:
         path: file of the log, for error messages.
-        messages: messages in the order of the log.
         only: the message set to read; by default, the set of the pressures in the log.
         verify: check of secured messages; without it, freshness and authentication codes are not checked.
         back_s: largest time in s by which a message's time may be before the latest time so far in the log.
@@ -83,44 +79,37 @@ def frames_of(
             f"{path}: its times go back from {bus.goes_back[0]:.6f} to {bus.goes_back[1]:.6f} s: two logs in one file, "
             f"or a logger whose clock was set; cut the log there"
         )
-    kept, damaged, forged, seen = bus.kept, bus.damaged, bus.forged, bus.seen
-    present = [one for one in sets if one.pressure.spec.frame_id in kept]
-    without = partial(_without, path, damaged, forged, seen)
+    present = [one for one in sets if one.pressure.spec.frame_id in bus.kept]
     if not present:
-        raise without("pressure", [one.pressure.spec for one in sets])
+        raise DatasetError(f"{path}: {bus.lacks('pressure', [one.pressure.spec for one in sets])}")
     if len(present) > 1:
         names = " and ".join(f"{one.pressure.spec.name} (0x{one.pressure.spec.frame_id:x})" for one in present)
         raise DatasetError(
             f"{path}: holds {names}; choose one with --set bus.frames=fd or classic (and bus.key for the secured ones)"
         )
     pressure, command = present[0].pressure.spec, present[0].command.spec
-    if command.frame_id not in kept:
-        raise without("command", [command], "; without commands the actions of the jets are unknown")
+    if command.frame_id not in bus.kept:
+        lacks = bus.lacks("command", [command])
+        raise DatasetError(f"{path}: {lacks}; without commands the actions of the jets are unknown")
     ids = (pressure.frame_id, command.frame_id, present[0].speed.spec.frame_id)
-    others["of other messages"] = seen.total() - sum(seen[one] for one in ids)
+    others["of other messages"] = bus.seen.total() - sum(bus.seen[one] for one in ids)
     others["on other channels"] = sum(other.seen.total() for name, other in buses.items() if name != channel)
     return LogFrames(
         messages=present[0],
         channel=channel,
-        pressures=tuple(kept[ids[0]]),
-        commands=tuple(kept[ids[1]]),
-        speeds=tuple(kept.get(ids[2], ())),
-        damaged=sum(damaged[one] for one in ids),
-        forged=sum(forged[one] for one in ids),
+        pressures=tuple(bus.kept[ids[0]]),
+        commands=tuple(bus.kept[ids[1]]),
+        speeds=tuple(bus.kept.get(ids[2], ())),
+        damaged=sum(bus.damaged[one] for one in ids),
+        forged=sum(bus.forged[one] for one in ids),
         others=others,
     )
 
 
 class _Bus:
-    """The frames of one channel, by identifier.
-
-    Attributes:
-        kept: frames with a valid CRC, without forged frames.
-        sound: number of frames with a valid CRC.
-        damaged, forged: numbers of damaged and of forged frames (see `LogFrames`).
-        seen: number of all data frames.
-        goes_back: latest time in s so far, and the time of a frame that is too far before it; None if there is none.
-    """
+    """The frames of one channel, by identifier: frames to use, and numbers of frames with a valid CRC (`sound`), of
+    damaged and forged frames, and of all data frames. `goes_back` has the latest time in s so far, and the time of a
+    frame that is too far before it."""
 
     def __init__(self) -> None:
         self.kept: dict[int, list[CountedFrame]] = {}
@@ -159,6 +148,21 @@ class _Bus:
         frame = CountedFrame(time_s=message.timestamp, counter=profile.counter_of(covered), data=covered)
         self.kept.setdefault(frame_id, []).append(frame)
 
+    def lacks(self, kind: str, specs: Sequence[MessageSpec]) -> str:
+        """Return why there is no usable frame of these messages, and the other frames that there are."""
+        wanted = " or ".join(f"{spec.name} (0x{spec.frame_id:x})" for spec in specs)
+        for counts, reason in (
+            (self.forged, "authentication code: bus.key is not the key of this drive"),
+            (self.damaged, "CRC or length"),
+        ):
+            if count := sum(counts[spec.frame_id] for spec in specs):
+                return f"no {kind} can be used: all {count} frames of {wanted} have a wrong {reason}"
+        ids = sorted(self.seen)
+        texts = ", ".join(f"0x{one & 0x1FFFFFFF:x}{' (extended)' if one >> 32 else ''}" for one in ids[:_SHOWN])
+        more = f" and {len(ids) - _SHOWN} more" if len(ids) > _SHOWN else ""
+        has = f"the identifiers in it are {texts}{more}" if ids else "it holds no data frame at all"
+        return f"holds no {kind}, {wanted}; {has}"
+
 
 def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, MessageSpec]) -> str:
     """Return the channel that has our frames. A CRC can be valid by chance, so a channel is preferred if most of its
@@ -176,30 +180,3 @@ def _channel_of(path: Path, buses: Mapping[str, _Bus], specs: Mapping[int, Messa
             f"{path}: holds stillwake's frames on the channels {' and '.join(texts)}; choose one with --channel"
         )
     return found[0] if found else next((name for name, bus in buses.items() if bus.damaged), next(iter(buses), ""))
-
-
-def _without(
-    path: Path,
-    damaged: Counter[int],
-    forged: Counter[int],
-    seen: Counter[int],
-    kind: str,
-    specs: Sequence[MessageSpec],
-    so: str = "",
-) -> DatasetError:
-    """Return an error that states why the log has no usable frame of these messages, and lists the log's other
-    frames."""
-    wanted = " or ".join(f"{spec.name} (0x{spec.frame_id:x})" for spec in specs)
-    for counts, reason in (
-        (forged, "authentication code: bus.key is not the key of this drive"),
-        (damaged, "CRC or length"),
-    ):
-        if count := sum(counts[spec.frame_id] for spec in specs):
-            return DatasetError(
-                f"{path}: no {kind} can be used: all {count} frames of {wanted} have a wrong {reason}{so}"
-            )
-    ids = sorted(one for one in seen if one >= 0)
-    texts = ", ".join(f"0x{one & 0x1FFFFFFF:x}{' (extended)' if one >> 32 else ''}" for one in ids[:_SHOWN])
-    more = f" and {len(ids) - _SHOWN} more" if len(ids) > _SHOWN else ""
-    has = f"the identifiers in it are {texts}{more}" if ids else "it holds no data frame at all"
-    return DatasetError(f"{path}: holds no {kind}, {wanted}; {has}{so}")

@@ -35,7 +35,6 @@ class Scales:
         action_limit: bound on the action, in U_inf W. An action that exceeds the bound by up to half the resolution is
             replaced by the bound.
         given: names of the operating point's settings that the user gave; the log must not contradict them.
-        believed: settings that decide which of the log's speeds are plausible.
     """
 
     period: float
@@ -51,7 +50,7 @@ class Scales:
 
 
 class Samples(NamedTuple):
-    """The contents of n pressure frames without a restart of the sender (a `FrameStretch`).
+    """The contents of the n frames of a `FrameStretch`.
 
     Attributes:
         pressure_pa: pressures in Pa, (n, 4); NaN if a sensor was invalid or the frame's pressures were too old.
@@ -114,13 +113,8 @@ def table_of(
     """Return the four pressures in Pa and the jets' flow in m2/s, one row for each period, (n + 1, 5). The first row is
     one period before the first frame, and the frames cover n periods. NaN means that the log has no value.
 
-    Args:
-        stretch: numbered pressure frames.
-        pressure_pa: pressures of these frames.
-        commands: commands received during the time of these frames, without repetitions.
-        messages: message set of the frames.
-        clock: times of the rows.
-        modulus: number of values of the pressures' counter.
+    `pressure_pa` has the pressures of the stretch's frames. `commands` are those received during the time of these
+    frames, without repetitions. `modulus` is the number of values of the pressures' counter.
     """
     table = np.full((int(stretch.index[-1]) + 2, SENSORS + 1), np.nan)
     table[stretch.index + 1, :SENSORS] = pressure_pa

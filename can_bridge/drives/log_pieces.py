@@ -19,7 +19,6 @@ SHORTEST_PIECE: Final = 16
 _SAME: Final = 1e-6
 """Distance in control periods by which a row may lie outside a piece because of rounding."""
 _SHOWN: Final = 5
-"""Largest number of filled gaps of one table that are listed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +47,6 @@ class Cutter:
     """A collector of pieces, and of a line of text about each gap that was filled, cut or left out.
 
     Attributes:
-        pieces: pieces in the order of time.
         lines: lines of text, which state times in s after the log's first pressure.
         filled: number of rows with filled pressures, and number of rows with a filled action.
         ever_valid: whether each pressure was valid in any row, (4,).
@@ -76,9 +74,8 @@ class Cutter:
             )
 
     def add(self, table: Array, clock: SenderClock, moves: Mask) -> None:
-        """Cut the table of one `FrameStretch` into pieces. `table` is the result of `table_of`, converted to
-        coefficients; the table is NaN in rows in which the vehicle does not move or its speed is unknown, and `moves`
-        is False there."""
+        """Cut the table of one `FrameStretch`, converted to coefficients, into pieces. The table is NaN in rows in
+        which the vehicle does not move or its speed is unknown, and `moves` is False there."""
         present = np.isfinite(table)
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
@@ -166,10 +163,8 @@ class Cutter:
 
 def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
     """Return the piece with rows at equal distances travelled, `period` body lengths apart, as in the ECU's window.
-
-    Pressures are interpolated linearly between the rows. In the period after each row, the jets move linearly from the
-    previous row's action to the row's own action (`contract.recording`).
-    """
+    Pressures are interpolated linearly. In the period after each row, the jets move linearly from the previous row's
+    action to the row's own (`contract.recording`)."""
     way = travel.at(np.append(piece.time_s, 2 * piece.time_s[-1] - piece.time_s[-2]))
     first = int(np.ceil(way[0] / period - _SAME))
     wanted = period * np.arange(first, int(way[-2] / period + _SAME) + 1, dtype=np.float64)
@@ -184,7 +179,6 @@ def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
 
 
 def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:
-    """Return start and end (exclusive) of every run of True in the mask; the mask's first element has the position
-    `start`."""
+    """Return start and end (exclusive) of every run of True in a mask that begins at the position `start`."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)) + start
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,7 +1,7 @@
 """A recorded drive as series: pressures and actions, one row for each control period, and a report of missing data.
 
 A short gap is interpolated linearly. A long gap ends a piece, because an episode of a data set is one uninterrupted
-recording. The caller decides whether a log may have more than one piece.
+recording.
 
 If the log has the vehicle's speed, the coefficients are computed from it row by row. If the recorded rows are not a
 control period apart in convective time, new rows are interpolated from them, as in the ECU's window.
@@ -49,7 +49,6 @@ class LogReport:
 
     Attributes:
         messages: name of the message set.
-        channel: channel of the messages; empty if the log has no channels.
         speed: smallest, median and largest speed of the vehicle in the log in m/s, the median while the vehicle moves;
             None if the log has no speed.
         without_speed: number of rows in which the speed was unknown or the vehicle did not move.
@@ -62,7 +61,6 @@ class LogReport:
         stale: number of frames whose pressures were a period old or older when they were sent.
         drift: relative difference between the sender's period, measured on the log's clock, and its nominal value.
         jitter_s: largest difference in s between the time of a pressure frame and its row's time.
-        gaps: one line of text for each gap that was filled, cut or left out.
         checked: whether authentication codes were checked; None for messages without such codes.
     """
 
@@ -85,15 +83,8 @@ class LogReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSeries:
-    """The pieces of a log, with their common times and the report.
-
-    Attributes:
-        pieces: pieces in the order of time.
-        start_s: time in s of the log's first row, on the log's clock.
-        travel: distance travelled since `start_s`.
-        period_s: the sender's period in s on the log's clock.
-        report: report on the log.
-    """
+    """The pieces of a log in the order of time. On the log's clock, `start_s` is the time of the log's first row, from
+    which `travel` counts, and `period_s` the sender's period."""
 
     pieces: tuple[Piece, ...]
     start_s: float
@@ -118,13 +109,10 @@ def series_of(
 
     Args:
         path: file of the log, for error messages.
-        messages: messages of the log, in its order.
-        scales: operating point and control period.
         fill: longest gap that is filled, in control periods.
         split: whether a longer gap divides the drive into two pieces; otherwise such a gap raises an error.
         sensors: names of the pressures, for the report.
-        only: the message set to read; by default, the set of the pressures in the log.
-        verify: check of secured messages; without it, freshness and authentication codes are not checked.
+        only, verify: see `frames_of`.
     """
     log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
     modulus, command_modulus = (
@@ -216,8 +204,7 @@ def series_of(
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
     """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
-    DatasetError if the vehicle never moves, a setting that the user gave contradicts the log, or the control period
-    fits no speed in the log."""
+    DatasetError if it never moves, a given setting contradicts the log, or the control period fits no speed in it."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
     if not len(moving):  # or the control period is of another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
@@ -250,8 +237,8 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Return speed in m/s and density in kg/m3 at the rows of a table, whose first row is one period before the first
-    frame. The speed is NaN in rows in which it is unknown or the vehicle does not move."""
+    """Return speed in m/s and density in kg/m3 at the rows of a table; the speed is NaN where it is unknown or the
+    vehicle does not move."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)

@@ -28,11 +28,10 @@ must increase."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VehicleSpeeds:
-    """The n valid speeds in the frames of a log.
+    """The n valid speeds in the frames of a log, in m/s, (n,).
 
     Attributes:
         time_s: times of measurement in s on the log's clock, increasing, (n,).
-        speed: vehicle's speed in m/s, (n,).
         density: density of the air in kg/m3, (n,); NaN if the vehicle does not state it.
         oldest_s: longest time in s before or after its measurement at which a speed is used.
         left_out: number of speeds in the frames that are implausible or repeated.
@@ -65,12 +64,8 @@ class VehicleSpeeds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Travel:
-    """The distance travelled in body lengths W, as a function of time, extrapolated linearly. The distance in W equals
-    the time in W / U_inf for every U_inf.
-
-    Attributes:
-        time_s, way: n times in s and the distances at these times in W, both increasing, (n,), with n at least 2.
-    """
+    """The distance travelled in body lengths W at n times in s, both increasing, (n,), and between them and beyond by
+    straight lines. The distance in W equals the time in W / U_inf for every U_inf."""
 
     time_s: Array
     way: Array

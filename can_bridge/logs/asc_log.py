@@ -11,26 +11,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from can_bridge.logs.entries import (
-    BRS,
-    COMMENT,
-    ESI,
-    FD_FRAME,
-    HEADER_LINE,
-    IDS,
-    NOT_OURS,
-    REQUEST,
-    XL,
-    CutOffError,
-    Entry,
-    Ident,
-    Lines,
-    LogEvent,
-    bytes_of,
-    error_frame,
-    frame,
-    length_of,
-)
+from can_bridge.logs import entries
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent
 from can_bridge.wire.frame import MAX_FRAME_ID
 from contract.printable import quoted
 
@@ -58,12 +40,12 @@ _EVENTS: Final = {
     "start": "start of measurement",
     "log": "trigger",
     "sv": "system variable",
-    "comment": COMMENT,
-    "//": COMMENT,
+    "comment": entries.COMMENT,
+    "//": entries.COMMENT,
     "tfs": "test step",
     "gps": "GPS",
     "can": "status",
-    "canxl": XL,
+    "canxl": entries.XL,
     "statistic": "statistics",
     "overloadframe": "overload frame",
     "j1939tp": "J1939 transport",
@@ -71,7 +53,7 @@ _EVENTS: Final = {
 """Names of the events that are not frames, by the first word of the line."""
 
 
-def read_asc(lines: Lines) -> Iterator[Entry]:
+def read_asc(lines: entries.Lines) -> Iterator[Entry]:
     """Yield the entries of the lines. Raises ValueError with the number of the first line that is not a frame, an event
     or a header."""
     base, is_relative, in_block, has_times = 16, False, False, False
@@ -81,14 +63,14 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
         words = text.split()
         try:
             if text.startswith(("//", ";")):
-                yield LogEvent(COMMENT)
+                yield LogEvent(entries.COMMENT)
             elif begin := _BEGIN.match(text):
                 clock.begin(begin[1], is_relative=is_relative)
                 in_block = True
-                yield LogEvent(HEADER_LINE)
+                yield LogEvent(entries.HEADER_LINE)
             elif _END.match(text):
                 in_block = False
-                yield LogEvent(HEADER_LINE)
+                yield LogEvent(entries.HEADER_LINE)
             elif _TIME.fullmatch(words[0]) and len(words) > 1:
                 if not line.endswith("\n") and in_block:
                     break
@@ -103,27 +85,22 @@ def read_asc(lines: Lines) -> Iterator[Entry]:
                 base = base if found is None else 10 if found[1].lower() == "dec" else 16
                 timestamps = _TIMESTAMPS.search(text)
                 is_relative = is_relative if timestamps is None else timestamps[1].lower() == "relative"
-                yield LogEvent(HEADER_LINE)
+                yield LogEvent(entries.HEADER_LINE)
             elif not has_times or "internal events logged" in text.lower() or words[0].lower() == "date":
                 if text[0] in _NUMERIC:
                     raise ValueError(f"{quoted(text, 60)} has no time in seconds, with a decimal point")
-                yield LogEvent(HEADER_LINE)
+                yield LogEvent(entries.HEADER_LINE)
             else:
                 raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
         except ValueError as error:
             raise ValueError(f"line {number}: {error}") from None
     if in_block:
-        raise CutOffError("it has no End TriggerBlock")
+        raise entries.CutOffError("it has no End TriggerBlock")
 
 
 class _Clock:
-    """A clock that converts the times of a file's lines to s since the start of the first trigger block. In the file,
-    times may count from the previous line, or restart with each trigger block.
-
-    Attributes:
-        offset_s: time in s to add to the times of the present trigger block, to get times that count from the start of
-            the first block.
-    """
+    """A clock that converts the times of a file's lines to s since the start of the first trigger block, by adding
+    `offset_s`. In the file, times may count from the previous line, or restart with each trigger block."""
 
     def __init__(self) -> None:
         self.offset_s = 0.0
@@ -162,16 +139,14 @@ class _Clock:
 
 def _between(first: str, second: str) -> float | None:
     """Return the seconds between two dates less than a month apart; None if a date is unreadable."""
-    found = [_DATE.search(text) for text in (first, second)]
-    if found[0] is None or found[1] is None:
-        return None
-    days, seconds = [], []
-    for one in found:
-        assert one is not None
-        hour = int(one[2]) % 12 + 12 * (one[5].lower() == "p") if one[5] else int(one[2])
-        days.append(int(one[1]))
-        seconds.append(3600.0 * hour + 60.0 * int(one[3]) + float(one[4]))
-    months = [text[: one.start()].split()[-1:] for text, one in zip((first, second), found, strict=True) if one]
+    months, days, seconds = [], [], []
+    for text in (first, second):
+        if (date := _DATE.search(text)) is None:
+            return None
+        hour = int(date[2]) % 12 + 12 * (date[5].lower() == "p") if date[5] else int(date[2])
+        months.append(text[: date.start()].split()[-1:])
+        days.append(int(date[1]))
+        seconds.append(3600.0 * hour + 60.0 * int(date[3]) + float(date[4]))
     if months[0] == months[1]:
         return (days[1] - days[0]) * _DAY_S + seconds[1] - seconds[0]
     # If the month changes, one day has passed: blocks are never further apart. The lengths of the months are not used,
@@ -189,31 +164,31 @@ def _entry(time_s: float, words: list[str], text: str, base: int) -> Entry:
         raise ValueError(f"{quoted(text, 60)} is neither frame nor event")
     word = words[2].lower()
     if word.startswith("errorframe"):
-        return error_frame(time_s, words[1])
+        return entries.error_frame(time_s, words[1])
     if word.split(":")[0] in _EVENTS:
         return _event(words[2], text)
     direction = words[3].lower() if len(words) > 3 else ""
     if direction not in _DIRECTIONS:
-        if words[2] in IDS or _identifier(words[2], base) is not None:
+        if words[2] in entries.IDS or _identifier(words[2], base) is not None:
             raise ValueError(f"{quoted(text, 60)} has neither Rx nor Tx after the identifier")
         return _event(words[2], text)
     if direction == "txrq":
-        return LogEvent(REQUEST)
+        return LogEvent(entries.REQUEST)
     if len(words) < 5:
         raise ValueError(f"{quoted(text, 60)} ends before its length")
     found = _identifier(words[2], base)
     if found is None and (numbered := _NUMBER_OF_NAME.search(text)):
         found = int(numbered[1]), bool(numbered[2])
     if found is None:
-        return LogEvent(NOT_OURS)
+        return LogEvent(entries.NOT_OURS)
     is_rx = direction == "rx"
     match words[4].lower():
         case "r":
             code = words[5] if len(words) > 5 and not words[5].lower().startswith("length") else "0"
-            return frame(time_s, words[1], found, None, dlc=int(code, base), is_rx=is_rx)
+            return entries.frame(time_s, words[1], found, None, dlc=int(code, base), is_rx=is_rx)
         case "d" if len(words) > 5:
-            data = bytes_of(words[6:], length_of(int(words[5], base), is_fd=False), base)
-            return frame(time_s, words[1], found, data, is_rx=is_rx)
+            data = entries.bytes_of(words[6:], entries.length_of(int(words[5], base), is_fd=False), base)
+            return entries.frame(time_s, words[1], found, data, is_rx=is_rx)
     raise ValueError(f"{quoted(text, 60)} is neither data (d) nor remote (r), with a length")
 
 
@@ -222,16 +197,16 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
         raise ValueError(f"{quoted(' '.join(words), 60)} has neither Rx nor Tx after the channel")
     channel, direction = words[2], words[3].lower()
     if words[4].lower() == "errorframe":
-        return error_frame(time_s, channel)
+        return entries.error_frame(time_s, channel)
     if direction == "txrq":
-        return LogEvent(REQUEST)
+        return LogEvent(entries.REQUEST)
     # The name of the message, which may follow the identifier, is often missing.
     rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
     if len(rest) < 4:
         raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")
     found = _identifier(words[4], base)
     if found is None:
-        return LogEvent(NOT_OURS)
+        return LogEvent(entries.NOT_OURS)
     code, length, is_rx = int(rest[2], base), int(rest[3]), direction == "rx"
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
@@ -241,10 +216,11 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
         fd |= FD_FRAME
     elif flags & _REMOTE_FLAG:
-        return frame(time_s, channel, found, None, dlc=length_of(code, is_fd=False), is_rx=is_rx)
-    if length != length_of(code, is_fd=bool(fd & FD_FRAME)):
+        return entries.frame(time_s, channel, found, None, dlc=entries.length_of(code, is_fd=False), is_rx=is_rx)
+    if length != entries.length_of(code, is_fd=bool(fd & FD_FRAME)):
         raise ValueError(f"length code {code} does not mean {length} bytes")
-    return frame(time_s, channel, found, bytes_of(rest[4:], length, base), fd=fd if fd & FD_FRAME else 0, is_rx=is_rx)
+    data = entries.bytes_of(rest[4:], length, base)
+    return entries.frame(time_s, channel, found, data, fd=fd if fd & FD_FRAME else 0, is_rx=is_rx)
 
 
 def _event(word: str, text: str) -> LogEvent:
@@ -263,12 +239,12 @@ def _event(word: str, text: str) -> LogEvent:
     return LogEvent(_EVENTS.get("//" if name.startswith("//") else name, word.rstrip(":")))
 
 
-def _identifier(word: str, base: int) -> Ident | None:
+def _identifier(word: str, base: int) -> entries.Ident | None:
     """Return the identifier's number, and whether the identifier has 29 bits; None for the name of a message that is
     not ours."""
     name = word.rpartition("::")[2]
-    if name in IDS:
-        return IDS[name], False
+    if name in entries.IDS:
+        return entries.IDS[name], False
     is_extended = word[-1:] in ("x", "X")
     digits = word[:-1] if is_extended else word
     if not (_HEX if base == 16 else _DECIMAL).fullmatch(digits):

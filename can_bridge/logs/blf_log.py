@@ -1,7 +1,5 @@
 """Vector's BLF format: objects, most of them in compressed containers. Vector publishes no description of the format;
 the reader follows the files that Vector's binlog and python-can write.
-
-Every object has a type. Frames become messages; all other objects are counted by their names.
 """
 
 import struct
@@ -12,18 +10,8 @@ from typing import Final
 
 import can
 
-from can_bridge.logs.entries import (
-    COMMENT,
-    REQUEST,
-    Binary,
-    CutOffError,
-    Entry,
-    LogEvent,
-    SinceEpoch,
-    error_frame,
-    frame,
-    length_of,
-)
+from can_bridge.logs import entries
+from can_bridge.logs.entries import Entry, LogEvent
 
 _FILE: Final = struct.Struct("<4s L 8x Q Q 8x 8H")
 """Header of the file: signature, header length, file size, unpacked size, start as a Windows SYSTEMTIME."""
@@ -60,7 +48,7 @@ _NAMES: Final = {
     65: "text",
     72: "system variable",
     91: "driver overrun",
-    92: COMMENT,
+    92: entries.COMMENT,
     96: "marker",
     115: "restore point",
     125: "data lost, begin",
@@ -72,61 +60,48 @@ _DIRECTION: Final = 0xF
 _TX, _TX_REQUEST = 1, 2
 
 
-class Objects:
-    """The objects of a BLF file.
+def read_blf(file: entries.Binary, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
+    """Yield an entry for each object that is not a container. Raises ValueError for a file of another format;
+    CutOffError for a truncated file."""
+    head = file.read(_FILE.size)
+    if head[:4] != b"LOGG" or len(head) < _FILE.size:
+        raise ValueError("its header is not that of a BLF")
+    _, header_size, announced, _, *start = _FILE.unpack(head)
+    there = len(head) + len(file.read(header_size - _FILE.size))
+    year, month, _, day, hour, minute, second, ms = start
+    begin = datetime(year, month, day, hour, minute, second, ms * 1000) if year else None
+    start_ns = 0 if begin is None else round(since_epoch(begin) * 1e3) * 1_000_000
+    outside, inside = _Stream(), _Stream()
+    while block := file.read(1 << 20):
+        there += len(block)
+        for kind, one, header in outside.objects(block):
+            found = inside.objects(_unpacked(one)) if kind == _CONTAINER_TYPE else [(kind, one, header)]
+            for found_kind, found_object, found_header in found:
+                yield _entry(found_kind, found_object, found_header, start_ns)
+    if announced > there:
+        raise entries.CutOffError(f"{announced} bytes announced, {there} present")
+    if outside.has_rest or inside.has_rest:
+        raise entries.CutOffError("its last object is incomplete")
 
-    Attributes:
-        count: number of objects read so far, without containers.
-    """
 
-    def __init__(self, file: Binary) -> None:
-        self.count = 0
-        self._file = file
-
-    def read(self, since_epoch: SinceEpoch) -> Iterator[Entry]:
-        """Yield the entries of the objects. Raises ValueError for a file of another format; CutOffError for a truncated
-        file."""
-        head = self._file.read(_FILE.size)
-        if head[:4] != b"LOGG" or len(head) < _FILE.size:
-            raise ValueError("its header is not that of a BLF")
-        _, header_size, announced, _, *start = _FILE.unpack(head)
-        there = len(head) + len(self._file.read(header_size - _FILE.size))
-        year, month, _, day, hour, minute, second, ms = start
-        begin = datetime(year, month, day, hour, minute, second, ms * 1000) if year else None
-        start_ns = 0 if begin is None else round(since_epoch(begin) * 1e3) * 1_000_000
-        outside, inside = _Stream(), _Stream()
-        while block := self._file.read(1 << 20):
-            there += len(block)
-            for kind, one, header in outside.objects(block):
-                if kind != _CONTAINER_TYPE:
-                    yield self._entry(kind, one, header, start_ns)
-                    continue
-                for kind_inside, object_inside, header_inside in inside.objects(_unpacked(one)):
-                    yield self._entry(kind_inside, object_inside, header_inside, start_ns)
-        if announced > there:
-            raise CutOffError(f"{announced} bytes announced, {there} present")
-        if outside.has_rest or inside.has_rest:
-            raise CutOffError("its last object is incomplete")
-
-    def _entry(self, kind: int, one: bytes, header: int, start_ns: int) -> Entry:
-        self.count += 1
-        if kind not in _FRAMES:
-            return LogEvent(_NAMES.get(kind, f"object of type {kind}"))
-        flags, stamp = _STAMP.unpack_from(one, _BASE.size)
-        time_s = (start_ns + stamp * (10_000 if flags == _TEN_MICROSECONDS else 1)) / 1e9
-        if kind in _MESSAGES:
-            channel, flags, code, frame_id, data = _CLASSIC.unpack_from(one, header)
-            return _frame(time_s, channel, frame_id, code, data, flags)
-        if kind == _FD_TYPE:
-            channel, flags, code, frame_id, _, _, fd, valid, data = _FD.unpack_from(one, header)
-            return _frame(time_s, channel, frame_id, code, data[:valid], flags, fd & 7)
-        if kind == _FD_64_TYPE:
-            channel, code, valid, frame_id, flags, direction, behind = _FD_64.unpack_from(one, header)
-            # Bytes that the length announces but that are not stored are zero, as in Vector's own programs.
-            data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
-            return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
-        (channel,) = _CHANNEL.unpack_from(one, header)
-        return error_frame(time_s, str(channel & (0xFF if kind == _FD_ERROR_TYPE else 0xFFFF)))
+def _entry(kind: int, one: bytes, header: int, start_ns: int) -> Entry:
+    if kind not in _FRAMES:
+        return LogEvent(_NAMES.get(kind, f"object of type {kind}"))
+    flags, stamp = _STAMP.unpack_from(one, _BASE.size)
+    time_s = (start_ns + stamp * (10_000 if flags == _TEN_MICROSECONDS else 1)) / 1e9
+    if kind in _MESSAGES:
+        channel, flags, code, frame_id, data = _CLASSIC.unpack_from(one, header)
+        return _frame(time_s, channel, frame_id, code, data, flags)
+    if kind == _FD_TYPE:
+        channel, flags, code, frame_id, _, _, fd, valid, data = _FD.unpack_from(one, header)
+        return _frame(time_s, channel, frame_id, code, data[:valid], flags, fd & 7)
+    if kind == _FD_64_TYPE:
+        channel, code, valid, frame_id, flags, direction, behind = _FD_64.unpack_from(one, header)
+        # Bytes that the length announces but that are not stored are zero, as in Vector's own programs.
+        data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
+        return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
+    (channel,) = _CHANNEL.unpack_from(one, header)
+    return entries.error_frame(time_s, str(channel & (0xFF if kind == _FD_ERROR_TYPE else 0xFFFF)))
 
 
 class _Stream:
@@ -176,11 +151,11 @@ def _frame(
     """Return a frame, or an event for a transmit request. `flags` has the direction and the remote bit, `fd` the bits
     `FD_FRAME`, `BRS` and `ESI` of `can_bridge.logs.entries`."""
     if flags & _DIRECTION == _TX_REQUEST:
-        return LogEvent(REQUEST)
-    length, is_rx = length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX
+        return LogEvent(entries.REQUEST)
+    length, is_rx = entries.length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX
     ident = (frame_id & ~_EXTENDED, bool(frame_id & _EXTENDED))
     if flags & _REMOTE and not fd:
-        return frame(time_s, str(channel), ident, None, dlc=length, is_rx=is_rx)
+        return entries.frame(time_s, str(channel), ident, None, dlc=length, is_rx=is_rx)
     if len(data) < length:
         raise ValueError(f"{length} bytes announced, {len(data)} present")
-    return frame(time_s, str(channel), ident, data[:length], fd=fd, is_rx=is_rx)
+    return entries.frame(time_s, str(channel), ident, data[:length], fd=fd, is_rx=is_rx)

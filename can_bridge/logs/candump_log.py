@@ -8,29 +8,19 @@ The times on a screen are absolute (-t a, -t A in words), or they count from the
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import datetime
+from pathlib import Path
 from typing import Final
 
-from can_bridge.logs.entries import (
-    BRS,
-    COMMENT,
-    ESI,
-    FD_FRAME,
-    XL,
-    CutOffError,
-    Entry,
-    Ident,
-    Lines,
-    LogEvent,
-    SinceEpoch,
-    bytes_of,
-    check_length,
-    error_frame,
-    frame,
-    length_of,
-)
-from can_bridge.wire.frame import FD_LENGTHS
+import can
+
+from can_bridge.bus.conversion import to_message
+from can_bridge.logs import entries
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent
+from can_bridge.wire.frame import FD_LENGTHS, Frame
+from contract.atomic import replacing
 from contract.printable import quoted
 
 _ERROR: Final = 0x20000000
@@ -51,7 +41,7 @@ _LATE: Final = 0.1
 """Largest share of a channel's frames that a driver may stamp with the time of the previous frame."""
 
 
-def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
+def read_candump(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
     """Yield the entries of the lines. Raises ValueError with the number of a line that candump does not write."""
     clock = _Clock(since_epoch)
     after_error = False
@@ -59,7 +49,7 @@ def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
         text = _COLOUR.sub("", line).strip()
         try:
             if text.startswith(("#", "//", ";")):
-                yield LogEvent(COMMENT)
+                yield LogEvent(entries.COMMENT)
             elif after_error and line.startswith(("\t", " ")) and not _SCREEN.fullmatch(text):
                 # `candump -e` writes the description of an error frame in the lines after the frame.
                 yield LogEvent("description of an error frame")
@@ -75,7 +65,7 @@ def read_candump(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
 class _Clock:
     """The clock of the times in parentheses, in s. The clock detects times that count from the previous line."""
 
-    def __init__(self, since_epoch: SinceEpoch) -> None:
+    def __init__(self, since_epoch: entries.SinceEpoch) -> None:
         self._since_epoch = since_epoch
         self._is_relative: bool | None = None
         self._latest: dict[str, float] = {}
@@ -112,50 +102,66 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     if (log := _LOG.fullmatch(text)) is not None:
         time, channel, digits, body, direction = log.groups()
         if not is_whole and direction is None:
-            raise CutOffError("its last line has no end, and may be incomplete")
+            raise entries.CutOffError("its last line has no end, and may be incomplete")
         if body.startswith("##"):
-            return LogEvent(XL)
+            return LogEvent(entries.XL)
         return _logged(clock.of(time, channel), channel, _ident(digits), body, is_rx=direction not in ("T", "t"))
     if (screen := _SCREEN.fullmatch(text)) is None:
         raise ValueError(f"{quoted(text, 60)} is not a line of candump")
     time, channel, direction, digits, length, code, rest = screen.groups()
     if length is not None and int(length) > FD_LENGTHS[-1]:
-        return LogEvent(XL)
+        return LogEvent(entries.XL)
     time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
     if ident[1] and ident[0] & _ERROR:
-        return error_frame(time_s, channel, ident[0] & ~_ERROR)
+        return entries.error_frame(time_s, channel, ident[0] & ~_ERROR)
     # A length is written as {1} for a length code, as [8] for the bytes of a classic frame, and as [08] for the bytes
     # of a CAN FD frame.
     fd = FD_FRAME if code is None and len(length) > 1 else 0
-    count = length_of(int(code, 16), is_fd=False) if length is None else check_length(int(length), is_fd=bool(fd))
+    if length is None:
+        count = entries.length_of(int(code, 16), is_fd=False)
+    else:
+        count = entries.check_length(int(length), is_fd=bool(fd))
     if rest.startswith("remote request"):
-        return frame(time_s, channel, ident, None, dlc=count, is_rx=is_rx)
+        return entries.frame(time_s, channel, ident, None, dlc=count, is_rx=is_rx)
     if "`" in rest:
         raise ValueError(f"its bytes are in reverse order (candump -S): {_REMEDY}")
     words = rest.split()
-    data = bytes_of(words, count)
+    data = entries.bytes_of(words, count)
     if words[count:] and not words[count].startswith("'"):
         raise ValueError(f"{count} bytes announced, {len(words)} present")
-    return frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
+    return entries.frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 
 
-def _logged(time_s: float, channel: str, ident: Ident, body: str, *, is_rx: bool) -> Entry:
+def _logged(time_s: float, channel: str, ident: entries.Ident, body: str, *, is_rx: bool) -> Entry:
     if ident[1] and ident[0] & _ERROR:
-        return error_frame(time_s, channel, ident[0] & ~_ERROR)
+        return entries.error_frame(time_s, channel, ident[0] & ~_ERROR)
     if remote := _REMOTE.fullmatch(body):
-        return frame(time_s, channel, ident, None, dlc=int(remote[1] or 0), is_rx=is_rx)
+        return entries.frame(time_s, channel, ident, None, dlc=int(remote[1] or 0), is_rx=is_rx)
     fd = 0
     if flags := _FD.fullmatch(body):
-        fd, body = FD_FRAME | BRS * (int(flags[1], 16) & 1) | ESI * (int(flags[1], 16) >> 1 & 1), flags[2]
+        bits, body = int(flags[1], 16), flags[2]
+        fd = FD_FRAME | BRS * (bits & 1) | ESI * (bits >> 1 & 1)
     if (bare := _DATA.fullmatch(body)) is None:
         raise ValueError(f"{quoted(body, 60)} is not the data of a frame")
     data = bytes.fromhex(bare[1].replace(".", ""))
-    check_length(len(data), is_fd=bool(fd))
-    return frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
+    entries.check_length(len(data), is_fd=bool(fd))
+    return entries.frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 
 
-def _ident(digits: str) -> Ident:
+def _ident(digits: str) -> entries.Ident:
     """Return the identifier. Its text has three digits, or eight digits for a 29-bit identifier."""
     if len(digits) > 8:
         raise ValueError(f"identifier {digits}, must have at most 8 digits")
     return int(digits, 16), len(digits) > 3
+
+
+@contextmanager
+def recording(path: Path) -> Iterator[Callable[[Frame], None]]:
+    """Yield a function that appends a frame to the log. The file is created only if the `with` block ends without an
+    error.
+
+    Frames must come in the order of their timestamps: the writer stamps a frame that is earlier than the previous frame
+    with the previous frame's time. Raises StillwakeError if the file cannot be written.
+    """
+    with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
+        yield lambda frame: writer.on_message_received(to_message(frame))

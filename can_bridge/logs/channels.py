@@ -12,7 +12,6 @@ class NamedChannel(NamedTuple):
     """A quantity over the times of its group.
 
     Attributes:
-        name: name of the quantity.
         unit: unit as in `contract/stillwake.dbc`; empty if there is none.
         values: one value for each of the group's n times, (n,); NaN where there is no value.
         words: names of the values, for an enumeration; empty for a number.

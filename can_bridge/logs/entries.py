@@ -1,6 +1,7 @@
 """The entries that every reader of logs yields, and functions that the readers share: encodings, names, bytes."""
 
 import io
+import json
 import re
 from collections.abc import Callable, Iterator
 from datetime import datetime
@@ -27,8 +28,10 @@ FD_IDS: Final = frozenset(spec.frame_id for spec in SPECS if spec.is_fd)
 FD_FRAME, BRS, ESI = 1, 2, 4
 """Bits that describe a frame: CAN FD format, bit-rate switch, error-passive sender."""
 PROTOCOL, NO_ACK = 0x8, 0x20
-_CLASSES: Final = ("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver")
-ERROR_CLASSES: Final = (*_CLASSES, "no acknowledgement", "bus off", "bus error", "restarted", "error counters")
+_ERROR_CLASSES: Final = (
+    *("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver"),
+    *("no acknowledgement", "bus off", "bus error", "restarted", "error counters"),
+)
 """Names of the bits in an error frame's identifier, from the lowest bit. Each bit states one class of errors
 (linux/can/error.h)."""
 
@@ -58,7 +61,7 @@ Ident = tuple[int, bool]
 
 def error_class(message: can.Message) -> str:
     """Return a description of the errors that an error frame reports."""
-    names = [name for bit, name in enumerate(ERROR_CLASSES) if message.arbitration_id >> bit & 1]
+    names = [name for bit, name in enumerate(_ERROR_CLASSES) if message.arbitration_id >> bit & 1]
     return " and ".join(names) or "not stated"
 
 
@@ -70,17 +73,8 @@ def error_frame(time_s: float, channel: str, classes: int = 0) -> can.Message:
 def frame(
     time_s: float, channel: str, ident: Ident, data: bytes | None, *, fd: int = 0, is_rx: bool = True, dlc: int = 0
 ) -> can.Message:
-    """Return a data frame, or a remote frame if `data` is None. Raises ValueError for an impossible identifier.
-
-    Args:
-        time_s: time in s.
-        channel: name of the channel.
-        ident: identifier, and whether it has 29 bits.
-        data: bytes of the frame.
-        fd: bits `FD_FRAME`, `BRS` and `ESI`; 0 for classic CAN.
-        is_rx: whether the frame was received.
-        dlc: length of a remote frame in bytes.
-    """
+    """Return a data frame, or a remote frame of `dlc` bytes if `data` is None. `fd` has the bits `FD_FRAME`, `BRS` and
+    `ESI`; 0 means classic CAN. Raises ValueError for an impossible identifier."""
     if not 0 <= ident[0] <= MAX_EXTENDED_ID:
         raise ValueError(f"identifier {ident[0]:X}, must have at most 29 bits")
     return can.Message(
@@ -122,36 +116,16 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
     return bytes(int(word, base) for word in there)
 
 
-class Lines:
-    """The lines of a text log with their line ends, numbered from 1.
-
-    Escape characters replace bytes that are invalid in the encoding. They have no effect in headers and comments; a
-    reader rejects a frame's line that has an escape character.
-
-    Attributes:
-        count: number of lines read so far that are not empty.
-    """
-
-    def __init__(self, file: Binary) -> None:
-        self.count = 0
-        self._file = file
-
-    def __iter__(self) -> Iterator[tuple[int, str]]:
-        raw = io.BufferedReader(cast(io.RawIOBase, self._file))
-        encoding = _encoding(raw.peek(4)[:4])
-        errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
-        for number, line in enumerate(io.TextIOWrapper(raw, encoding=encoding, errors=errors), 1):
-            if line.strip():
-                self.count += 1
-                yield number, line
+Lines = Iterator[tuple[int, str]]
+"""The lines of a text log that are not empty, with their line ends and their numbers from 1."""
 
 
-def _encoding(head: bytes) -> str:
-    """Return the encoding: the byte order mark shows it, or the zeros between the characters show UTF-16."""
-    if head[:3] == b"\xef\xbb\xbf":
-        return "utf-8-sig"
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "utf-16"
-    if len(head) == 4 and 0 not in (head[0], head[2]) and head[1] == head[3] == 0:
-        return "utf-16-le"
-    return "utf-16-be" if len(head) == 4 and head[0] == head[2] == 0 and head[1] and head[3] else "utf-8"
+def lines_of(file: Binary) -> Lines:
+    """Yield the lines of a text log. Escape characters replace bytes that are invalid in the encoding. They have no
+    effect in headers and comments; a reader rejects a frame's line that has an escape character."""
+    raw = io.BufferedReader(cast(io.RawIOBase, file))
+    encoding = json.detect_encoding(raw.peek(4)[:4])
+    errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
+    for number, line in enumerate(io.TextIOWrapper(raw, encoding=encoding, errors=errors), 1):
+        if line.strip():
+            yield number, line

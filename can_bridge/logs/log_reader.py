@@ -16,12 +16,12 @@ from typing import Final
 import can
 
 from can_bridge.logs.asc_log import read_asc
-from can_bridge.logs.blf_log import Objects
+from can_bridge.logs.blf_log import read_blf
 from can_bridge.logs.candump_log import read_candump
-from can_bridge.logs.entries import Binary, CutOffError, Entry, Lines, LogEvent
-from can_bridge.logs.mcap_file import McapMessages
-from can_bridge.logs.mdf_log import Records
-from can_bridge.logs.table_log import TABLE_COLUMNS, TableRows, read_csv
+from can_bridge.logs.entries import Binary, CutOffError, Entry, LogEvent, lines_of
+from can_bridge.logs.mcap_file import read_mcap
+from can_bridge.logs.mdf_file import read_mdf
+from can_bridge.logs.table_log import TABLE_COLUMNS, read_csv, read_db
 from can_bridge.logs.trc_log import read_trc
 from contract.errors import BusError
 
@@ -58,38 +58,29 @@ def is_log(path: Path) -> bool:
         return False
 
 
-def check_suffix(path: Path) -> None:
-    """Raise BusError if no reader reads files with this ending."""
-    if suffix_of(path) not in LOG_SUFFIXES:
-        raise BusError(
-            f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
-            f"`python -m can.logconvert` converts other formats"
-        )
-    if path.suffix.lower() == PACKED and suffix_of(path) in _UNPACKED:
-        raise BusError(f"{path}: unpack it first (gunzip): a compressed {suffix_of(path)} cannot be read")
-
-
 class CanLog:
     """A log that can be read once, from its first message to its last. Timestamps are in s; channels are named as in
     the file.
 
     Attributes:
-        events: numbers of entries read so far that are not messages, by name.
-        messages: number of messages read so far. Messages and events together are all lines that are not empty.
+        events: numbers of lines or objects read so far that are not messages, by name.
+        messages: number of messages read so far.
         channels: numbers of messages by channel; an empty name if the format has no channels.
         is_local: whether the times since the epoch are computed from a local start time in the file; without a given
             zone this start time counts as UTC.
     """
 
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
-        """Open a log. Raises BusError for a file that does not exist or has no supported format.
-
-        Args:
-            path: file of the log.
-            zone: time zone of a local start time in the file; UTC if None.
-            channels: names of the channels to read; all channels by default.
-        """
-        check_suffix(path)
+        """Open a log. Raises BusError for a file that does not exist or has no supported format. `zone` is that of a
+        local start time in the file; only the named channels are read, or all."""
+        suffix = suffix_of(path)
+        if suffix not in LOG_SUFFIXES:
+            raise BusError(
+                f"{path}: a log must end in {', '.join(LOG_SUFFIXES)}, or one of them and {PACKED}; "
+                f"`python -m can.logconvert` converts other formats"
+            )
+        if path.suffix.lower() == PACKED and suffix in _UNPACKED:
+            raise BusError(f"{path}: unpack it first (gunzip): a compressed {suffix} cannot be read")
         if not path.is_file():
             raise BusError(f"{path}: {'is a directory, must be a log' if path.is_dir() else 'there is no such file'}")
         self.path = path
@@ -104,8 +95,7 @@ class CanLog:
         event, the messages before that place are yielded; then BusError, which states the file's name, is raised."""
         with ExitStack() as stack:
             try:
-                source, entries = self._opened(stack)
-                for entry in entries:
+                for entry in self._entries(stack):
                     if isinstance(entry, LogEvent):
                         self.events[entry.name] += entry.lines
                         continue
@@ -118,9 +108,6 @@ class CanLog:
                         )
                     if not self._only or channel in self._only:
                         yield entry
-                if self.messages + sum(self.events.values()) != source.count:
-                    read = f"{self.messages} messages and {self.events.total()} others"
-                    raise ValueError(f"of {source.count} lines {read} were read")
             except BusError:
                 raise
             except CutOffError as error:
@@ -131,31 +118,29 @@ class CanLog:
             names = ", ".join(name or "a channel without a name" for name in sorted(self.channels)) or "none"
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
-    def _opened(self, stack: ExitStack) -> tuple[Lines | Objects | TableRows | Records | McapMessages, Iterator[Entry]]:
-        """Return the object that counts the file's lines, and an iterator over the entries in these lines."""
+    def _entries(self, stack: ExitStack) -> Iterator[Entry]:
+        """Return the entries of the file, which is closed with the stack."""
         suffix = suffix_of(self.path)
-        if suffix == ".mf4":
-            records = Records(self.path)
-            return records, records.read(self._since_epoch)
-        if suffix in (".mcap", ".db"):
-            rows = McapMessages(self.path) if suffix == ".mcap" else TableRows(self.path)
-            return rows, rows.read()
-        if self.path.suffix.lower() == PACKED:
-            file: Binary = stack.enter_context(GzipFile(self.path))
-        else:
-            file = stack.enter_context(self.path.open("rb"))
-        if suffix == ".blf":
-            objects = Objects(file)
-            return objects, objects.read(self._since_epoch)
-        lines = Lines(file)
         match suffix:
+            case ".mf4":
+                return read_mdf(self.path, self._since_epoch)
+            case ".mcap":
+                return read_mcap(self.path)
+            case ".db":
+                return read_db(self.path)
+        is_packed = self.path.suffix.lower() == PACKED
+        file: Binary = GzipFile(self.path) if is_packed else self.path.open("rb")
+        stack.enter_context(file)
+        match suffix:
+            case ".blf":
+                return read_blf(file, self._since_epoch)
             case ".asc":
-                return lines, read_asc(lines)
+                return read_asc(lines_of(file))
             case ".trc":
-                return lines, read_trc(lines, self._since_epoch)
+                return read_trc(lines_of(file), self._since_epoch)
             case ".csv":
-                return lines, read_csv(lines)
-        return lines, read_candump(lines, self._since_epoch)
+                return read_csv(lines_of(file))
+        return read_candump(lines_of(file), self._since_epoch)
 
     def _since_epoch(self, start: datetime) -> float:
         self.is_local = True

@@ -114,38 +114,27 @@ def _message_class(name: str, fields: Mapping[str, str], enums: Mapping[str, Map
     return GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}"))
 
 
-class McapMessages:
-    """The messages of a measurement.
-
-    Attributes:
-        count: number of messages read so far, of all topics.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.count = 0
-        self._path = path
-
-    def read(self) -> Iterator[Entry]:
-        """Yield the entries of the messages in the order of time. Raises BusError if a package is missing or there is
-        no frame; McapError for a damaged file."""
-        try:
-            from mcap.reader import make_reader
-            from mcap_protobuf.decoder import DecoderFactory
-        except ImportError as error:
-            raise BusError(f"{self._path}: MCAP needs mcap-protobuf-support: {install('mcap')}") from error
-        decoders, has_frames = DecoderFactory(), False
-        with self._path.open("rb") as file:
-            for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
-                self.count += 1
-                name = schema.name if schema else channel.topic
-                ours = schema if name == f"{_PACKAGE}.Frame" else None
-                if decode := decoders.decoder_for(channel.message_encoding, ours):
-                    has_frames = True
-                    yield _entry(message.log_time / 1e9, decode(message.data))
-                else:
-                    yield LogEvent(f"record of {name.rpartition('.')[2]}")
-        if not has_frames:
-            raise BusError(f"{self._path}: has no frames of CAN, among {self.count} messages")
+def read_mcap(path: Path) -> Iterator[Entry]:
+    """Yield the entries of the messages of all topics in the order of time. Raises BusError if a package is missing or
+    there is no frame; McapError for a damaged file."""
+    try:
+        from mcap.reader import make_reader
+        from mcap_protobuf.decoder import DecoderFactory
+    except ImportError as error:
+        raise BusError(f"{path}: MCAP needs mcap-protobuf-support: {install('mcap')}") from error
+    decoders, has_frames, count = DecoderFactory(), False, 0
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            count += 1
+            name = schema.name if schema else channel.topic
+            ours = schema if name == f"{_PACKAGE}.Frame" else None
+            if decode := decoders.decoder_for(channel.message_encoding, ours):
+                has_frames = True
+                yield _entry(message.log_time / 1e9, decode(message.data))
+            else:
+                yield LogEvent(f"record of {name.rpartition('.')[2]}")
+    if not has_frames:
+        raise BusError(f"{path}: has no frames of CAN, among {count} messages")
 
 
 def _entry(time_s: float, one: Any) -> Entry:

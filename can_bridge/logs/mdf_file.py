@@ -1,8 +1,18 @@
-"""Measurements in ASAM MDF 4.1: frames as in "ASAM MDF, Bus Logging", and named channels with units, for programs
-without our DBC."""
+"""ASAM MDF 4: logs and measurements, read and written by asammdf.
 
-from collections.abc import Mapping, Sequence
+Frames are in the groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus Logging", 1.0), as Vector's
+programs, CANedge loggers and python-can write them. Written files (4.1) also have named channels with units, for
+programs without our DBC.
+"""
+
+import io
+import logging
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from datetime import UTC, datetime
+from heapq import merge
+from importlib import import_module
 from math import floor
 from pathlib import Path
 from typing import Any, Final
@@ -10,20 +20,121 @@ from typing import Any, Final
 import can
 import numpy as np
 
+from can_bridge.logs import entries
 from can_bridge.logs.channels import ChannelGroup, NamedChannel
-from can_bridge.logs.mdf_log import ERROR_TYPES, asammdf_for
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent
+from can_bridge.wire.frame import FD_LENGTHS
 from contract.atomic import replacing
+from contract.errors import BusError, install
 
+_DATA_FRAME, _REMOTE_FRAME, _ERROR_FRAME = "CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame"
 _DATA: Final = {"DLC": "u1", "DataLength": "u1", "DataBytes": "(64,)u1", "EDL": "u1", "BRS": "u1", "ESI": "u1"}
 _FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
-    "CAN_DataFrame": {"ID": "<u4", "IDE": "u1", "Dir": "u1", **_DATA},
-    "CAN_RemoteFrame": {"ID": "<u4", "IDE": "u1", "Dir": "u1", "DLC": "u1"},
-    "CAN_ErrorFrame": {"ErrorType": "u1"},
+    _DATA_FRAME: {"ID": "<u4", "IDE": "u1", "Dir": "u1", **_DATA},
+    _REMOTE_FRAME: {"ID": "<u4", "IDE": "u1", "Dir": "u1", "DLC": "u1"},
+    _ERROR_FRAME: {"ErrorType": "u1"},
 }
 """Type of each field of a record, except the field BusChannel, by the name of the group and the name of the field."""
-_CODES: Final = {length: code for code, length in enumerate((*range(9), 12, 16, 20, 24, 32, 48, 64))}
 _SMALLEST: Final = 2
 """asammdf's number for compression by transposition and deflate, which the standard allows from version 4.1 on."""
+_NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
+_EXTENDED: Final = 0x80000000
+_ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), entries.PROTOCOL), 5: entries.NO_ACK}
+"""Linux's error classes, by the standard's error types (bit, form, stuff, CRC, acknowledgement)."""
+
+
+def asammdf_for(path: Path) -> Any:
+    """Return the package asammdf. Raises BusError, which states the file's name, if the package is not installed."""
+    try:
+        package = import_module("asammdf")
+    except ImportError as error:
+        raise BusError(
+            f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert elsewhere, from or to BLF: "
+            f"`python -m can.logconvert {path.name} {path.stem}.blf`"
+        ) from error
+    # asammdf also logs each error that it raises. Its object for a file that it could not open causes an error when
+    # Python deletes the object.
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
+    reader: Any = import_module("asammdf.blocks.mdf_v4").MDF4
+    reader.__del__ = lambda one: one.close() if {"header", "_file"} <= vars(one).keys() else None
+    return package
+
+
+def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
+    """Yield the entries of the records in the order of time. Raises BusError if asammdf is missing or there are no CAN
+    frames; ValueError for a damaged file."""
+    asammdf = asammdf_for(path)
+    failure = asammdf.blocks.utils.MdfException
+    try:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            opened = asammdf.MDF(path)
+    except (ValueError, OSError, struct.error, failure) as error:
+        raise ValueError(f"cut off, damaged, or no ASAM MDF: {error}") from error
+    with opened as measurement:
+        start = measurement.start_time
+        start_s = since_epoch(start) if start.tzinfo is None else start.timestamp()
+        groups, others, has_frames = [], list[LogEvent](), False
+        for index, group in enumerate(measurement.groups):
+            rows = int(group.channel_group.cycles_nr)
+            names = [str(channel.name) for channel in group.channels]
+            kind = next((one for name in names if (one := name.split(".")[0]) in _FIELDS), None)
+            has_frames |= kind is not None
+            if kind is not None and rows:
+                fields = [name for name in names if name.startswith(f"{kind}.")]
+                try:
+                    columns = _columns(measurement, index, fields, rows)
+                except (ValueError, failure):
+                    # A frame's bytes are stored outside its record. If a logger loses power, the bytes of its last
+                    # frame may be missing.
+                    columns = _columns(measurement, index, fields, rows - 1)
+                    others.append(LogEvent("frame without its bytes"))
+                groups.append(_frames(kind, columns, start_s))
+            elif rows:
+                name = next((name.split(".")[0] for name in names if name.lower() not in ("t", "time")), "empty")
+                others.append(LogEvent(_NAMES.get(name, f"record of {name}"), rows))
+        if not has_frames:
+            counts = ", ".join(f"{one.name} {one.lines}" for one in others) or "nothing"
+            raise BusError(f"{path}: has no CAN frames (groups {_DATA_FRAME} and others); it has {counts}")
+        yield from others
+        yield from merge(*groups, key=lambda message: message.timestamp)
+
+
+def _columns(measurement: Any, group: int, names: list[str], rows: int) -> dict[str, Any]:
+    """Return the fields of the first `rows` records, by name. Constants may be stored in conversions, so conversions
+    are applied, except those that replace numbers by texts such as "Rx"."""
+    found = {}
+    for name in names:
+        with redirect_stdout(io.StringIO()):  # asammdf prints a page before it raises
+            signal = measurement.get(name, group=group, raw=True, record_count=rows)
+        found[name.rpartition(".")[2]] = signal.physical(ignore_value2text_conversions=True)
+    return found
+
+
+def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[can.Message]:
+    times = start_s + next(iter(fields.values())).timestamps
+    columns = {name: np.asarray(signal.samples) for name, signal in fields.items()}
+
+    def of(name: str, row: int) -> int:
+        return int(columns[name][row]) if name in columns else 0
+
+    for row, time_s in enumerate(times.tolist()):
+        channel = str(of("BusChannel", row)) if "BusChannel" in columns else ""
+        if kind == _ERROR_FRAME:
+            yield entries.error_frame(time_s, channel, _ERROR_TYPES.get(of("ErrorType", row), 0))
+            continue
+        frame_id, is_rx, fd = of("ID", row), not of("Dir", row), FD_FRAME if of("EDL", row) else 0
+        is_extended = bool(of("IDE", row)) if "IDE" in columns else bool(frame_id & _EXTENDED)
+        ident = (frame_id & ~_EXTENDED, is_extended)
+        length = entries.length_of(of("DLC", row), is_fd=bool(fd)) if "DLC" in columns else of("DataLength", row)
+        if kind == _REMOTE_FRAME:
+            yield entries.frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
+            continue
+        there = of("DataLength", row) if "DataLength" in columns else length
+        data = np.asarray(columns["DataBytes"][row], dtype=np.uint8).tobytes()[:there]
+        if len(data) != length:
+            raise ValueError(f"record {row + 1} of {kind}: {length} bytes announced, {len(data)} present")
+        fd |= (BRS * (of("BRS", row) == 1) | ESI * (of("ESI", row) == 1)) if fd else 0
+        yield entries.frame(time_s, channel, ident, data, fd=fd, is_rx=is_rx)
 
 
 def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[ChannelGroup]) -> None:
@@ -60,8 +171,8 @@ def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[Chan
 
 def _kind(message: can.Message) -> str:
     if message.is_error_frame:
-        return "CAN_ErrorFrame"
-    return "CAN_RemoteFrame" if message.is_remote_frame else "CAN_DataFrame"
+        return _ERROR_FRAME
+    return _REMOTE_FRAME if message.is_remote_frame else _DATA_FRAME
 
 
 def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
@@ -79,13 +190,13 @@ def _records(name: str, messages: Sequence[can.Message], channels: Mapping[str, 
     for record, one in zip(records, messages, strict=True):
         values: dict[str, Any] = {"BusChannel": channels[str(one.channel or "")]}
         if one.is_error_frame:
-            values["ErrorType"] = next((kind for kind, bit in ERROR_TYPES.items() if one.arbitration_id & bit), 0)
+            values["ErrorType"] = next((kind for kind, bit in _ERROR_TYPES.items() if one.arbitration_id & bit), 0)
         else:
             values |= {"ID": one.arbitration_id, "IDE": one.is_extended_id, "Dir": not one.is_rx, "DLC": one.dlc}
-        if name == "CAN_DataFrame":
+        if name == _DATA_FRAME:
             data = np.frombuffer(bytes(one.data).ljust(64, b"\0"), dtype=np.uint8)
             flags = {"EDL": one.is_fd, "BRS": one.bitrate_switch, "ESI": one.error_state_indicator}
-            values |= {"DLC": _CODES[len(one.data)], "DataLength": len(one.data), "DataBytes": data, **flags}
+            values |= {"DLC": FD_LENGTHS.index(len(one.data)), "DataLength": len(one.data), "DataBytes": data, **flags}
         for field, value in values.items():
             record[f"{name}.{field}"] = value
     return records

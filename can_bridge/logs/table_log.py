@@ -2,7 +2,6 @@
 frame is CAN FD; the reader recognises CAN FD for our messages and for messages longer than 8 bytes."""
 
 import base64
-import binascii
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
@@ -33,33 +32,21 @@ def read_csv(lines: Lines) -> Iterator[Entry]:
                 raise ValueError(f"{len(values)} values, must be {TABLE_COLUMNS.count(',') + 1}")
             flags, dlc = [bool(int(value)) for value in values[2:5]], int(values[5])
             yield _entry(float(values[0]), int(values[1], 16), flags, dlc, base64.b64decode(values[6], validate=True))
-        except (ValueError, binascii.Error) as error:
+        except ValueError as error:
             raise ValueError(f"line {number}: {error}") from None
 
 
-class TableRows:
-    """The rows of an SQLite database.
-
-    Attributes:
-        count: number of rows read so far.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.count = 0
-        self._path = path
-
-    def read(self) -> Iterator[Entry]:
-        """Yield the entries of the rows. Raises ValueError with the number of an invalid row; sqlite3.Error for a file
-        that is not such a database."""
-        with closing(sqlite3.connect(f"file:{quote(str(self._path))}?mode=ro", uri=True)) as database:
-            columns = TABLE_COLUMNS.replace("timestamp", "ts")
-            for row in database.execute(f"SELECT {columns} FROM messages ORDER BY rowid"):
-                self.count += 1
-                try:
-                    time_s, frame_id, *flags, dlc, data = row
-                    yield _entry(float(time_s), frame_id, [bool(one) for one in flags], dlc, bytes(data or b""))
-                except (ValueError, TypeError) as error:
-                    raise ValueError(f"row {self.count}: {error}") from None
+def read_db(path: Path) -> Iterator[Entry]:
+    """Yield the entries of an SQLite database's rows. Raises ValueError with the number of an invalid row;
+    sqlite3.Error for a file that is not such a database."""
+    with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)) as database:
+        columns = TABLE_COLUMNS.replace("timestamp", "ts")
+        for number, row in enumerate(database.execute(f"SELECT {columns} FROM messages ORDER BY rowid"), 1):
+            try:
+                time_s, frame_id, *flags, dlc, data = row
+                yield _entry(float(time_s), frame_id, [bool(one) for one in flags], dlc, bytes(data or b""))
+            except (ValueError, TypeError) as error:
+                raise ValueError(f"row {number}: {error}") from None
 
 
 def _entry(time_s: float, frame_id: int, flags: list[bool], dlc: int, data: bytes) -> Entry:

@@ -7,23 +7,8 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta
 from typing import Final
 
-from can_bridge.logs.entries import (
-    BRS,
-    COMMENT,
-    ESI,
-    FD_FRAME,
-    HEADER_LINE,
-    PROTOCOL,
-    Entry,
-    Lines,
-    LogEvent,
-    SinceEpoch,
-    bytes_of,
-    check_length,
-    error_frame,
-    frame,
-    length_of,
-)
+from can_bridge.logs import entries
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent
 from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
@@ -41,11 +26,16 @@ _EVENTS: Final = {
     "EV": "user-defined event",
     "OV": "overload frame",
 }
-_FD: Final = {"FD": FD_FRAME, "FB": FD_FRAME | BRS, "FE": FD_FRAME | ESI, "BI": FD_FRAME | BRS | ESI}
+_FD: Final = {
+    "FD": FD_FRAME,
+    "FB": FD_FRAME | BRS,
+    "FE": FD_FRAME | ESI,
+    "BI": FD_FRAME | BRS | ESI,
+}
 """Bits of each type of CAN FD frame."""
 
 
-def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
+def read_trc(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
     """Yield the entries of the lines. Raises ValueError with the number of the first line that does not have the format
     of the file's version."""
     columns, start_s = list(_COLUMNS["1.0"]), 0.0
@@ -67,7 +57,7 @@ def read_trc(lines: Lines, since_epoch: SinceEpoch) -> Iterator[Entry]:
                     columns = value.split(",")
                     if not {"O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
                         raise ValueError(f"columns {quoted(value, 60)}, must have O (time), I, and l or L (length)")
-            yield LogEvent(HEADER_LINE if name.startswith("$") else COMMENT)
+            yield LogEvent(entries.HEADER_LINE if name.startswith("$") else entries.COMMENT)
         except (ValueError, OverflowError) as error:
             raise ValueError(f"line {number}: {error}") from None
 
@@ -85,7 +75,7 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     time_s = start_s + float(words[columns.index("O")]) / 1e3
     channel = words[columns.index("B")] if "B" in columns else ""
     if kind in ("ER", "ERROR"):
-        return error_frame(time_s, channel, PROTOCOL)
+        return entries.error_frame(time_s, channel, entries.PROTOCOL)
     if len(words) < len(head):
         raise ValueError(f"{quoted(text, 60)} ends before its length")
     values = dict(zip(head, words, strict=False))
@@ -94,23 +84,23 @@ def _entry(text: str, columns: list[str], start_s: float, *, is_whole: bool) -> 
     if frame_id.upper() == _WARNING:
         return LogEvent(_STATUS)
     if rest[:1] == ["ERROR"]:
-        return error_frame(time_s, channel, PROTOCOL)
+        return entries.error_frame(time_s, channel, entries.PROTOCOL)
     is_fd = kind in _FD
     if "l" in values:
-        length = check_length(int(values["l"]), is_fd=is_fd)
+        length = entries.check_length(int(values["l"]), is_fd=is_fd)
     else:
         code = int(values["L"])
         # Some writers put the length in bytes into the column of the length code. The number of bytes in the line shows
         # this, unless the line may be truncated.
         is_length = is_fd and code in FD_LENGTHS and (code > 15 or (is_whole and len(rest) == code))
-        length = code if is_length else length_of(code, is_fd=is_fd)
+        length = code if is_length else entries.length_of(code, is_fd=is_fd)
     direction = values.get("d", kind).upper()
     ident, is_rx = (int(frame_id, 16), len(frame_id) > 4), direction != "TX"
     if kind == "RR" or rest[:1] == ["RTR"]:
-        return frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
+        return entries.frame(time_s, channel, ident, None, dlc=length, is_rx=is_rx)
     if kind not in ("", "RX", "TX", "DT", *_FD) or direction not in ("", "RX", "TX", "DT"):
         raise ValueError(f"type {quoted(kind)} is not one of this format")
-    data = bytes_of(rest, length)
+    data = entries.bytes_of(rest, length)
     if len(rest) > length:
         raise ValueError(f"{length} bytes announced, {len(rest)} present")
-    return frame(time_s, channel, ident, data, fd=_FD.get(kind, 0), is_rx=is_rx)
+    return entries.frame(time_s, channel, ident, data, fd=_FD.get(kind, 0), is_rx=is_rx)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.tester.messages import AccessError, NoAnswerError, NotNowError, RefusedError
+from can_bridge.tester.messages import AccessError, NoAnswerError, RefusedError, in_good_state
 from can_bridge.uds.fault_codes import SNAPSHOT_FORMATS
 from can_bridge.uds.services import Did, Nrc, Routine, Session
 
@@ -42,22 +42,13 @@ DELAY_S: Final = 15.0
 
 
 class Asking:
-    """A tester's connection to an ECU.
-
-    Attributes:
-        unanswered: number of requests that were repeated because no answer came.
-    """
+    """A tester's connection to an ECU. `unanswered` is the number of requests repeated because no answer came."""
 
     def __init__(
         self, client: Client, *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
     ) -> None:
-        """Configure the client, whose connection must be open.
-
-        Args:
-            key: returns the key for a seed; None if no level is to be unlocked.
-            clock: returns the time in s.
-            sleep: waits a number of seconds.
-        """
+        """Configure the client, whose connection must be open. `key` is None if no level is to be unlocked; times are
+        in s."""
         self._client = client
         self._clock = clock
         self._sleep = sleep
@@ -72,7 +63,7 @@ class Asking:
         self._in_good_state(step, lambda: self._client.change_session(session))
 
     def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
-        """Return the value of an identifier; `times` is the largest number of attempts."""
+        """Return the value of an identifier."""
         found = self._ask(
             f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
         )
@@ -93,7 +84,7 @@ class Asking:
         is wrong, or if wrong keys were sent too often."""
         step = f"unlock {level.name.lower()}"
         until = self._clock() + DELAY_S
-        refused_keys = 0
+        had_late_answer = False
         while True:
             unanswered = self.unanswered
             try:
@@ -101,10 +92,9 @@ class Asking:
                 self._ask(step, lambda: self._client.unlock_security_access(int(level)))
                 return
             except RefusedError as refused:
-                if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not refused_keys:
-                    # The key may have been computed from the late answer to an earlier request, so a new seed is
-                    # requested.
-                    refused_keys += 1
+                if refused.code == Nrc.INVALID_KEY and self.unanswered > unanswered and not had_late_answer:
+                    # The key may have been computed from the late answer to an earlier request.
+                    had_late_answer = True
                     continue
                 if refused.code == Nrc.INVALID_KEY:
                     raise AccessError(
@@ -142,13 +132,13 @@ class Asking:
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def faults(self, report: str, *args: int, **others: int) -> Any:
-        """Return the codes in a report of the fault memory; `report` is the name of the client's method for this
-        report."""
+        """Return the codes in a report of the fault memory, which the client's method `report` requests."""
         return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
 
     def clear_faults(self) -> None:
-        """Clear the ECU's fault memory."""
-        self._ask("clear its faults", self._client.clear_dtc)
+        """Clear the ECU's fault memory; raises NotNowError while a jet may run."""
+        with in_good_state("clear its faults", "its jets are enabled"):
+            self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
         """Switch off the detection of faults and the messages of the control loop before programming, as far as the ECU
@@ -162,7 +152,7 @@ class Asking:
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Wait for `seconds`. With `keep_session`, send messages meanwhile that keep the session open."""
+        """Wait; with `keep_session`, send messages meanwhile that keep the session open."""
         left = seconds
         while left > 0:
             if keep_session:
@@ -187,15 +177,8 @@ class Asking:
             self._sleep(BUSY_WAIT_S)
 
     def _in_good_state(self, step: str, call: Callable[[], Any], *, times: int = TIMES) -> Any:
-        try:
+        with in_good_state(step, "its jets are enabled or the vehicle asks for control"):
             return self._ask(step, call, times=times)
-        except RefusedError as refused:
-            if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
-                raise
-            raise NotNowError(
-                f"the ECU refused to {step} now: its jets are enabled or the vehicle asks for control; withdraw the "
-                "enable request and try again"
-            ) from refused
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
         """Return the ECU's answer. Raises RefusedError for a negative response; NoAnswerError if none of `times`

@@ -6,7 +6,7 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import NotNowError, RefusedError
+from can_bridge.tester.messages import in_good_state, refusal_means
 from can_bridge.uds.services import Did, Nrc, Session
 from contract.controller.calibration import PACKED_BYTES, Calibration, CalibrationLimits
 from contract.errors import ConfigError, FlashError
@@ -17,14 +17,8 @@ _REVERT: Final = b"\x00"
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrated:
-    """The calibration that an ECU reports. All values have the precision of float32.
-
-    Attributes:
-        in_force: values in force from the ECU's next control period on.
-        limits: limits of the values.
-        release: the release's own values.
-        is_stored: whether values are stored in non-volatile memory.
-    """
+    """The calibration that an ECU reports, with the precision of float32: the values in force from the ECU's next
+    control period on, their limits, the release's own values, and whether values are stored in non-volatile memory."""
 
     in_force: Calibration
     limits: CalibrationLimits
@@ -34,13 +28,10 @@ class Calibrated:
 
 def read(asking: Asking) -> Calibrated:
     """Read the calibration, in any session; raises FlashError for an ECU without values to calibrate."""
-    try:
+    missing = FlashError("the ECU has no calibration: no release runs in it; flash one")
+    with refusal_means(Nrc.OUT_OF_RANGE, missing):
         in_force, of_release = asking.read(Did.CALIBRATION), asking.read(Did.CALIBRATION_LIMITS)
         is_stored = asking.read(Did.CALIBRATION_STORED) == _STORE
-    except RefusedError as refused:
-        if refused.code != Nrc.OUT_OF_RANGE:
-            raise
-        raise FlashError("the ECU has no calibration: no release runs in it; flash one") from refused
     try:
         if len(of_release) != 3 * PACKED_BYTES:
             raise ConfigError(f"limits of {len(of_release)} bytes, must have {3 * PACKED_BYTES}")
@@ -84,15 +75,8 @@ def revert(asking: Asking, release: Calibration) -> None:
 
 
 def _keep(asking: Asking, value: bytes, step: str) -> None:
-    try:
+    with in_good_state(step, "its jets are enabled; the present values stay in force"):
         asking.write(Did.CALIBRATION_STORED, value)
-    except RefusedError as refused:
-        if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
-            raise
-        raise NotNowError(
-            f"the ECU refused to {step} now: its jets are enabled; the present values stay in force; withdraw the "
-            "enable request and try again"
-        ) from refused
 
 
 def _check_in_force(asking: Asking, wanted: bytes) -> None:

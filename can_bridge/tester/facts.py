@@ -9,10 +9,10 @@ from typing import Any
 from can_bridge.flashing import report
 from can_bridge.flashing.report import StoreReport
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import NotNowError, RefusedError, WrongReleaseError
+from can_bridge.tester.messages import WrongReleaseError
 from can_bridge.uds.fault_codes import REASON_BY_CODE, Snapshot
 from can_bridge.uds.fault_memory import Status
-from can_bridge.uds.services import Did, Nrc
+from can_bridge.uds.services import Did
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import FlashError
 from contract.release.checks import Bundle, dbc_sha256
@@ -20,13 +20,8 @@ from contract.release.checks import Bundle, dbc_sha256
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFacts:
-    """The properties of one ECU.
-
-    Attributes:
-        dbc_sha256: SHA-256, in hex, of the DBC whose messages the ECU sends.
-        period_ns: control period of the ECU, in ns.
-        capacity: size of the largest image in bytes.
-    """
+    """The properties of one ECU. `dbc_sha256` is the hash of the DBC whose messages the ECU sends, and `capacity` the
+    size of the largest image in bytes."""
 
     hardware: str
     serial_number: str
@@ -61,12 +56,8 @@ def _text(asking: Asking, did: Did) -> str:
 
 
 def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
-    """Raise WrongReleaseError for the first property of the release that does not fit the ECU.
-
-    Args:
-        release: a loaded bundle. Its DBC is that of this version, because no other bundle can be loaded.
-        length: length of the release's image, in bytes.
-    """
+    """Raise WrongReleaseError for the first property of the release, or of its image of `length` bytes, that does not
+    fit the ECU. The bundle's DBC is that of this version, because no other bundle can be loaded."""
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
 
@@ -121,18 +112,6 @@ def read_faults(asking: Asking) -> list[StoredFault]:
     """Return all codes that are pending, confirmed or present; raises FlashError for codes of another version."""
     found = asking.faults("get_dtc_by_status_mask", int(_ENTERED))
     return [_read_one(asking, int(dtc.id), int(dtc.status.get_byte_as_int())) for dtc in found]
-
-
-def clear_faults(asking: Asking) -> None:
-    """Clear all codes; raises NotNowError while a jet may run."""
-    try:
-        asking.clear_faults()
-    except RefusedError as refused:
-        if refused.code != Nrc.CONDITIONS_NOT_CORRECT:
-            raise
-        raise NotNowError(
-            "the ECU refused to clear its faults now: its jets are enabled; withdraw the enable request and try again"
-        ) from refused
 
 
 def _read_one(asking: Asking, code: int, status: int) -> StoredFault:

@@ -5,24 +5,19 @@ stationary. 6: use another release or key list. 7: examine the ECU. 8: the new r
 runs. The status is 1 for all other errors, such as a key file that cannot be read, and 2 for wrong use of a command.
 """
 
-from typing import ClassVar, Final
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import ClassVar
 
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.services import Nrc
 from contract.errors import FlashError
 
-NO_ANSWER: Final = 3
-NO_ACCESS: Final = 4
-NOT_NOW: Final = 5
-WRONG_RELEASE: Final = 6
-REFUSED: Final = 7
-_NOT_PASSED: Final = 8
-
 
 class NoAnswerError(FlashError):
     """The ECU does not answer, or no longer answers."""
 
-    status: ClassVar[int] = NO_ANSWER
+    status: ClassVar[int] = 3
 
     def __init__(self, step: str, *, was_there: bool = True) -> None:
         what = f"the ECU does not {step}" if was_there else "no ECU answers on this bus"
@@ -46,25 +41,25 @@ class LostError(NoAnswerError):
 class AccessError(FlashError):
     """The key is not the key of this ECU."""
 
-    status: ClassVar[int] = NO_ACCESS
+    status: ClassVar[int] = 4
 
 
 class NotNowError(FlashError):
     """The vehicle's state does not allow its ECU to be programmed."""
 
-    status: ClassVar[int] = NOT_NOW
+    status: ClassVar[int] = 5
 
 
 class WrongReleaseError(FlashError):
     """The release is not for this ECU, or the ECU may not accept it."""
 
-    status: ClassVar[int] = WRONG_RELEASE
+    status: ClassVar[int] = 6
 
 
 class WrongKeysError(FlashError):
     """The ECU does not accept the key list."""
 
-    status: ClassVar[int] = WRONG_RELEASE
+    status: ClassVar[int] = 6
 
 
 class ImageRefusedError(WrongReleaseError):
@@ -78,18 +73,37 @@ class ImageRefusedError(WrongReleaseError):
 class NotPassedError(FlashError):
     """The new release failed its trial."""
 
-    status: ClassVar[int] = _NOT_PASSED
+    status: ClassVar[int] = 8
 
 
 class RefusedError(FlashError):
     """The ECU sent a negative response, with `code`."""
 
-    status: ClassVar[int] = REFUSED
+    status: ClassVar[int] = 7
 
     def __init__(self, step: str, code: int) -> None:
         super().__init__(f"the ECU refused to {step}: {in_words(code)}")
         self.code = code
         self.step = step
+
+
+@contextmanager
+def refusal_means(code: Nrc, error: FlashError) -> Iterator[None]:
+    """Raise `error` in place of a RefusedError with this code."""
+    try:
+        yield
+    except RefusedError as refused:
+        if refused.code != code:
+            raise
+        raise error from refused
+
+
+@contextmanager
+def in_good_state(step: str, why: str) -> Iterator[None]:
+    """Raise NotNowError, with the reason `why`, if the ECU refuses the step because of the vehicle's state."""
+    text = f"the ECU refused to {step} now: {why}; withdraw the enable request and try again"
+    with refusal_means(Nrc.CONDITIONS_NOT_CORRECT, NotNowError(text)):
+        yield
 
 
 def in_words(code: int) -> str:

@@ -11,8 +11,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -22,13 +23,13 @@ from can_bridge.tester.asking import Asking, KeyOf
 from can_bridge.tester.facts import EcuFacts, read_facts, read_store
 from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
 from can_bridge.tester.transfer import (
-    SESSION_ENDED,
     TRIES,
     OnProgress,
     Transfer,
     Transferred,
     enter_programming,
     in_programming,
+    in_session,
 )
 from can_bridge.uds.services import Nrc, Routine, Session
 from contract.errors import FlashError, StillwakeError
@@ -75,12 +76,8 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class FlashOptions:
-    """Options that leave out steps.
-
-    Attributes:
-        dry_run: whether to leave out every step that writes.
-        confirm: whether to confirm the release after its self-test.
-    """
+    """Options that leave out steps: a dry run leaves out every step that writes; without `confirm` the release stays on
+    trial."""
 
     dry_run: bool = False
     confirm: bool = True
@@ -88,13 +85,8 @@ class FlashOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Flashed:
-    """The report on one run of `flash`.
-
-    Attributes:
-        transferred: report of the transfer; None if no image had to be transferred.
-        unanswered: number of requests that were repeated because no answer came.
-        seconds: duration in s, measured with the given clock.
-    """
+    """The report on one run of `flash`. `transferred` is None if no image had to be transferred; `unanswered` counts
+    the requests that were repeated because no answer came."""
 
     end: End
     before: EcuFacts
@@ -124,14 +116,11 @@ def flash(
         image: image of the release, as built by `contract.release.image`.
         key: returns the key for a seed of the programming level; a dry run needs none.
         judge: raises FlashError if an ECU with these properties must not be flashed with this image.
-        progress: called after each block that the ECU has received.
-        on_step: called at the beginning of each step.
-        clock: returns the time in s.
-        sleep: waits a number of seconds.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)
-    return _Flashing(asking, image, options, judge, progress, on_step).run(lambda: clock() - began)
+    done = _Flashing(asking, image, options, judge, progress, on_step).run()
+    return replace(done, unanswered=asking.unanswered, seconds=clock() - began)
 
 
 def reset_and_wait(asking: Asking) -> None:
@@ -147,79 +136,56 @@ def reset_and_wait(asking: Asking) -> None:
     raise NoAnswerError("start again after the reset")
 
 
+@dataclass(frozen=True)
 class _Flashing:
-    def __init__(
-        self,
-        asking: Asking,
-        image: bytes,
-        options: FlashOptions,
-        judge: Callable[[EcuFacts], None],
-        progress: OnProgress,
-        on_step: Callable[[Step], None],
-    ) -> None:
-        self._asking = asking
-        self._image = image
-        self._digest = digest_of(image)
-        self._options = options
-        self._judge = judge
-        self._progress = progress
-        self._on_step = on_step
+    """One run of `flash`, with its arguments."""
 
-    def run(self, elapsed: Callable[[], float]) -> Flashed:
-        asking, transferred = self._asking, None
-        self._on_step(Step.IDENTIFY)
+    asking: Asking
+    image: bytes
+    options: FlashOptions
+    judge: Callable[[EcuFacts], None]
+    progress: OnProgress
+    on_step: Callable[[Step], None]
+
+    @cached_property
+    def digest(self) -> str:
+        return digest_of(self.image)
+
+    def run(self) -> Flashed:
+        asking, transferred = self.asking, None
+        self.on_step(Step.IDENTIFY)
         asking.wait_until_there(THERE_S, "report its session")
         before = read_facts(asking)
         after = before.store
 
         def ended(end: End) -> Flashed:
-            return Flashed(
-                end=end,
-                before=before,
-                after=after,
-                transferred=transferred,
-                unanswered=asking.unanswered,
-                seconds=elapsed(),
-            )
+            asking.session(Session.DEFAULT)
+            return Flashed(end=end, before=before, after=after, transferred=transferred)
 
         if self._is_ours(after.running_slot) and after.running == after.active:
-            asking.session(Session.DEFAULT)
             return ended(End.ALREADY)
-        self._judge(before)
-        self._on_step(Step.PRECONDITIONS)
-        self._check_preconditions()
-        if self._options.dry_run:
-            asking.session(Session.DEFAULT)
+        self.judge(before)
+        self.on_step(Step.PRECONDITIONS)
+        in_session(lambda: asking.session(Session.EXTENDED), lambda: asking.routine(Routine.PRECONDITIONS))
+        if self.options.dry_run:
             return ended(End.WOULD_FLASH)
         running = after.running_slot
         if running is None or not self._is_ours(running) or running.phase is not SlotPhase.TRIAL:
             transferred = self._bring()
         after = self._try_out()
-        if not self._options.confirm:
-            asking.session(Session.DEFAULT)
+        if not self.options.confirm:
             return ended(End.ON_TRIAL)
-        self._on_step(Step.CONFIRM)
+        self.on_step(Step.CONFIRM)
         after = self._confirm()
-        asking.session(Session.DEFAULT)
         return ended(End.CONFIRMED)
-
-    def _check_preconditions(self) -> None:
-        for left in reversed(range(TRIES)):
-            self._asking.session(Session.EXTENDED)
-            try:
-                self._asking.routine(Routine.PRECONDITIONS)
-                return
-            except RefusedError as refused:
-                if refused.code not in SESSION_ENDED or not left:
-                    raise
 
     def _bring(self) -> Transferred:
         """Transfer the image and start it on trial."""
         try:
-            self._asking.quieten()
-            self._on_step(Step.TRANSFER)
-            transferred = Transfer(self._asking, self._image, self._progress).run()
-            self._on_step(Step.ACTIVATE)
+            self.asking.quieten()
+            self.on_step(Step.TRANSFER)
+            transferred = Transfer(self.asking, self.image, self.progress).run()
+            self.on_step(Step.ACTIVATE)
             if self._activate():
                 return transferred
         except (FlashError, KeyboardInterrupt):
@@ -231,10 +197,10 @@ class _Flashing:
     def _activate(self) -> bool:
         """Activate the image for the next reset; return whether it already runs."""
         try:
-            in_programming(self._asking, Routine.ACTIVATE)
+            in_programming(self.asking, Routine.ACTIVATE)
         except RefusedError as refused:
             # If the ECU lost power right after it carried out the request, it has already booted the new release.
-            if refused.code != Nrc.SEQUENCE_ERROR or not self._is_ours(read_store(self._asking).running_slot):
+            if refused.code != Nrc.SEQUENCE_ERROR or not self._is_ours(read_store(self.asking).running_slot):
                 raise
             return True
         return False
@@ -242,40 +208,40 @@ class _Flashing:
     def _start(self) -> None:
         """Reset the ECU until the activated image runs."""
         for _ in range(RESETS):
-            self._on_step(Step.RESET)
-            reset_and_wait(self._asking)
-            store = read_store(self._asking)
+            self.on_step(Step.RESET)
+            reset_and_wait(self.asking)
+            store = read_store(self.asking)
             if self._is_ours(store.running_slot):
                 return
             if not any(self._is_ours(slot) and slot.phase is SlotPhase.TRIAL for slot in store.slots):
                 break
-            enter_programming(self._asking)
+            enter_programming(self.asking)
         raise NotPassedError(f"the ECU did not start the new release; {_runs(store)}")
 
     def _try_out(self) -> StoreReport:
         """Run the self-test of the release on trial; if it fails, return to the previous release."""
-        self._on_step(Step.SELF_TEST)
+        self.on_step(Step.SELF_TEST)
         try:
-            enter_programming(self._asking)
+            enter_programming(self.asking)
         except NotNowError as refused:
             raise NotNowError(
                 f"the new release runs on trial, and was not confirmed: {refused}; the same command continues with it"
             ) from refused
         try:
-            in_programming(self._asking, Routine.SELF_TEST)
+            in_programming(self.asking, Routine.SELF_TEST)
         except RefusedError as refused:
             store = self._go_back()
             raise NotPassedError(f"the new release did not pass its self-test; {_runs(store)} again") from refused
-        return read_store(self._asking)
+        return read_store(self.asking)
 
     def _confirm(self) -> StoreReport:
         """Confirm the running release; return the store's report afterwards."""
         for left in reversed(range(TRIES)):
             try:
-                in_programming(self._asking, Routine.CONFIRM)
+                in_programming(self.asking, Routine.CONFIRM)
                 break
             except RefusedError as refused:
-                store = read_store(self._asking)
+                store = read_store(self.asking)
                 running = store.running_slot
                 if refused.code != Nrc.SEQUENCE_ERROR or running is None or not self._is_ours(running):
                     raise
@@ -287,23 +253,23 @@ class _Flashing:
                 if running.phase is not SlotPhase.TRIAL or not left:
                     raise
             self._try_out()
-        return read_store(self._asking)
+        return read_store(self.asking)
 
     def _go_back(self) -> StoreReport:
         """Return from a trial to the confirmed release."""
-        enter_programming(self._asking)
-        in_programming(self._asking, Routine.REVERT)
-        reset_and_wait(self._asking)
-        return read_store(self._asking)
+        enter_programming(self.asking)
+        in_programming(self.asking, Routine.REVERT)
+        reset_and_wait(self.asking)
+        return read_store(self.asking)
 
     def _leave(self) -> None:
         """Reset the ECU to its old release, because only a reset ends a transfer that has begun."""
         with suppress(FlashError):
-            self._asking.session(Session.PROGRAMMING)
-            self._asking.reset(times=1)
+            self.asking.session(Session.PROGRAMMING)
+            self.asking.reset(times=1)
 
     def _is_ours(self, slot: SlotReport | None) -> bool:
-        return slot is not None and slot.digest == self._digest != ""
+        return slot is not None and slot.digest == self.digest != ""
 
 
 def digest_of(image: bytes) -> str:

@@ -13,7 +13,14 @@ from typing import Final
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import ImageRefusedError, LostError, NoAnswerError, RefusedError, WrongKeysError
+from can_bridge.tester.messages import (
+    ImageRefusedError,
+    LostError,
+    NoAnswerError,
+    RefusedError,
+    WrongKeysError,
+    refusal_means,
+)
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
@@ -60,13 +67,13 @@ STALLS: Final = 5
 TRIES: Final = 3
 """Largest number of attempts at a step. A step is repeated if the session ended during the step, because the ECU did
 not answer for a long time or lost its power supply."""
-SESSION_ENDED: Final = frozenset(
+_SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
 STARTING_S: Final = 15.0
 """Longest wait in s for an ECU that may be starting."""
 
-_AGAIN: Final = SESSION_ENDED | frozenset(
+_AGAIN: Final = _SESSION_ENDED | frozenset(
     {
         Nrc.SEQUENCE_ERROR,
         Nrc.UPLOAD_DOWNLOAD_NOT_ACCEPTED,
@@ -85,12 +92,7 @@ _COUNTERS: Final = 256
 
 @dataclass(frozen=True, kw_only=True)
 class Transferred:
-    """The report of a transfer.
-
-    Attributes:
-        resumed_from: number of bytes that the ECU had before the transfer.
-        attempts: number of announcements.
-    """
+    """The number of bytes that the ECU had before a transfer, and the number of announcements."""
 
     resumed_from: int
     attempts: int
@@ -185,28 +187,28 @@ class Transfer:
             raise failure from None
 
 
-def enter_programming(asking: Asking) -> None:
-    """Begin the programming session and unlock it; repeat both if the ECU restarts in between."""
+def in_session(begin: Callable[[], None], step: Callable[[], object], *, has_begun: bool = False) -> None:
+    """Begin a session, unless it has begun, and make a step in it; repeat both if the session ended in between."""
     for left in reversed(range(TRIES)):
-        asking.session(Session.PROGRAMMING)
+        if not has_begun:
+            begin()
+        has_begun = False
         try:
-            asking.unlock(Level.PROGRAMMING)
+            step()
             return
         except RefusedError as refused:
-            if refused.code not in SESSION_ENDED or not left:
+            if refused.code not in _SESSION_ENDED or not left:
                 raise
+
+
+def enter_programming(asking: Asking) -> None:
+    """Begin the programming session and unlock it."""
+    in_session(lambda: asking.session(Session.PROGRAMMING), lambda: asking.unlock(Level.PROGRAMMING))
 
 
 def in_programming(asking: Asking, routine: Routine) -> None:
     """Run a routine in the programming session; begin the session again if it has ended."""
-    for left in reversed(range(TRIES)):
-        try:
-            asking.routine(routine)
-            return
-        except RefusedError as refused:
-            if refused.code not in SESSION_ENDED or not left:
-                raise
-        enter_programming(asking)
+    in_session(lambda: enter_programming(asking), lambda: asking.routine(routine), has_begun=True)
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
@@ -215,15 +217,12 @@ def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
     not answer."""
     before = _version(asking)
     enter_programming(asking)
-    try:
+    wrong = WrongKeysError(
+        f"the ECU refused the key list: it must be signed by the ECU's root key, have a version above {before}, and "
+        "contain the key that signed the confirmed release"
+    )
+    with refusal_means(Nrc.OUT_OF_RANGE, wrong):
         asking.write(Did.KEY_LIST, raw)
-    except RefusedError as refused:
-        if refused.code != Nrc.OUT_OF_RANGE:
-            raise
-        raise WrongKeysError(
-            f"the ECU refused the key list: it must be signed by the ECU's root key, have a version above {before}, "
-            "and contain the key that signed the confirmed release"
-        ) from refused
     after = _version(asking)
     asking.session(Session.DEFAULT)
     return before, after

@@ -1,5 +1,4 @@
-"""The log of a node on a real bus while the node runs: frames are written to a text file during the run, and to a
-measurement at the end.
+"""The log of a node on a real bus: a text file while the node runs, and a measurement at its end.
 
 A process that is killed leaves the text file, in candump's format, beside the measurement: `.NAME.PID.log`.
 """
@@ -62,11 +61,7 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
 
 
 class _Log:
-    """A thread that writes frames.
-
-    Attributes:
-        fault: the error that ended the thread; None if there was none.
-    """
+    """A thread that writes frames; `fault` is the error that ended it."""
 
     def __init__(self, stream: Path) -> None:
         self.fault: OSError | None = None

@@ -16,8 +16,7 @@ import numpy as np
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.logs.channels import ChannelGroup, NamedChannel
 from can_bridge.logs.mcap_file import write_mcap
-from can_bridge.logs.mdf_file import write_mdf
-from can_bridge.logs.mdf_log import asammdf_for
+from can_bridge.logs.mdf_file import asammdf_for, write_mdf
 from can_bridge.tools.raw_bus import frame_of
 from can_bridge.tools.signals import SignalValue, decode
 from can_bridge.wire.messages import Mode, Reason
@@ -62,11 +61,9 @@ def write_measurement(
     Raises StillwakeError as `check_measurement` does, and for times before 0 in an `.mcap` file.
 
     Args:
-        path: file to write.
         messages: messages in the order of their times.
         more: channels that are not in frames.
-        events: topics, times in ns and Protobuf messages, which are only written to an `.mcap` file.
-        facts: names and values, which are only written to an `.mcap` file.
+        events, facts: see `can_bridge.logs.mcap_file.write_mcap`; they are only written to an `.mcap` file.
     """
     check_measurement(path)
     listed = list(messages)

@@ -48,10 +48,8 @@ class Traffic:
     """One message with the statistics of its frames so far.
 
     Attributes:
-        latest: newest frame of the message.
         decoded: content of the newest frame; None for a message that is not ours.
         channel: the log's channel on which the frames were recorded; empty on a bus.
-        first_ns: time of the first frame.
         recent_ns: times of the newest frames, oldest first, at most RATE_OVER + 1 times.
         check: result of the newest frame's end-to-end check; None for a message without protection, or if the frame's
             MAC was rejected.
@@ -59,21 +57,13 @@ class Traffic:
         lost: number of frames that are missing according to the counters. The counters do not show the loss of a whole
             counter period or more, and a restart of the sender looks like a loss.
         receiver: state of the end-to-end check, with the number of each result.
-        verifier: state of the authentication; its freshness begins with the first authentic frame.
     """
 
     latest: Frame
     decoded: Decoded | None
 
     def __init__(self, e2e: E2eConfig, key: Key | None = None, channel: str = "", *, carries: str = "") -> None:
-        """Start the statistics without any frame.
-
-        Args:
-            e2e: settings that decide whether a jump of the counter is a loss or a wrong sequence.
-            key: key for secured messages; without it their authentication is not checked.
-            channel: the log's channel; empty on a bus.
-            carries: description of the content, for a message with this identifier that is not ours.
-        """
+        """Start the statistics without any frame. `carries` describes the content of a message that is not ours."""
         self._e2e, self._key, self.channel, self._carries = e2e, key, channel, carries
         self.count = self.first_ns = self.lost = 0
         self.recent_ns = deque[int](maxlen=RATE_OVER + 1)

@@ -17,17 +17,16 @@ from contract.errors import ConfigError
 
 
 class RawBus(OpenBus):
-    """A tool's connection to a bus. Use it as a context manager, or call `close`."""
+    """A tool's connection to a bus."""
 
     def receive_message(self, timeout_s: float) -> can.Message | None:
-        """Return the next message of any kind, even if it is not valid; None if no readable message came within
-        `timeout_s`. Raises BusError if the bus failed or delivers only garbage."""
+        """Return the next message of any kind, even if it is not valid; None if no readable message came in time.
+        Raises BusError if the bus failed or delivers only garbage."""
         message = self._received(timeout_s)
         return None if isinstance(message, Rejection) else message
 
     def send_message(self, message: can.Message, *, timeout_s: float = 0.1) -> None:
-        """Send one message of any kind. Raises BusError if the bus failed or does not accept the message within
-        `timeout_s`."""
+        """Send one message of any kind. Raises BusError if the bus failed or does not accept the message in time."""
         self._send(message, id_text(message), timeout_s)
 
 

@@ -43,14 +43,7 @@ NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
 
 
 class SignalValue(NamedTuple):
-    """The value of one signal.
-
-    Attributes:
-        name: name of the signal.
-        value: physical value in `unit`.
-        unit: unit of the value; empty if there is none.
-        text: name of the value in the signal's table of values, or the digits of a hash; empty if there is neither.
-    """
+    """The physical value of one signal. `text` is its name in the signal's table of values, or the digits of a hash."""
 
     name: str
     value: float
@@ -64,13 +57,8 @@ class SignalValue(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """The content of one of our messages.
-
-    Attributes:
-        spec: specification of the message.
-        signals: signals in the order of the frame; empty if a value is outside its table or the frame's length is
-            wrong.
-    """
+    """The signals of one of our messages in the order of the frame; none if a value is outside its table or the frame's
+    length is wrong."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]
@@ -173,10 +161,8 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     """Return the message's specification and its bytes with an empty E2E header. Raises BusError for an unknown message
     or signal, a value out of range, or if cantools is missing.
 
-    Args:
-        name: name of one of our messages, as in the DBC.
-        assignments: texts "signal=value"; the value is a number in the signal's unit, or a name from the signal's
-            table.
+    `assignments` are texts "signal=value", in which the value is a number in the signal's unit or a name from the
+    signal's table.
     """
     if name not in _SPECS:
         names = ", ".join(_SPECS)

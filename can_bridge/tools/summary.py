@@ -27,8 +27,8 @@ class Summary:
     """The traffic so far.
 
     Attributes:
-        config: settings of the bus, of which the bit rates, for the load, and the rules for counters are used. A frame
-            without bit-rate switch counts at the nominal rate.
+        config: settings of the bus, for the load and the rules for counters. A frame without bit-rate switch counts at
+            the nominal rate.
         key: key for secured messages; without it their authentication is not checked.
         most: largest number of messages that are listed; frames with further identifiers are only counted, in
             `unlisted`.
@@ -149,13 +149,8 @@ class Summary:
 
 def rows(summary: Summary, *, matching: str = "") -> list[tuple[Traffic, list[SignalCell]]]:
     """Return the messages with their signals, sorted by channel and identifier. An unknown or unreadable message has
-    its bytes in place of signals.
-
-    Args:
-        summary: traffic to show.
-        matching: words, all of which must occur in the message's name, identifier or channel, or in the signal's name;
-            case is ignored.
-    """
+    its bytes in place of signals. All words in `matching` must occur in the message's name, identifier or channel, or
+    in the signal's name; case is ignored."""
     words = matching.lower().split()
     shown = []
     for _, traffic in sorted(summary.messages.items()):

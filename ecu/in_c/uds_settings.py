@@ -88,7 +88,7 @@ def _of_xcp() -> dict[str, int]:
         # This number states that a command had no error; it is not the number of an error.
         "DONE": 0xFF,
         "SEED_LENGTH": xcp.XCP_SEED_LENGTH,
-        "CONNECT_BYTES": xcp.SHORTEST_COMMAND[xcp.Command.CONNECT],
+        "CONNECT_BYTES": xcp.Command.CONNECT.shortest,
         "WORKING_PROPERTIES": xcp_slave.WORKING_PROPERTIES,
         "REFERENCE_PROPERTIES": xcp_slave.REFERENCE_PROPERTIES,
         "ADDRESS": ADDRESS,
@@ -104,7 +104,7 @@ def _of_xcp() -> dict[str, int]:
 
 def _command(one: xcp.Command) -> str:
     """Return a row of the C table: the command's number, its least length in bytes, and whether it needs a key."""
-    return f"{{{one:#x}u, {xcp.SHORTEST_COMMAND.get(one, 1)}u, {int(one in xcp.PROTECTED)}u}}"
+    return f"{{{one:#x}u, {one.shortest}u, {int(one in xcp.PROTECTED)}u}}"
 
 
 def _pairs(numbers: Mapping[Any, int]) -> str:

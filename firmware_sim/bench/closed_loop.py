@@ -62,7 +62,7 @@ def run_closed_loop(
             (`config.flow`) must be short enough for the drive's speeds.
     """
     # This import is inside the function, because it makes python-can load all its log writers, which takes a second.
-    from can_bridge.logs import frame_log
+    from can_bridge.logs.candump_log import recording
 
     disturbances = Disturbances(items=tuple(faults))
     simulation = Simulation(
@@ -78,7 +78,7 @@ def run_closed_loop(
         folder = RunFolder(stack.enter_context(replacing(output, keep=True)))
         folder.path.mkdir()
         frames = stack.enter_context(ExitStack())
-        capture = frames.enter_context(frame_log.recording(folder.frames))
+        capture = frames.enter_context(recording(folder.frames))
         wake = stack.enter_context(open_plant("wake", output, disturbances.plant(config)) if plant is None else plant)
         picture = LevelPicture(wake)
         recorder = WakeRecorder(Scene.of(picture, wake.layout), simulation.periods[1])

@@ -11,7 +11,7 @@ from udsoncan.client import Client
 from can_bridge.wire.frame import Frame
 from contract.config.diagnosis import DiagnosisConfig
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.can_bridge.tester.direct_connection import DirectConnection
+from tests.can_bridge.tester.line import DirectConnection
 
 _NORMAL: Final = isotp.AddressingMode.Normal_11bits
 _FIXED: Final = isotp.AddressingMode.NormalFixed_29bits

@@ -69,16 +69,16 @@ def test_stored_and_reverted(cli, ecu, key):
     outcome = cli("calibrate", *BUS, *key, "lift=0.5", "--store")
     assert (outcome.code, "a calibration is stored" in outcome.out) == (0, True)
     ecu.power_on()
-    assert ecu.segment.working.weights.lift == 0.5
+    assert ecu.segment.in_force.weights.lift == 0.5
     # What is in force is stored without values.
     ecu.segment.set(replace(OWN, delay_steps=1))
     assert cli("calibrate", *BUS, *key, "--store").code == 0
     ecu.power_on()
-    assert ecu.segment.working.delay_steps == 1
+    assert ecu.segment.in_force.delay_steps == 1
     outcome = cli("calibrate", *BUS, *key, "--revert")
     assert (outcome.code, "nothing is stored" in outcome.out) == (0, True)
     assert cells(outcome.out, "delay_steps")[:2] == ["1", "0"]
-    assert ecu.segment.working == OWN
+    assert ecu.segment.in_force == OWN
 
 
 def test_what_makes_no_sense_is_one_line_and_changes_nothing(all_refused, ecu, key):

@@ -24,28 +24,29 @@ OWN_CONFIGURATION: Final = "python-can"
 interface."""
 
 _SAMPLE_POINT: Final = 80.0
-"""Position of the sample point in a bit, in percent, at both bit rates of the adapter whose bit timing is set in this
-module."""
+"""Position of the sample point in a bit, in percent, at both bit rates."""
 _CLOCK_HZ: Final = 80_000_000
 
 _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 """Interfaces that need packages from the optional dependencies `bus`."""
 
 
-def open_backend(config: BusConfig, *, settle_s: float = SETTLE_S) -> tuple[can.BusABC, str]:
+def open_backend(config: BusConfig) -> tuple[can.BusABC, str]:
     """Open the configured bus. Returns the bus and the name of its interface in python-can, which python-can's own
-    configuration may select. Raises BusError, which states the interface and the channel, if the bus cannot be opened.
-    `settle_s` is the time in s that a serial adapter gets to start."""
+    configuration may select. Raises BusError, which states the interface and the channel, if the bus cannot be
+    opened."""
     _check_known(config.interface)
     # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
     try:
-        interface, options = _settings(config, settle_s)
+        if config.interface == OWN_CONFIGURATION:
+            loaded: dict[str, Any] = {**can.util.load_config(context=config.channel)}
+            interface, options = loaded.pop("interface"), {k: v for k, v in loaded.items() if v is not None}
+        else:
+            interface, options = config.interface, {"channel": config.channel, **_options(config)}
         return _constructed(interface, options), interface
     except Exception as error:
-        hint = ""
         missing = isinstance(error, ImportError | can.CanInterfaceNotImplementedError)
-        if missing and config.interface in _OF_EXTRA_BUS:
-            hint = f"; {install('bus')}"
+        hint = f"; {install('bus')}" if missing and config.interface in _OF_EXTRA_BUS else ""
         raise BusError(f"CAN bus {config.interface} {config.channel!r}: {one_line(error)}{hint}") from error
 
 
@@ -63,15 +64,7 @@ def _check_known(interface: str) -> None:
         raise BusError(f"bus.interface = {interface}: {reason}; must be one of {', '.join(allowed)}")
 
 
-def _settings(config: BusConfig, settle_s: float) -> tuple[str, dict[str, Any]]:
-    """Return the interface's name, and the options with which python-can opens it."""
-    if config.interface == OWN_CONFIGURATION:
-        options: dict[str, Any] = {**can.util.load_config(context=config.channel)}
-        return options.pop("interface"), {name: value for name, value in options.items() if value is not None}
-    return config.interface, {"channel": config.channel, **_options(config, settle_s)}
-
-
-def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
+def _options(config: BusConfig) -> Mapping[str, Any]:
     is_fd = config.frames == "fd"
     match config.interface:
         case "virtual":
@@ -87,9 +80,9 @@ def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
                 data_bitrate=config.data_bitrate,
                 data_sample_point=_SAMPLE_POINT,
             )
-            return {"timing": timing, "sleep_after_open": settle_s}
+            return {"timing": timing, "sleep_after_open": SETTLE_S}
         case "slcan":
-            return {"bitrate": config.nominal_bitrate, "sleep_after_open": settle_s}
+            return {"bitrate": config.nominal_bitrate, "sleep_after_open": SETTLE_S}
         case "socketcan":
             return {"fd": is_fd}
     rates = {"bitrate": config.nominal_bitrate, **({"data_bitrate": config.data_bitrate} if is_fd else {})}
@@ -97,8 +90,7 @@ def _options(config: BusConfig, settle_s: float) -> Mapping[str, Any]:
 
 
 def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
-    """Open the bus with our own backend if python-can's backend for this interface fails on some received data,
-    otherwise with python-can's backend."""
+    """Open the bus, with our own backend where python-can's fails on some received data."""
     if interface == "udp_multicast":
         from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
 
@@ -121,12 +113,11 @@ _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 
 
 class OpenBus(NeverCopied):
-    """A wrapper of an open python-can bus that closes the bus. Use it as a context manager, or call `close`."""
+    """An open python-can bus, which `close` or the end of a `with` block closes."""
 
     INSTEAD: ClassVar = "it belongs to this process; open another connection"
 
     def __init__(self, bus: can.BusABC) -> None:
-        """Take over an open bus, which `close` closes."""
         self._bus = bus
         self._unreadable_in_a_row = 0
 

@@ -16,7 +16,7 @@ from typing import Final, Self
 
 import can
 
-from can_bridge.bus.backends.connection import QUEUE_SIZE, SETTLE_S, OpenBus, open_backend
+from can_bridge.bus.backends.connection import QUEUE_SIZE, OpenBus, open_backend
 from can_bridge.bus.conversion import frame_of, to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection
 from can_bridge.wire.frame import Frame
@@ -25,35 +25,19 @@ from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
-_CONTROLLER: Final = 0x004
-"""Error class CAN_ERR_CRTL of Linux: data byte 1 has the controller's state."""
-_BUS_OFF: Final = 0x040
-"""Error class CAN_ERR_BUSOFF of Linux: the controller went bus-off."""
-_RESTARTED: Final = 0x100
-"""Error class CAN_ERR_RESTARTED of Linux: the controller has returned from bus-off."""
-_COUNTERS: Final = 0x200
-"""Error class CAN_ERR_CNT of Linux: data bytes 6 and 7 hold the transmit and receive error counters. Kernels before 6.0
-do not set this class."""
-
-_RX_OVERFLOW: Final = 0x01
-"""CAN_ERR_CRTL_RX_OVERFLOW, a bit of data byte 1: the controller lost received frames."""
-_PASSIVE: Final = 0x10 | 0x20
-"""CAN_ERR_CRTL_RX_PASSIVE and CAN_ERR_CRTL_TX_PASSIVE, bits of data byte 1: the controller is error-passive."""
-_ACTIVE: Final = 0x40
-"""CAN_ERR_CRTL_ACTIVE, a bit of data byte 1: the controller is error-active again."""
-
+_CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
+"""Error classes of Linux: CAN_ERR_CRTL (data byte 1 has the controller's state), CAN_ERR_BUSOFF, CAN_ERR_RESTARTED
+(from bus-off) and CAN_ERR_CNT (data bytes 6 and 7 have the transmit and receive error counters; kernels before 6.0 do
+not set this class)."""
+_RX_OVERFLOW, _PASSIVE, _ACTIVE = 0x01, 0x10 | 0x20, 0x40
+"""Bits CAN_ERR_CRTL_... of data byte 1: received frames were lost; error-passive by RX or TX; error-active again."""
 _LENGTH: Final = 8
 """Length of an error frame's data in bytes (CAN_ERR_DLC)."""
 
 
 def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
-    """Return the controller's health after one error frame.
-
-    Args:
-        health: the controller's health before the error frame.
-        classes: the error frame's identifier without its flags.
-        data: the error frame's eight bytes; data of another length is ignored.
-    """
+    """Return the controller's health after one error frame. `classes` is the error frame's identifier without its
+    flags; data of another length than eight bytes is ignored."""
     if len(data) != _LENGTH:
         return health
     controller = data[1] if classes & _CONTROLLER else 0
@@ -119,10 +103,9 @@ class PythonCanBus(OpenBus):
         linux_error_frames: bool = False,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> None:
-        """Take over an open python-can bus.
+        """Take over an open python-can bus, which is closed together with this object.
 
         Args:
-            bus: python-can bus, which is closed together with this object.
             accept: identifiers to receive, in which a plain number is an 11-bit identifier; None for all 11-bit
                 identifiers. python-can's own filter is not used, because with this filter a call that waits for a frame
                 ends at the first frame that the filter drops.
@@ -149,21 +132,16 @@ class PythonCanBus(OpenBus):
         config: BusConfig,
         *,
         accept: Collection[CanId | int] | None = None,
-        settle_s: float = SETTLE_S,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> Self:
-        """Open the configured bus.
+        """Open the configured bus; `accept` and `keep` are those of the constructor.
 
         A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
         epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on
         `udp_multicast` do not leave this machine. Raises BusError, which states the interface and the channel, if the
         bus cannot be opened.
-
-        Args:
-            accept, keep: see the constructor.
-            settle_s: time in s that a serial adapter gets to start after its port is opened.
         """
-        bus, interface = open_backend(config, settle_s=settle_s)
+        bus, interface = open_backend(config)
         return cls(
             bus,
             accept=accept,
@@ -181,9 +159,8 @@ class PythonCanBus(OpenBus):
     def overflows(self) -> int:
         """The number of receptions that are known to be lost because a queue was full.
 
-        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own losses.
-        Losses in a serial adapter or driver, or on another system, are not counted; they appear as gaps in the
-        end-to-end counters.
+        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Other
+        losses appear as gaps in the end-to-end counters.
         """
         try:
             in_kernel = _dropped(self._bus.fileno())
@@ -195,8 +172,7 @@ class PythonCanBus(OpenBus):
         """The health of the CAN controller as far as it is known; `HEALTHY` if nothing is known.
 
         SocketCAN reports the health in error frames, which this object has to receive. For other interfaces, the health
-        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers: for
-        some, PASSIVE is a node that only listens. `bus_off` counts each bus-off that this object has noticed.
+        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers.
         """
         try:
             is_off = self._bus.state is can.BusState.ERROR
@@ -212,12 +188,8 @@ class PythonCanBus(OpenBus):
         )
 
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
-        """Send one frame, waiting at most `timeout_s`.
-
-        If sending fails on a virtual bus because one peer does not read, all other peers have received the frame.
-        Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD frame on a classic
-        bus; ValueError for a negative timeout.
-        """
+        """Send one frame. Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD
+        frame on a classic bus; ValueError for a negative timeout."""
         if timeout_s < 0:
             raise ValueError(f"timeout_s = {timeout_s}: must not be negative")
         if frame.is_fd and self._is_classic:
@@ -226,8 +198,8 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame; None if none arrives within `timeout_s`. Raises BusError if the bus failed or delivers
-        only garbage."""
+        """Return the next frame; None if none arrives in time. Raises BusError if the bus failed or delivers only
+        garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())

@@ -1,4 +1,4 @@
-"""A thread that reads a bus and delivers its frames. If an error ends the thread early, `fault` is this error."""
+"""A thread that reads a bus and delivers its frames."""
 
 from collections.abc import Callable
 from threading import Event, Thread
@@ -17,7 +17,7 @@ class ReceiveThread:
     that ended the thread before it was stopped, or None."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
-        """Prepare the thread. The thread calls `deliver` with each frame; `deliver` must return without waiting."""
+        """Prepare the thread, which calls `deliver` with each frame; `deliver` must return without waiting."""
         self._bus = bus
         self._deliver = deliver
         self._stop = Event()

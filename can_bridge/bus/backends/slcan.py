@@ -11,7 +11,7 @@ import re
 import select
 import time
 from contextlib import suppress
-from typing import Final
+from typing import Any, Final
 
 import can
 from can.interfaces.slcan import slcanBus
@@ -73,12 +73,14 @@ class SlcanBus(slcanBus):
             over = deadline is not None and time.monotonic() >= deadline
             self._fill(wait=not over)
 
-    def _fill(self, *, wait: bool) -> None:
-        """Read the bytes that have arrived. With `wait`, wait for the first byte, but not longer than the port's time
-        limit."""
-        port = self.serialPortOrig
-        if not port.is_open:
+    def _open_port(self) -> Any:
+        if not self.serialPortOrig.is_open:
             raise can.CanOperationError("the serial port is closed")
+        return self.serialPortOrig
+
+    def _fill(self, *, wait: bool) -> None:
+        """Read the bytes that have arrived; with `wait`, wait for the first byte up to the port's time limit."""
+        port = self._open_port()
         waiting = port.in_waiting
         if waiting or wait:
             self._buffer += port.read(min(max(1, waiting), _CHUNK))
@@ -104,9 +106,7 @@ class SlcanBus(slcanBus):
         before the next line, so that the adapter rejects only the truncated line. Raises can.CanTimeoutError if the
         port did not accept the whole line in time; can.CanOperationError if the port failed.
         """
-        port = self.serialPortOrig
-        if not port.is_open:
-            raise can.CanOperationError("the serial port is closed")
+        port = self._open_port()
         if not hasattr(port, "fd"):  # no POSIX port: pyserial's own ways
             super()._write(string)
             return

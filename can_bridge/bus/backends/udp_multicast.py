@@ -91,13 +91,8 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
     """A node in this machine's multicast group. It raises `UnusableReceptionError` for unusable datagrams."""
 
     def __init__(self, channel: str = PythonCanUdpMulticastBus.DEFAULT_GROUP_IPv6, **options: Any) -> None:
-        """Join the group at the multicast address `channel`.
-
-        Args:
-            channel: an IPv4 or IPv6 multicast address.
-            options: options of python-can's backend. This bus always accepts CAN FD frames; the caller distinguishes
-                CAN FD frames from classic frames.
-        """
+        """Join the group at an IPv4 or IPv6 multicast address, with options of python-can's backend. This bus always
+        accepts CAN FD frames; the caller distinguishes them from classic frames."""
         try:
             super().__init__(channel, **(options | {"fd": True}))
         except BaseException:
@@ -146,8 +141,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         return message, False
 
     def _is_echo(self, datagram: bytes) -> bool:
-        """Return whether this node sent the datagram and has not received it back yet. If so, remove the datagram from
-        the sent datagrams."""
+        """Return whether this node sent the datagram and has not received it back yet; it is then expected no more."""
         with self._lock:
             try:
                 self._echoes.remove(datagram)

@@ -32,11 +32,9 @@ class WrappedBus:
         self._bus = beneath
 
     def send(self, frame: Frame) -> None:
-        """See `Bus.send`."""
         self._bus.send(frame)
 
     def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
         return self._bus.receive_all()
 
     def health(self) -> BusHealth:
@@ -47,8 +45,8 @@ class WrappedBus:
 
 class FrameArrivals:
     """The arrival times of frames. A frame arrives at its time stamp if the stamp lies between the node's last two
-    readings of the bus, as it does if stamps and readings use one clock. Otherwise the frame arrives at the reading
-    that found it. No frame arrives before a frame that the bus returned earlier."""
+    readings of the bus, otherwise at the reading that found it. No frame arrives before a frame that the bus returned
+    earlier."""
 
     def __init__(self) -> None:
         self._looked_ns = 0
@@ -102,14 +100,7 @@ class Injector(WrappedBus):
     """A port with one fault. `acted` counts the fault's effects, which the fault's class defines."""
 
     def __init__(self, bus: Bus, fault: "BusFault", clock: NowNs, random: Random) -> None:
-        """Apply a fault to a bus.
-
-        Args:
-            bus: bus to which the fault is applied.
-            fault: the fault.
-            clock: returns the present time in ns; the fault's span refers to this time.
-            random: source of all random numbers of the fault; nothing else may use it.
-        """
+        """Apply a fault to a bus. The fault's span refers to the time of `clock`; nothing else may use `random`."""
         super().__init__(bus)
         self.beneath, self.clock, self.random = bus, clock, random
         self.acted = 0
@@ -121,11 +112,9 @@ class Injector(WrappedBus):
         return self._arrivals.of(self.beneath.receive_all(), now_ns)
 
     def send(self, frame: Frame) -> None:
-        """Send one frame as `Bus.send` does, with the fault."""
         self._send(frame)
 
     def receive_all(self) -> list[Frame]:
-        """Return the received frames as `Bus.receive_all` does, with the fault."""
         return self._receive()
 
 
@@ -154,8 +143,8 @@ class SidedFault(FrameFault, section="sided_fault"):
         """Return a function from a frame to the frames that replace it; all random numbers come from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. The functions replace the frames of one direction that are sent or arrive in the span.
-        `acted` counts the frames that were changed, lost or copied."""
+        """Replace the frames of one direction that are sent or arrive in the span. `acted` counts the frames that were
+        changed, lost or copied."""
         change = self.change(port.random)
 
         def changed(frame: Frame, t_ns: int) -> list[Frame]:
@@ -187,7 +176,6 @@ def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, f
     """Return the port with these faults applied to it.
 
     Args:
-        bus: port to which the faults are applied.
         faults: faults in their order from the bus to the node: the first fault acts first on a received frame, and last
             on a sent frame.
         clock: returns the present time in ns; the spans of the faults refer to this time.

@@ -30,7 +30,6 @@ class Drop(SidedFault, section="drop"):
     probability: Probability[float]
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`."""
         return lambda frame: [] if random.random() < self.probability else [frame]
 
 
@@ -54,24 +53,16 @@ class BurstLoss(SidedFault, section="burst_loss"):
         wording = f"at most {most:g} with bursts of {self.mean_burst:g}: at least one frame passes between two bursts"
         require(self.loss <= most, self, "loss", wording)
 
-    @property
-    def to_good(self) -> float:
-        """Probability that a lost frame is the last of its burst."""
-        return 1.0 / self.mean_burst
-
-    @property
-    def to_bad(self) -> float:
-        """Probability that a burst begins after a frame that was not lost."""
-        return self.to_good * self.loss / (1.0 - self.loss)
-
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`. The function drops the frames of each burst."""
+        """Return a function that drops the frames of each burst."""
+        to_good = 1.0 / self.mean_burst
+        to_bad = to_good * self.loss / (1.0 - self.loss)
         # The chain starts in its stationary distribution: the first state is bad with probability `loss`.
         bad = random.random() < self.loss
 
         def change(frame: Frame) -> list[Frame]:
             nonlocal bad
-            bad = random.random() < (1.0 - self.to_good if bad else self.to_bad)
+            bad = random.random() < (1.0 - to_good if bad else to_bad)
             return [] if bad else [frame]
 
         return change
@@ -79,18 +70,12 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
 @dataclass(frozen=True, kw_only=True)
 class Duplicate(SidedFault, section="duplicate"):
-    """Copies follow a frame directly, with the frame's time stamp. `acted` counts the frames that were copied.
-
-    Duplicates also occur on CAN itself: if a sender sees an error in the last bit of the end of frame, it repeats the
-    frame, although the receivers accepted the frame one bit earlier (ISO 11898-1, message validation).
-    """
+    """Copies follow a frame directly, with the frame's time stamp. `acted` counts the frames that were copied."""
 
     probability: Probability[float] = 1.0
     copies: AtLeastOne[int] = 1
-    """Number of copies of each frame, without the frame itself."""
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`."""
         return lambda frame: [frame] * (1 + self.copies) if random.random() < self.probability else [frame]
 
 
@@ -110,7 +95,7 @@ class Delay(FrameFault, section="delay"):
     stamp shows the delay, because the frame waits after it was stamped, in a queue of the receiver."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. Frames are received when their delays have passed, in the order of these times."""
+        """Receive frames when their delays have passed, in the order of these times."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -147,7 +132,7 @@ class Reorder(FrameFault, section="reorder"):
     window: Annotated[int, at_least(1)] = 2
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. Each complete group is received in a random order; unaffected frames never wait."""
+        """Receive each complete group in a random order; unaffected frames never wait."""
         kept: list[Frame] = []
 
         def shuffled() -> list[Frame]:
@@ -183,7 +168,6 @@ class FlipBits(SidedFault, section="flip_bits"):
     """Bits of the data are inverted. `acted` counts the changed frames."""
 
     probability: Probability[float] = 1.0
-    """Probability that a frame is changed."""
     bits: AtLeastOne[int] = 1
     """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
@@ -192,7 +176,7 @@ class FlipBits(SidedFault, section="flip_bits"):
     the protection: in a driver, a gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`. With `before_crc`, an authenticated frame raises BusError."""
+        """Return the function; with `before_crc`, it raises BusError for an authenticated frame."""
         return lambda frame: [self._flipped(frame, random) if random.random() < self.probability else frame]
 
     def _flipped(self, frame: Frame, random: Random) -> Frame:
@@ -217,7 +201,7 @@ class StuckAt(SidedFault, section="stuck_at"):
     buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
-        """See `SidedFault.change`. With `counter_runs`, an authenticated frame raises BusError."""
+        """Return the function; with `counter_runs`, it raises BusError for an authenticated frame."""
         first: dict[tuple[bool, int], bytes] = {}
 
         def change(frame: Frame) -> list[Frame]:
@@ -263,7 +247,6 @@ class WireErrors(Span, section="wire_errors"):
     has an effect."""
 
     bit_error_rate: Probability[float]
-    """Probability that a bit is wrong. The shorter bits at CAN FD's data bit rate have the same probability."""
     nodes: tuple[str, ...] = ()
     """Names of the ports at which the bits are wrong; empty for all ports. With the argument `corrupts` of the bus, the
     fault acts on the frames that these ports send, and all nodes see the error. With the argument `mishears`, only
@@ -282,8 +265,7 @@ class WireErrors(Span, section="wire_errors"):
                 return None
             if rate == 0.0 or not self.is_active(begin_ns):
                 return None
-            # The index of the first wrong bit is distributed geometrically, because the bits are independent. It is
-            # computed from a uniform random number by inverting the distribution.
+            # The index of the first wrong bit is distributed geometrically, because the bits are independent.
             draw = random.random()
             place = 0 if rate == 1.0 else int(log1p(-draw) / log1p(-rate))
             return place if place < sum(frame_bits(frame)) - _INTERMISSION else None

@@ -17,18 +17,15 @@ transmit queue of a simulated port holds fewer frames."""
 
 @dataclass(frozen=True, kw_only=True)
 class Disconnect(BusFault, section="disconnect"):
-    """The node sends and receives nothing. `acted` counts the frames lost in both directions.
-
-    Frames that would have arrived in the span are lost. Frames that a `device_gone` node had already received are
-    delivered after the span.
-    """
+    """The node sends and receives nothing. `acted` counts the frames lost in both directions. Frames that a
+    `device_gone` node had already received are delivered after the span."""
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
     """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
     call raises BusError, as with an unplugged adapter."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. Both functions raise BusError while the device is gone."""
+        """Lose the frames of the span. Both functions raise BusError while the device is gone."""
         kept: list[Frame] = []
 
         def send(frame: Frame) -> None:
@@ -71,7 +68,7 @@ class SlowConsumer(BusFault, section="slow_consumer"):
     """Largest number of frames in the queue."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. At each reading the node receives the oldest frames of the queue."""
+        """Receive the oldest frames of the queue at each reading."""
         waiting = deque[Frame]()
 
         def receive() -> list[Frame]:
@@ -106,8 +103,7 @@ class ClockDrift(BusFault, section="clock_drift"):
     """Time in s by which the clock is ahead of the true time at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`. A received frame gets a stamp of the drifting clock; the frame's original stamp counts
-        as the true time."""
+        """Stamp received frames by the drifting clock; a frame's original stamp counts as the true time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()
@@ -149,7 +145,7 @@ class Babble(BusFault, section="babble"):
         require(self.length in lengths, self, "length", f"one of {', '.join(map(str, lengths))}")
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """See `BusFault.acting`: each call first sends the frames that are due."""
+        """Send the frames that are due, first at each call."""
         since_ns, due = round(self.start_s * NS), 0.0
 
         def babble() -> None:

@@ -21,22 +21,9 @@ from contract.errors import ConfigError
 
 S = TypeVar("S", bound=Span)
 
-BUS_FAULTS: Final[dict[str, type[BusFault]]] = {
-    kind.section: kind
-    for kind in (
-        Drop,
-        BurstLoss,
-        Duplicate,
-        Delay,
-        Reorder,
-        FlipBits,
-        StuckAt,
-        Babble,
-        Disconnect,
-        SlowConsumer,
-        ClockDrift,
-    )
-}
+_OF_FRAMES: Final = (Drop, BurstLoss, Duplicate, Delay, Reorder, FlipBits, StuckAt)
+_OF_NODES: Final = (Babble, Disconnect, SlowConsumer, ClockDrift)
+BUS_FAULTS: Final[dict[str, type[BusFault]]] = {kind.section: kind for kind in (*_OF_FRAMES, *_OF_NODES)}
 """The classes of all faults of a port, by the names that are used in texts."""
 
 _SPAN: Final = ("start_s", "end_s")

@@ -1,16 +1,18 @@
-"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and its effect on the error
-counters.
+"""The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and a CAN controller's fault
+confinement: its two error counters and three states.
 
 The functions are pure: from the senders and the wrong bits, they compute a verdict for each node, and the number of
-bits that the attempt occupies. The rules are in `can_bridge.bus.simulated.fault_confinement`.
+bits that the attempt occupies. The source of fault confinement is ISO 11898-1:2015; the rules have the numbers of the
+Bosch specification (CAN Specification 2.0, part B, chapter 8), which is free to read. Rules 4 to 6, for a flag that is
+not seen and for many dominant bits after it, are not simulated.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from typing import Final, Generic, Literal, NamedTuple, TypeVar
+from typing import Final, Generic, NamedTuple, TypeVar
 
-from can_bridge.bus.simulated.fault_confinement import FaultConfinement
+from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import SentBits, is_arbitration_bit, is_arbitration_stuff_bit
 
@@ -26,6 +28,78 @@ this number of bits."""
 DELIMITER: Final = 8
 
 T = TypeVar("T")
+
+PASSIVE_FROM: Final = 128
+OFF_FROM: Final = 256
+ERROR_STEP: Final = 8
+RECOVERY: Final = 128
+"""Number of sequences of `RECESSIVE_BITS` recessive bits that end bus-off."""
+RECESSIVE_BITS: Final = 11
+
+_RECEIVE_LIMIT: Final = 255
+"""Largest value of the receive error counter, which has 8 bits; the standard does not state how far it counts above
+127."""
+_AFTER_PASSIVE: Final = 127
+"""Value of a receive error counter above 127 after a successful reception; the standard allows 119 to 127."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultConfinement:
+    """A controller's error counters TEC and REC, whether it went bus-off and has not recovered, and how often it went
+    bus-off since power-on."""
+
+    tx_errors: int = 0
+    rx_errors: int = 0
+    is_off: bool = False
+    times_off: int = 0
+
+    @property
+    def state(self) -> BusState:
+        """The controller's state according to rules 9 to 11: bus-off, error-passive from 128 on, error-active."""
+        if self.is_off:
+            return BusState.BUS_OFF
+        passive = max(self.tx_errors, self.rx_errors) >= PASSIVE_FROM
+        return BusState.ERROR_PASSIVE if passive else BusState.ERROR_ACTIVE
+
+    @property
+    def health(self) -> BusHealth:
+        """The controller's health, as the node's software reads it."""
+        return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
+
+    def receive_error(self) -> "FaultConfinement":
+        """Apply rule 1: a receiver that detects an error adds 1 to REC."""
+        return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
+
+    def dominant_after_flag(self) -> "FaultConfinement":
+        """Apply rule 2: a receiver adds 8 if other nodes answered its flag, because it may have caused the error."""
+        return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
+
+    def transmit_error(self) -> "FaultConfinement":
+        """Apply rules 3 and 10: a sender of an error flag adds 8 to TEC, and is bus-off from 256 on. The second
+        exception of rule 3, a recessive stuff bit of the identifier that is seen dominant, changes no counter."""
+        counted = self.tx_errors + ERROR_STEP
+        goes_off = counted >= OFF_FROM and not self.is_off
+        return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
+
+    def unacknowledged(self) -> "FaultConfinement":
+        """Apply rule 3 with its first exception: no node acknowledged the frame, and no dominant bit was seen during
+        the passive error flag. The counter of an error-passive controller then does not change, so that a node alone on
+        the bus never goes bus-off."""
+        return self if self.state is BusState.ERROR_PASSIVE else self.transmit_error()
+
+    def transmitted(self) -> "FaultConfinement":
+        """Apply rule 7: decrement TEC after an acknowledged transmission."""
+        return replace(self, tx_errors=self.tx_errors - 1) if self.tx_errors else self
+
+    def received(self) -> "FaultConfinement":
+        """Apply rule 8: decrement REC after a reception without errors; above 127 it becomes 127."""
+        if self.rx_errors >= PASSIVE_FROM:
+            return replace(self, rx_errors=_AFTER_PASSIVE)
+        return replace(self, rx_errors=self.rx_errors - 1) if self.rx_errors else self
+
+    def recovered(self) -> "FaultConfinement":
+        """Apply rule 12: reset both counters after `RECOVERY`."""
+        return FaultConfinement(times_off=self.times_off)
 
 
 class AttemptVerdict(Enum):
@@ -43,25 +117,23 @@ class AttemptVerdict(Enum):
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
         """Return the node's error counters after the attempt."""
-        match self:
-            case AttemptVerdict.SENT:
-                return faults.transmitted()
-            case AttemptVerdict.HEARD:
-                return faults.received()
-            case AttemptVerdict.TRANSMIT_ERROR:
-                return faults.transmit_error()
-            case AttemptVerdict.UNACKNOWLEDGED:
-                return faults.unacknowledged()
-            case AttemptVerdict.ARBITRATION_STUFF:
-                return faults
-            case AttemptVerdict.RECEIVE_ERROR:
-                return faults.receive_error()
-        return faults.receive_error().dominant_after_flag()
+        return _RULES[self](faults)
 
     @property
     def is_senders(self) -> bool:
         """Whether the node was the transmitter. An error-passive transmitter waits longer before its next frame."""
         return self not in (AttemptVerdict.HEARD, AttemptVerdict.RECEIVE_ERROR, AttemptVerdict.SIGNALLED_FIRST)
+
+
+_RULES: Final[Mapping[AttemptVerdict, Callable[[FaultConfinement], FaultConfinement]]] = {
+    AttemptVerdict.SENT: FaultConfinement.transmitted,
+    AttemptVerdict.HEARD: FaultConfinement.received,
+    AttemptVerdict.TRANSMIT_ERROR: FaultConfinement.transmit_error,
+    AttemptVerdict.UNACKNOWLEDGED: FaultConfinement.unacknowledged,
+    AttemptVerdict.ARBITRATION_STUFF: lambda faults: faults,
+    AttemptVerdict.RECEIVE_ERROR: FaultConfinement.receive_error,
+    AttemptVerdict.SIGNALLED_FIRST: lambda faults: faults.receive_error().dominant_after_flag(),
+}
 
 
 class Sender(NamedTuple, Generic[T]):
@@ -79,7 +151,6 @@ class AttemptOutcome(Generic[T]):
 
     Attributes:
         frame: frame that the nodes with the verdict HEARD receive; None if the frame did not reach its end.
-        verdicts: the result for each node.
         used: number of bits at the nominal bit rate and number of bits at the data bit rate, from the start of frame to
             the end of frame or to the error.
         rest: number of nominal bits from the last bit of `used` until the bus is free.
@@ -98,11 +169,9 @@ def resolve(
     misheard: Mapping[T, int],
     disturbed: int | None,
 ) -> AttemptOutcome[T]:
-    """Return the outcome of an attempt in which the senders start frames of equal priority at the same time. Usually
-    there is only one sender.
+    """Return the outcome of an attempt in which the senders start frames of equal priority at the same time.
 
     Args:
-        senders: the nodes that send, with their frames.
         receivers: all other active nodes; the value states whether the node is error-passive.
         misheard: receivers that each see one wrong bit that no other node sees, and the bit's position.
         disturbed: position of the bit that all nodes see inverted. Positions are counted from the start of frame; a
@@ -110,21 +179,41 @@ def resolve(
     """
     verdicts: dict[T, AttemptVerdict] = {}
     senders, position = _collide(list(senders), verdicts)
-    bits = senders[0].bits
+    nodes, frame, bits = [sender.node for sender in senders], senders[0].frame, senders[0].bits
+
+    def destroyed(position: int, verdict: AttemptVerdict = AttemptVerdict.TRANSMIT_ERROR) -> AttemptOutcome[T]:
+        """Return the outcome of an error that every node detects sooner or later, with the senders' verdict."""
+        by_node = dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | dict.fromkeys(nodes, verdict) | verdicts
+        rest = ERROR_FLAGS + DELIMITER + INTERMISSION
+        return AttemptOutcome(frame=None, verdicts=by_node, used=bits.through(position), rest=rest)
+
     if position is not None:
-        return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, bits.through(position))
-    last = sum(bits.total) - INTERMISSION - 1
+        return destroyed(position)
+    nominal, fast = bits.total
+    last = nominal + fast - INTERMISSION - 1
     slot = last - AFTER_ACKNOWLEDGE
+    heard = {node: AttemptVerdict.HEARD for node in receivers if node not in misheard}
+    # A sending node does not acknowledge frames.
     acknowledged = any(misheard.get(node, last + 1) > slot for node in receivers)
     # The flag of an error-passive receiver is recessive, so no other node notices it.
     loud = {node: min(at, last) for node, at in misheard.items() if not receivers[node]}
     earliest = min(loud.values(), default=last + 1)
     everywhere = last + 1 if disturbed is None else min(disturbed, last)
     if min(everywhere, earliest) > (last if acknowledged else slot):
-        return _undisturbed(senders, receivers, verdicts, deaf=misheard, acknowledged=acknowledged)
+        verdict = AttemptVerdict.SENT if acknowledged else AttemptVerdict.UNACKNOWLEDGED
+        verdicts |= dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | heard | dict.fromkeys(nodes, verdict)
+        if acknowledged:
+            used = nominal - INTERMISSION, fast
+            return AttemptOutcome(frame=frame, verdicts=verdicts, used=used, rest=INTERMISSION)
+        used = nominal - INTERMISSION - AFTER_ACKNOWLEDGE, fast
+        return AttemptOutcome(frame=None, verdicts=verdicts, used=used, rest=FLAG + DELIMITER + INTERMISSION)
     if everywhere <= earliest:
-        return _disturbed(senders, receivers, verdicts, everywhere, last=last, deaf=misheard)
-    outcome = _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, bits.through(earliest))
+        if everywhere < last:
+            return destroyed(everywhere, _inverted(frame, bits, everywhere))
+        # Receivers accept a frame one bit before its end. The sender repeats the frame, so the receivers get it twice.
+        outcome = destroyed(last)
+        return replace(outcome, frame=frame, verdicts={**outcome.verdicts, **heard})
+    outcome = destroyed(earliest)
     first = {node for node, at in loud.items() if at == earliest}
     answered = any(not sender.passive for sender in senders) or any(
         not passive for node, passive in receivers.items() if node not in first
@@ -154,65 +243,13 @@ def _collide(senders: list[Sender[T]], verdicts: dict[T, AttemptVerdict]) -> tup
     return senders, None
 
 
-def _undisturbed(
-    senders: list[Sender[T]],
-    receivers: Mapping[T, bool],
-    verdicts: dict[T, AttemptVerdict],
-    *,
-    deaf: Mapping[T, int],
-    acknowledged: bool,
-) -> AttemptOutcome[T]:
-    """Return the outcome of an attempt without an error flag. A sending node does not acknowledge frames."""
-    nominal, fast = senders[0].bits.total
-    for node in receivers:
-        verdicts[node] = AttemptVerdict.RECEIVE_ERROR if node in deaf else AttemptVerdict.HEARD
-    verdicts.update(
-        {sender.node: AttemptVerdict.SENT if acknowledged else AttemptVerdict.UNACKNOWLEDGED for sender in senders}
-    )
-    if acknowledged:
-        return AttemptOutcome(
-            frame=senders[0].frame, verdicts=verdicts, used=(nominal - INTERMISSION, fast), rest=INTERMISSION
-        )
-    used = nominal - INTERMISSION - AFTER_ACKNOWLEDGE, fast
-    return AttemptOutcome(frame=None, verdicts=verdicts, used=used, rest=FLAG + DELIMITER + INTERMISSION)
-
-
-def _disturbed(
-    senders: list[Sender[T]],
-    receivers: Mapping[T, bool],
-    verdicts: dict[T, AttemptVerdict],
-    position: int,
-    *,
-    last: int,
-    deaf: Mapping[T, int],
-) -> AttemptOutcome[T]:
-    """Return the outcome if all nodes see the bit at `position` inverted."""
-    frame, bits = senders[0].frame, senders[0].bits
-    used = bits.through(position)
-    if position == last:
-        # Receivers accept a frame one bit before its end. The sender repeats the frame, so the receivers get it twice.
-        outcome = _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
-        heard = {node: AttemptVerdict.HEARD for node in receivers if node not in deaf}
-        return replace(outcome, frame=frame, verdicts={**outcome.verdicts, **heard})
+def _inverted(frame: Frame, bits: SentBits, position: int) -> AttemptVerdict:
+    """Return the verdict for the sender of a frame whose bit at `position` all nodes see inverted."""
     if position < len(bits.stuffed) and bits.stuffed[position] == "1":
         if is_arbitration_stuff_bit(frame, position):
-            return _destroyed(senders, receivers, verdicts, AttemptVerdict.ARBITRATION_STUFF, used)
+            return AttemptVerdict.ARBITRATION_STUFF
         if is_arbitration_bit(frame, position):
             # The sender has interpreted the wrong bit as a lost arbitration, so it acts as a receiver when the error is
             # detected.
-            return _destroyed(senders, receivers, verdicts, AttemptVerdict.RECEIVE_ERROR, used)
-    return _destroyed(senders, receivers, verdicts, AttemptVerdict.TRANSMIT_ERROR, used)
-
-
-def _destroyed(
-    senders: list[Sender[T]],
-    receivers: Mapping[T, bool],
-    verdicts: dict[T, AttemptVerdict],
-    verdict: Literal[AttemptVerdict.TRANSMIT_ERROR, AttemptVerdict.ARBITRATION_STUFF, AttemptVerdict.RECEIVE_ERROR],
-    used: tuple[int, int],
-) -> AttemptOutcome[T]:
-    """Return the outcome of an attempt with an error that every node detects sooner or later."""
-    by_node = (
-        dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | {sender.node: verdict for sender in senders} | verdicts
-    )
-    return AttemptOutcome(frame=None, verdicts=by_node, used=used, rest=ERROR_FLAGS + DELIMITER + INTERMISSION)
+            return AttemptVerdict.RECEIVE_ERROR
+    return AttemptVerdict.TRANSMIT_ERROR

@@ -1,8 +1,7 @@
 """The traffic of other nodes on the simulated bus: periodic messages with random contents.
 
 Each message has a separate clock, as if sent by a separate node, so that its phase relative to the control loop changes
-during a run. With one clock for all messages, the phases would stay constant during a run, and the run could by chance
-have favourable or unfavourable phases throughout.
+during a run.
 """
 
 from collections.abc import Iterable
@@ -21,13 +20,10 @@ DRIFT_PPM: Final = 200
 
 
 class BackgroundNode:
-    """A node that sends each message at the message's offset and then once in each period of the message's clock, late
-    by at most the message's jitter.
-
-    A frame that the bus refuses is lost; `SimulatedPort.refused` counts these frames.
+    """A node that sends each message at the message's offset from now and then once in each period of the message's
+    clock, late by at most the message's jitter. `SimulatedPort.refused` counts the frames that the bus refuses.
 
     Args:
-        bus: simulated bus, at the time from which the offsets count.
         seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.
         drift_ppm: largest drift of the clocks. A clock is slower than the bus's time by a drift between 0 and this
             value. No clock is faster, because the response-time analysis assumes that no period is shorter than stated.

@@ -1,33 +1,26 @@
 """A CAN bus in virtual time: arbitration, exact frame lengths, errors and fault confinement, without a clock or thread.
 
 Every node has a port with a queue (`can_bridge.bus.simulated.port`) and a controller's error counters
-(`can_bridge.bus.simulated.fault_confinement`). When the bus is free, the first frames of all queues compete, and the
+(`can_bridge.bus.simulated.attempt`). When the bus is free, the first frames of all queues compete, and the
 smallest identifier wins. The winning frame occupies the bus for the time of its bits (`can_bridge.wire.frame_bits`),
 including the intermission of three bits. At the end of frame, before the intermission, all other nodes receive the
 frame, stamped with this time, and the sender removes the frame from its queue. A destroyed frame is sent again.
 
-If two nodes send the same identifier with the same content, they do not notice each other. If the contents differ, the
-node that first sends a recessive bit against a dominant bit has a bit error.
-
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-Two functions that the caller passes state which bits are wrong, so that a seed can make physical errors reproducible.
-Remote frames and overload frames are left out, because today's controllers do not need them. Phase differences between
-nodes are also left out: all nodes begin a frame in the same nanosecond. All other faults wrap a port, which is a
-`can_bridge.bus.interface.Bus`.
+Two functions that the caller passes state which bits are wrong; all other faults wrap a port. Remote frames, overload
+frames and phase differences are left out: all nodes begin a frame in the same nanosecond.
 """
 
 import heapq
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 from operator import itemgetter
 from typing import Final, NamedTuple
 
 from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.attempt import AttemptOutcome, AttemptVerdict, Sender, resolve
-from can_bridge.bus.simulated.fault_confinement import RECESSIVE_BITS
+from can_bridge.bus.simulated.attempt import RECESSIVE_BITS, AttemptOutcome, AttemptVerdict, Sender, resolve
 from can_bridge.bus.simulated.port import Queued, Recovery, SimulatedPort
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
@@ -45,12 +38,8 @@ bits."""
 
 @dataclass(frozen=True, kw_only=True)
 class Transmission:
-    """A frame that was sent over the bus.
-
-    Attributes:
-        frame: the frame, stamped with `end_ns`.
-        begin_ns, end_ns: times in ns at which the successful attempt began and ended; the intermission is not included.
-    """
+    """A frame that was sent over the bus, stamped with `end_ns`. The successful attempt lasted from `begin_ns` to
+    `end_ns`, without the intermission."""
 
     frame: Frame
     sender: str
@@ -61,14 +50,8 @@ class Transmission:
 
 @dataclass(frozen=True, kw_only=True)
 class BusActivity:
-    """Activity on the bus so far.
-
-    Attributes:
-        frames: number of frames sent successfully.
-        error_frames: number of destroyed attempts.
-        busy_ns: time that successful frames and destroyed attempts occupied the bus, including intermissions.
-        now_ns: time over which the activity is counted.
-    """
+    """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and the time that both occupied the bus,
+    including intermissions."""
 
     frames: int
     error_frames: int
@@ -82,14 +65,8 @@ class BusActivity:
 
 
 class _Attempt(NamedTuple):
-    """The attempt that is on the bus.
-
-    Attributes:
-        end_ns: time at which the outcome takes effect.
-        free_ns: time at which the bus is free again and the next frame can begin.
-        outcome: result of the attempt.
-        items: entries of the frame in the senders' queues.
-    """
+    """The attempt that is on the bus. The outcome takes effect at `end_ns`, and the next frame can begin at `free_ns`;
+    `items` has the entries of the frame in the senders' queues."""
 
     begin_ns: int
     end_ns: int
@@ -102,7 +79,6 @@ class SimulatedBus:
     """A bus that connects ports, at virtual time 0.
 
     Args:
-        config: the settings of the bus, of which only the bit rates are used.
         capture: called with every frame sent over the bus, stamped with the end of frame, in the order of time.
         observe: called with a `Transmission` for each frame sent over the bus.
         corrupts: returns the bit that is wrong for all nodes; called once for each attempt, with the sender's name. A
@@ -121,11 +97,9 @@ class SimulatedBus:
         corrupts: Corrupts | None = None,
         mishears: Corrupts | None = None,
     ) -> None:
-        self._config = config
-        self._capture = capture
-        self._observe = observe
-        self._corrupts = corrupts
-        self._mishears = mishears
+        self._rates = {"nominal_bitrate": config.nominal_bitrate, "data_bitrate": config.data_bitrate}
+        self._capture, self._observe = capture, observe
+        self._corrupts, self._mishears = corrupts, mishears
         self._ports: list[SimulatedPort] = []
         self._attempt: _Attempt | None = None
         self._free_ns = 0
@@ -134,34 +108,15 @@ class SimulatedBus:
         self._frames = self._error_frames = self._busy_ns = 0
         self.now_ns = 0
 
-    def port(
-        self,
-        name: str = "",
-        *,
-        transmit_capacity: int = 64,
-        receive_capacity: int = 4096,
-        restarts: bool = True,
-    ) -> SimulatedPort:
-        """Connect one more node.
-
-        Args:
-            name: the node's name in messages, and for `corrupts` and `mishears`.
-            transmit_capacity, receive_capacity: largest numbers of frames in the node's two queues.
-            restarts: whether the node recovers from bus-off automatically, without a call of `SimulatedPort.restart`.
-        """
-        port = SimulatedPort(
-            name or f"node {len(self._ports)}",
-            lambda: self.now_ns,
-            transmit_capacity=transmit_capacity,
-            receive_capacity=receive_capacity,
-            restarts=restarts,
-        )
+    def port(self, name: str = "") -> SimulatedPort:
+        """Connect one more node, which has this name in messages, and for `corrupts` and `mishears`."""
+        port = SimulatedPort(name or f"node {len(self._ports)}", lambda: self.now_ns)
         self._ports.append(port)
         return port
 
     def frame_ns(self, frame: Frame) -> int:
         """Return the time in ns for which this frame occupies the bus, including the intermission."""
-        return frame_ns(frame, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate)
+        return frame_ns(frame, **self._rates)
 
     def under_way(self, frame_id: int) -> int:
         """Return the number of frames with this 11-bit identifier that were sent and have not arrived yet."""
@@ -215,22 +170,13 @@ class SimulatedBus:
         else:
             for port in self._ports:
                 if port.recovery is not None:
-                    events.append((self._recovers_ns(port.recovery), partial(self._recover, port)))
+                    idle_ns = self._ns(RECESSIVE_BITS * max(port.recovery.left, 0))
+                    events.append((max(self._free_ns, port.recovery.since_ns) + idle_ns, port.recover))
         if self._calls:
-            events.append((self._calls[0][0], self._call))
+            events.append((self._calls[0][0], lambda: heapq.heappop(self._calls)[2]()))
         if self._attempt is None:
             events += [(max(self._free_ns, port.ready_ns), None) for port in self._ports if port.queue]
         return min(events, key=itemgetter(0), default=None)
-
-    def _call(self) -> None:
-        heapq.heappop(self._calls)[2]()
-
-    def _recovers_ns(self, recovery: Recovery) -> int:
-        return max(self._free_ns, recovery.since_ns) + self._ns(RECESSIVE_BITS * max(recovery.left, 0))
-
-    def _recover(self, port: SimulatedPort) -> None:
-        port.recovery = None
-        port.faults = port.faults.recovered()
 
     def _begin(self, at_ns: int) -> None:
         """Let the ready nodes compete in an arbitration, and begin the winner's attempt."""
@@ -277,7 +223,7 @@ class SimulatedBus:
         self._busy_ns += attempt.free_ns - attempt.begin_ns
         if AttemptVerdict.SENT not in attempt.outcome.verdicts.values():
             self._error_frames += 1
-        self._conclude(attempt, attempt.outcome)
+        self._conclude(attempt)
         for port in self._ports:
             port.settle(attempt.end_ns)
             if port.recovery is not None:
@@ -285,7 +231,8 @@ class SimulatedBus:
                 # node counts.
                 port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
 
-    def _conclude(self, attempt: _Attempt, outcome: AttemptOutcome[SimulatedPort]) -> None:
+    def _conclude(self, attempt: _Attempt) -> None:
+        outcome = attempt.outcome
         frame = None if outcome.frame is None else replace(outcome.frame, timestamp_ns=attempt.end_ns)
         for port, verdict in outcome.verdicts.items():
             port.faults = verdict.applied(port.faults)
@@ -312,6 +259,4 @@ class SimulatedBus:
                 )
 
     def _ns(self, nominal: int, fast: int = 0) -> int:
-        return bits_ns(
-            nominal, fast, nominal_bitrate=self._config.nominal_bitrate, data_bitrate=self._config.data_bitrate
-        )
+        return bits_ns(nominal, fast, **self._rates)

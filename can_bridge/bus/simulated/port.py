@@ -3,10 +3,10 @@
 import heapq
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from can_bridge.bus.interface import BusHealth
-from can_bridge.bus.simulated.fault_confinement import RECOVERY, FaultConfinement
+from can_bridge.bus.simulated.attempt import RECOVERY, FaultConfinement
 from can_bridge.wire.frame import Frame, Priority, priority
 from contract.errors import BusError
 
@@ -20,13 +20,14 @@ class Queued(NamedTuple):
     frame: Frame
 
 
-class TransmitQueue:
-    """A queue of limited length, as in a controller with many mailboxes or a sorted FIFO.
+TRANSMIT_CAPACITY: Final = 64
+RECEIVE_CAPACITY: Final = 4096
+"""Largest numbers of frames in a node's two queues."""
 
-    As the response-time analysis assumes, no frame in the queue waits for an earlier frame of lower priority. A frame
-    stays in the queue until it has been sent, so a frame of higher priority may be sent before a destroyed frame is
-    repeated.
-    """
+
+class TransmitQueue:
+    """A queue of limited length, as in a controller with many mailboxes or a sorted FIFO. As the response-time analysis
+    assumes, no frame waits for an earlier frame of lower priority. A frame stays in the queue until it was sent."""
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
@@ -69,8 +70,8 @@ class TransmitQueue:
 
 
 class Recovery(NamedTuple):
-    """The recovery from bus-off: the number of sequences of eleven recessive bits that are still missing, and the time
-    from which these sequences are counted."""
+    """The recovery from bus-off: the number of sequences of eleven recessive bits still missing, counted from
+    `since_ns`."""
 
     left: int
     since_ns: int
@@ -85,17 +86,13 @@ class SimulatedPort:
         overruns: number of frames lost because they arrived while the receive queue was full.
     """
 
-    def __init__(
-        self, name: str, clock: Callable[[], int], *, transmit_capacity: int, receive_capacity: int, restarts: bool
-    ) -> None:
+    def __init__(self, name: str, clock: Callable[[], int]) -> None:
         self.name = name
         self.refused = self.discarded = self.overruns = 0
         self._clock = clock
-        self._restarts = restarts
-        self._receive_capacity = receive_capacity
         self._received: deque[Frame] = deque()
         # Only the bus uses the attributes below.
-        self.queue = TransmitQueue(transmit_capacity)
+        self.queue = TransmitQueue(TRANSMIT_CAPACITY)
         self.faults = FaultConfinement()
         self.ready_ns = 0
         self.recovery: Recovery | None = None
@@ -126,22 +123,20 @@ class SimulatedPort:
         """The health of this node's controller."""
         return self.faults.health
 
-    def restart(self) -> None:
-        """Let a node that is bus-off begin its recovery. For a node that is not bus-off, the call has no effect."""
-        if self.faults.is_off and self.recovery is None:
-            self.recovery = Recovery(left=RECOVERY, since_ns=self._clock())
-
     def deliver(self, frame: Frame) -> None:
         """Put a frame into this node's receive queue. Only the bus calls this method."""
-        if len(self._received) < self._receive_capacity:
+        if len(self._received) < RECEIVE_CAPACITY:
             self._received.append(frame)
         else:
             self.overruns += 1
+
+    def recover(self) -> None:
+        """End bus-off. Only the bus calls this method."""
+        self.recovery, self.faults = None, self.faults.recovered()
 
     def settle(self, now_ns: int) -> None:
         """Empty the queue of a node that went bus-off, and begin the node's recovery. The bus calls this method after
         every error."""
         if self.faults.is_off and self.recovery is None:
             self.discarded += self.queue.clear()
-            if self._restarts:
-                self.recovery = Recovery(left=RECOVERY, since_ns=now_ns)
+            self.recovery = Recovery(left=RECOVERY, since_ns=now_ns)

@@ -83,12 +83,12 @@ def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str)
 
 def _asked(config: Config, *, clear: bool) -> "tuple[dict[str, str | int], StoreReport, list[StoredFault]]":
     """Return the report of the ECU on a bus. With `clear`, clear the ECU's faults after the report is read."""
-    from can_bridge.tester.facts import clear_faults, read_facts, read_faults
+    from can_bridge.tester.facts import read_facts, read_faults
 
     with asking(config.bus) as ecu:
         facts, found = read_facts(ecu), read_faults(ecu)
         if clear:
-            clear_faults(ecu)
+            ecu.clear_faults()
     names = ("serial_number", "hardware", "software_version", "dbc_sha256", "period_ns", "capacity")
     return {name: getattr(facts, name) for name in names}, facts.store, found
 

@@ -4,7 +4,8 @@ import logging
 import queue
 import re
 import struct
-from contextlib import contextmanager
+from collections.abc import Iterator
+from typing import Any
 
 import can
 import numpy as np
@@ -50,24 +51,6 @@ class SlaveBus(can.BusABC):
             return None, False
 
 
-@contextmanager
-def connection(answers, access, measured=()):
-    """A master, the bus to the slave that answers so, and the values of each period of what is measured."""
-    settings = {
-        "Transport": {"CAN": {"can_id_master": COMMAND_ID, "can_id_slave": XCP_RESPONSE_ID, "interface": "virtual"}}
-    }
-    application = config.create_application_from_config(settings, log_level=logging.ERROR)
-    application.general.seed_n_key_function = lambda resource, seed: access.answer(Level.CALIBRATION, seed)
-    bus, policy = SlaveBus(answers), None
-    if measured:
-        policy = Periods(list(measured))
-    master = masters.Master("can", config=application, policy=policy, transport_layer_interface=bus)
-    with master:
-        yield master, bus, policy
-    bus.shutdown()
-    config.reset_application()
-
-
 class Periods(daq_stim.DaqOnlinePolicy):  # type: ignore[name-defined,misc]
     """Measures these values (name, address, extension, type); `rows` has those of each period."""
 
@@ -97,30 +80,65 @@ def measurements(text):
 
 
 @pytest.fixture
-def master(slave, access):
-    with connection(lambda data: slave.command(0, data), access) as (master, _, _):
-        yield master
+def bus(slave) -> Iterator[SlaveBus]:
+    made = SlaveBus(lambda data: slave.command(0, data))
+    yield made
+    made.shutdown()
+    config.reset_application()
 
 
-def test_a_master_measures_all_that_the_file_names_in_each_period(slave, segment, access):
-    def period(number):
-        slave.daq.sample(
-            measured_bytes(
-                np.array([number, 0.25, -0.5, 0.75]),
-                0.0625,
-                mode=Mode.CONTROL,
-                reason=Reason.STALE,
-                gated=5,
-                calibration=REFERENCE,
-            )
-        )
-        slave.daq.look()
-        return slave.daq.packets(99)
+def test_a_master_connects_reads_writes_stores_and_measures_all_that_the_file_names(slave, segment, access, bus):
+    ids = {"can_id_master": COMMAND_ID, "can_id_slave": XCP_RESPONSE_ID, "interface": "virtual"}
+    application = config.create_application_from_config({"Transport": {"CAN": ids}}, log_level=logging.ERROR)
+    application.general.seed_n_key_function = lambda resource, seed: access.answer(Level.CALIBRATION, seed)
+    measured = measurements(a2l_text(segment, release="r", bus=BusConfig(), period_ns=20_000_000))
+    periods = Periods(measured)
+    with masters.Master("can", config=application, policy=periods, transport_layer_interface=bus) as master:
+        found = master.connect()
+        assert (found.maxCto, found.maxDto, found.commModeBasic.byteOrder) == (8, 8, types.ByteOrder.INTEL)
+        assert master.slaveProperties.supportsCalpag and master.slaveProperties.supportsDaq
+        assert master.identifier(types.XcpGetIdType.FILENAME) == "stillwake"
+        assert master.getStatus().resourceProtectionStatus.calpag
 
-    text = a2l_text(segment, release="r", bus=BusConfig(), period_ns=20_000_000)
-    measured = measurements(text)
-    with connection(lambda data: slave.command(0, data), access, measured) as (master, bus, periods):
-        master.connect()
+        master.setMta(ADDRESS)
+        assert master.fetch(44) == REFERENCE.pack()
+        with pytest.raises(types.XcpResponseError, match="ACCESS_LOCKED"):
+            master.transport.request(types.Command.SET_REQUEST, 1, 0, 0)
+        master.cond_unlock()
+        assert not master.getStatus().resourceProtectionStatus.calpag
+
+        master.setMta(EFFORT)
+        master.download(struct.pack("<f", 0.25))
+        assert segment.take().weights.effort == 0.25
+        whole = struct.pack("<10fI", 1, 2, 3, 4, 5, 6, 7, 8, 0.05, 0.025, 2)
+        assert not master.getCommModeInfo().commModeOptional.masterBlockMode
+        # Its `push` does not wait for answers, even without block mode (0.29).
+        master.setMta(ADDRESS)
+        for begin in range(0, 44, 6):
+            master.download(whole[begin : begin + 6])
+        assert segment.take().weights.as_tuple() == (1, 2, 3, 4, 5, 6, 7, 8)
+        master.setMta(ADDRESS)
+        assert master.buildChecksum(44).checksum == checksum.check(whole, "XCP_CRC_32")
+
+        assert master.getCalPage(1, 0) == 0
+        master.setCalPage(0x83, 0, 1)
+        assert segment.take() == REFERENCE
+        assert master.shortUpload(4, EFFORT) == bytes(4)
+        master.setCalPage(0x83, 0, 0)
+        master.copyCalPage(0, 1, 0, 0)
+        assert segment.in_force == REFERENCE
+        master.setRequest(1, 0)
+        assert slave.to_store(0) == segment.in_force
+        assert master.getStatus().sessionStatus.storeCalRequest
+        slave.stored()
+
+        def period(number):
+            pressures = np.array([number, 0.25, -0.5, 0.75])
+            states: dict[str, Any] = {"mode": Mode.CONTROL, "reason": Reason.STALE, "gated": 5}
+            slave.daq.sample(measured_bytes(pressures, 0.0625, **states, calibration=REFERENCE))
+            slave.daq.look()
+            return slave.daq.packets(99)
+
         periods.setup()
         periods.start()
         assert master.getStatus().sessionStatus.daqRunning
@@ -132,47 +150,5 @@ def test_a_master_measures_all_that_the_file_names_in_each_period(slave, segment
             )
         periods.stop()
         assert period(3.0) == []
-
-
-def test_a_master_connects_reads_writes_and_stores(master, slave, segment):
-    found = master.connect()
-    assert (found.maxCto, found.maxDto, found.commModeBasic.byteOrder) == (8, 8, types.ByteOrder.INTEL)
-    assert master.slaveProperties.supportsCalpag
-    assert master.slaveProperties.supportsDaq
-    assert master.identifier(types.XcpGetIdType.FILENAME) == "stillwake"
-    assert master.getStatus().resourceProtectionStatus.calpag
-
-    master.setMta(ADDRESS)
-    assert master.fetch(44) == REFERENCE.pack()
-    with pytest.raises(types.XcpResponseError, match="ACCESS_LOCKED"):
-        master.transport.request(types.Command.SET_REQUEST, 1, 0, 0)
-    master.cond_unlock()
-    assert not master.getStatus().resourceProtectionStatus.calpag
-
-    master.setMta(EFFORT)
-    master.download(struct.pack("<f", 0.25))
-    assert segment.take().weights.effort == 0.25
-    whole = struct.pack("<10fI", 1, 2, 3, 4, 5, 6, 7, 8, 0.05, 0.025, 2)
-    assert not master.getCommModeInfo().commModeOptional.masterBlockMode
-    # Its `push` does not wait for answers, even without block mode (0.29).
-    master.setMta(ADDRESS)
-    for begin in range(0, 44, 6):
-        master.download(whole[begin : begin + 6])
-    assert segment.take().weights.as_tuple() == (1, 2, 3, 4, 5, 6, 7, 8)
-    master.setMta(ADDRESS)
-    answer = master.buildChecksum(44)
-    assert answer.checksum == checksum.check(whole, "XCP_CRC_32")
-
-    assert master.getCalPage(1, 0) == 0
-    master.setCalPage(0x83, 0, 1)
-    assert segment.take() == REFERENCE
-    assert master.shortUpload(4, EFFORT) == bytes(4)
-    master.setCalPage(0x83, 0, 0)
-    master.copyCalPage(0, 1, 0, 0)
-    assert segment.in_force == REFERENCE
-    master.setRequest(1, 0)
-    assert slave.to_store(0) == segment.in_force
-    assert master.getStatus().sessionStatus.storeCalRequest
-    slave.stored()
-    master.disconnect()
-    assert slave.command(0, b"\xfd") == []
+        master.disconnect()
+        assert slave.command(0, b"\xfd") == []

@@ -337,16 +337,16 @@ def test_pages(unlocked, segment):
     assert segment.take() is None
 
 
-def test_storing_is_asked_for_and_reported(unlocked, segment):
-    talk(unlocked, "F9 02 00 00 > RANGE\nF9 01 00 00 > FF\nFD > FF 01 00 00 00 00")
-    assert unlocked.to_store(0) == segment.in_force
-    assert unlocked.stored() == [b"\xfd\x03"]
-    talk(unlocked, "FD > FF 00 00 00 00 00\nF9 01 00 00 > FF")
-    unlocked.not_stored()
-    talk(unlocked, "FD > FF 00 00 00 00 00")
-
-
-def test_a_request_to_store_means_the_values_of_its_moment_and_ends_with_its_connection(slave, access, segment):
+def test_storing_is_asked_for_with_the_values_of_the_moment_and_reported_or_ends_with_its_connection(
+    unlocked, access, segment
+):
+    slave = unlocked
+    talk(slave, "F9 02 00 00 > RANGE\nF9 01 00 00 > FF\nFD > FF 01 00 00 00 00")
+    assert slave.to_store(0) == segment.in_force
+    assert slave.stored() == [b"\xfd\x03"]
+    talk(slave, "FD > FF 00 00 00 00 00\nF9 01 00 00 > FF")
+    slave.not_stored()
+    talk(slave, "FD > FF 00 00 00 00 00")
     for ends, now_ns in (("FE", 0), (CONNECT, 0), ("", IDLE_NS + 1)):
         ask(slave, CONNECT)
         unlock(slave, access)
@@ -359,7 +359,7 @@ def test_a_request_to_store_means_the_values_of_its_moment_and_ends_with_its_con
     assert slave.stored() == []
 
 
-@examples(150)
+@examples(60)
 @given(
     unlocks=st.booleans(),
     packets=st.lists(

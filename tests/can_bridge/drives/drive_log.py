@@ -1,5 +1,7 @@
-"""Logs of drives whose content is known: encoded by cantools, protected by autosar-e2e, nothing of it by ourselves."""
+"""Logs of drives whose content is known: encoded by cantools, protected by autosar-e2e, nothing of it by ourselves; and
+how a log's series is compared with its drive."""
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +13,9 @@ import numpy.typing as npt
 from e2e.p02 import e2e_p02_protect
 from e2e.p05 import e2e_p05_protect
 
+from can_bridge.drives.log_periods import Scales
+from can_bridge.drives.log_to_series import LogSeries, series_of
+from contract.config.operating_point import OperatingPoint
 from tests.can_bridge.uds.test_security import cmac
 from tests.can_bridge.wire import described
 
@@ -139,3 +144,36 @@ def write(path: Path, messages: Sequence[can.Message]) -> Path:
         for message in messages:
             logger(message)
     return path
+
+
+SCALES = Scales(period=0.2, point=OperatingPoint(), action_limit=0.075)
+LOG = Path("drive.blf")
+EXACT = 1e-12
+"""Two ways to multiply the same steps of the wire."""
+KINDS = ("fd", "classic", "secured")
+
+
+def read(messages: list[can.Message], **options: Any) -> LogSeries:
+    return series_of(LOG, messages, SCALES, **{"fill": 2, "split": False, **options})
+
+
+def in_time(messages: list[can.Message]) -> list[can.Message]:
+    return sorted(messages, key=lambda message: message.timestamp)
+
+
+def same(series: LogSeries, one: Drive, first: int = 0) -> None:
+    (piece,) = series.pieces
+    np.testing.assert_allclose(piece.Cp, one.Cp[first : first + len(piece)], atol=EXACT)
+    np.testing.assert_allclose(piece.action, one.action[first : first + len(piece)], atol=EXACT)
+
+
+def at(message: can.Message, time_s: float) -> can.Message:
+    changed = copy.copy(message)
+    changed.timestamp = time_s
+    return changed
+
+
+def noise(message: can.Message, generator: np.random.Generator) -> can.Message:
+    changed = at(message, message.timestamp)
+    changed.data = bytearray(generator.bytes(int(generator.integers(0, 65))))
+    return changed

@@ -9,8 +9,23 @@ import pytest
 from can_bridge.drives.log_to_series import series_of
 from contract.config.operating_point import OperatingPoint
 from contract.errors import DatasetError
-from tests.can_bridge.drives.drive_log import FLOW, PERIOD, PRESSURE, Drive, drive, log_of, speed
-from tests.can_bridge.drives.known_series import EXACT, KINDS, LOG, SCALES, in_time, noise, read, same
+from tests.can_bridge.drives.drive_log import (
+    EXACT,
+    FLOW,
+    KINDS,
+    LOG,
+    PERIOD,
+    PRESSURE,
+    SCALES,
+    Drive,
+    drive,
+    in_time,
+    log_of,
+    noise,
+    read,
+    same,
+    speed,
+)
 from tests.refused import refused
 
 

@@ -14,34 +14,27 @@ from can_bridge.drives.log_to_series import series_of
 from can_bridge.wire.message_sets import CLASSIC, FD
 from contract.errors import DatasetError
 from tests.can_bridge.drives.drive_log import (
+    EXACT,
     FLOW,
+    KINDS,
     LATENCY,
+    LOG,
     PERIOD,
+    SCALES,
     Drive,
+    at,
     authentication_code,
     command,
     drive,
+    in_time,
     log_of,
+    noise,
     pressure,
+    read,
+    same,
 )
-from tests.can_bridge.drives.known_series import EXACT, KINDS, LOG, SCALES, at, in_time, noise, read, same
 from tests.examples import examples
 from tests.refused import refused
-
-
-def test_a_sound_log_is_the_drive() -> None:
-    for kind in KINDS:
-        one = drive(kind, 600, 1)
-        series = read(log_of(one))
-        same(series, one)
-        (piece,) = series.pieces
-        assert (piece.first_row, piece.initial_action) == (0, 0.0), kind
-        # Times of reception lie on the grid to the double's resolution at 1000 s.
-        np.testing.assert_allclose(piece.time_s, 1000.0 + PERIOD * np.arange(600), atol=1e-9)
-        report = series.report
-        assert (report.frames, report.lost, report.filled, report.gaps) == ((600, 600), (0, 0), (0, 0), ()), kind
-        assert report.unused == {}, kind
-        assert abs(report.drift) < 1e-9, kind
 
 
 @examples(30)

@@ -3,18 +3,17 @@
 import gzip
 import struct
 import zlib
-from datetime import datetime, timedelta, timezone
+from datetime import timedelta, timezone
 from itertools import product
 from pathlib import Path
 
 import can
-import numpy as np
 import pytest
 
 from can_bridge.logs.entries import error_class
 from can_bridge.logs.log_reader import CanLog
 from contract.errors import BusError
-from tests.can_bridge.logs.log_texts import EPOCH_S, RESOLUTION_S, asc, candump, candump_l, frames, identity, trc, write
+from tests.can_bridge.logs.log_texts import RESOLUTION_S, asc, candump, candump_l, frames, identity, trc, write
 from tests.refused import refused
 
 
@@ -210,6 +209,7 @@ def test_peaks_traces_of_every_version_are_read(tmp_path):
         (trc([], "2.1"), "      2     17540.300 EV User-defined event", "user-defined event"),
         (trc([], "1.1"), "     2)      1842.1  Rx         0131  12  31 00 00 00 02 00 00 00", "8 bytes"),
         (trc([], "2.1"), "      2     17540.300 DT 1      0131 Rx -  15    31 00 00 00 02 00 00 00", "8 bytes"),
+        (trc([], "2.1"), "      2         1.000 RR 1      0123 Rx -  3", "remote"),
     ):
         log = written(tmp_path / "a.trc", [*head, line])
         got = list(log)
@@ -217,8 +217,15 @@ def test_peaks_traces_of_every_version_are_read(tmp_path):
             assert [error_class(one) for one in got] == ["protocol"], line
         elif name == "8 bytes":
             assert [(one.dlc, len(one.data)) for one in got] == [(8, 8)], line
+        elif name == "remote":
+            assert [(one.dlc, one.is_remote_frame) for one in got] == [(3, True)], line
         else:
             assert (got, log.events[name]) == ([], 1), line
+    # FE is the error state alone, BI both flags; lengths are codes.
+    lines = [f"{n:>7} {n:13.3f} {kind} 1 0123 Rx - 9 {'11 ' * 12}" for n, kind in enumerate(("FD", "FB", "FE", "BI"))]
+    got = list(written(tmp_path / "a.trc", [*trc([], "2.1"), *lines]))
+    flags = [(one.bitrate_switch, one.error_state_indicator) for one in got if one.is_fd and len(one.data) == 12]
+    assert flags == [(False, False), (True, False), (False, True), (True, True)]
 
 
 def blf(objects: list[tuple[int, bytes]], *, packed: bool = True) -> bytes:
@@ -259,20 +266,17 @@ def test_objects_of_a_blf_are_frames_requests_and_events_by_their_names(tmp_path
         assert got[0].timestamp == pytest.approx(1795773600.001)
 
 
-def test_tables_and_measurements_that_python_can_writes_are_read(tmp_path):
-    pytest.importorskip("asammdf")
+def test_tables_that_python_can_writes_are_read(tmp_path):
+    """Their data frames, as of every other format, are in `tests/stillwake/commands/test_dataset_of_drives.py`, too."""
     sent = frames()
-    error = can.Message(timestamp=sent[-1].timestamp, is_error_frame=True)
-    for suffix in (".csv", ".db", ".mf4", ".log.gz", ".trc.gz"):
-        kept = [one for one in sent if not one.is_fd or not suffix.startswith(".trc")]
-        for one in kept:
-            one.timestamp += EPOCH_S
-        write(tmp_path / f"a{suffix}", [*kept, *([] if suffix.startswith(".trc") else [error])])
-        log = CanLog(tmp_path / f"a{suffix}")
-        check(log, kept, suffix)
-        assert log.messages == len(kept) + (not suffix.startswith(".trc")), suffix
-        for one in kept:
-            one.timestamp -= EPOCH_S
+    odd = [can.Message(timestamp=1.0, arbitration_id=5, is_remote_frame=True, dlc=3), can.Message(is_error_frame=True)]
+    for suffix in (".csv", ".db"):
+        write(tmp_path / f"a{suffix}", [*sent, *odd])
+        *data, remote, error = CanLog(tmp_path / f"a{suffix}")
+        assert [identity(one)[:4] + identity(one)[7:] for one in data] == [
+            identity(one)[:4] + identity(one)[7:] for one in sent
+        ], suffix
+        assert (remote.is_remote_frame, remote.dlc, error.is_error_frame) == (True, 3, True), suffix
 
 
 def test_a_channel_is_chosen_by_its_name(tmp_path):
@@ -285,26 +289,3 @@ def test_a_channel_is_chosen_by_its_name(tmp_path):
     assert log.channels == {"can0": 8, "can1": 8}
     with refused(BusError, "--channel can7: it has can0, can1"):
         list(CanLog(path, channels=("can7",)))
-
-
-def test_a_measurement_with_other_groups_and_without_optional_fields_is_read(tmp_path):
-    """Written by asammdf: a classic bus, identifiers of 29 bits marked by their uppermost, beside an analog signal."""
-    asammdf = pytest.importorskip("asammdf")
-    kinds = [("ID", "<u4"), ("DLC", "<u1"), ("DataBytes", "(8,)u1")]
-    samples = np.zeros(3, dtype=[(f"CAN_DataFrame.{name}", kind) for name, kind in kinds])
-    samples["CAN_DataFrame.ID"] = [0x120, 0x80000005, 7]
-    samples["CAN_DataFrame.DLC"] = [8, 12, 2]
-    samples["CAN_DataFrame.DataBytes"] = np.arange(24).reshape(3, 8)
-    times = np.array([0.25, 0.5, 0.75])
-    with asammdf.MDF(version="4.10") as measurement:
-        measurement.start_time = datetime(2026, 11, 27, 12, tzinfo=timezone(timedelta(hours=2)))
-        measurement.append(asammdf.Signal(np.arange(5.0), np.arange(5.0), name="Wind"))
-        measurement.append(asammdf.Signal(samples, times, name="CAN_DataFrame"))
-        measurement.save(tmp_path / "a.mf4")
-    log = CanLog(tmp_path / "a.mf4")
-    assert [(one.timestamp, one.arbitration_id, one.is_extended_id, bytes(one.data), one.is_fd) for one in log] == [
-        (1795773600.25, 0x120, False, bytes(range(8)), False),
-        (1795773600.5, 5, True, bytes(range(8, 16)), False),
-        (1795773600.75, 7, False, bytes([16, 17]), False),
-    ]
-    assert (log.events, log.is_local) == ({"record of Wind": 5}, False)

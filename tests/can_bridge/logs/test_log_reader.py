@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from can_bridge.logs.frame_log import recording
+from can_bridge.logs.candump_log import recording
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError
@@ -59,21 +59,6 @@ def test_what_python_can_writes_is_read_back(tmp_path_factory, log):
             times, wanted = [one.timestamp for one in got], [one.timestamp for one in kept]
             zero = (times[0], wanted[0]) if suffix == ".asc" else (0.0, 0.0)
             assert [t - zero[0] for t in times] == pytest.approx([t - zero[1] for t in wanted], abs=RESOLUTION_S, rel=0)
-
-
-def test_trc_types_are_those_of_pcan(tmp_path):
-    """PEAK, "PCAN trace file format", version 2.1: FE is the error state alone, BI both flags; lengths are codes."""
-    types = ("DT", "FD", "FB", "FE", "BI", "RR")
-    lines = [f"{n:>7} {n:13.3f} {kind} 1 0123 Rx - 9 {'11 ' * 12}".rstrip() for n, kind in enumerate(types[1:5], 2)]
-    lines = ["      1         1.000 DT 1 0123 Rx - 2 11 22", *lines, "      6         6.000 RR 1 0123 Rx - 3"]
-    head = ";$FILEVERSION=2.1\n;$STARTTIME=45000.0\n;$COLUMNS=N,O,T,B,I,d,R,L,D\n"
-    path = tmp_path / "a.trc"
-    path.write_text(head + "".join(f"{line}\n" for line in lines))
-    got = list(CanLog(path))
-    flags = [(one.is_fd, one.bitrate_switch, one.error_state_indicator) for one in got[1:5]]
-    assert flags == [(True, False, False), (True, True, False), (True, False, True), (True, True, True)]
-    assert [(one.dlc, len(one.data)) for one in got[:5]] == [(2, 2), *[(12, 12)] * 4]
-    assert [one.is_remote_frame for one in got] == [False] * 5 + [True]
 
 
 def one_log(path: Path) -> Path:

@@ -1,5 +1,7 @@
 """ASAM MDF: what other programs write is read, and what is written is read by other programs, value by value."""
 
+from datetime import datetime, timedelta, timezone
+
 import can
 import numpy as np
 import pytest
@@ -77,38 +79,45 @@ def test_channels_are_those_that_mdfreader_reads(tmp_path):
     assert read.get_channel_data("CAN_DataFrame.ID").tolist() == [one.arbitration_id for one in data]
 
 
-def test_constants_that_a_logger_gives_by_conversions_are_read(tmp_path):
-    """As CANedge of firmware 1.7 does: no bits, and the value in the conversion; a direction is a text."""
-    times = np.arange(3.0)
-    virtual = {"flags": asammdf.Signal.Flags.virtual, "samples": np.arange(3, dtype="u8"), "timestamps": times}
+def test_other_groups_missing_fields_and_constants_in_conversions_are_read(tmp_path):
+    """A classic bus beside an analog signal, with identifiers of 29 bits marked by their uppermost; and as CANedge
+    (firmware 1.7) does: no bits, and the value in the conversion; a direction is a text."""
+    times = np.array([0.25, 0.5, 0.75])
     signals = [
-        asammdf.Signal(np.array([5, 6, 7], "<u4"), times, name="CAN_DataFrame.ID"),
-        asammdf.Signal(np.array([2, 1, 0], "u1"), times, name="CAN_DataFrame.DLC"),
+        asammdf.Signal(np.array([5, 0x80000006, 7], "<u4"), times, name="CAN_DataFrame.ID"),
+        asammdf.Signal(np.array([2, 12, 0], "u1"), times, name="CAN_DataFrame.DLC"),
         asammdf.Signal(np.arange(24, dtype="u1").reshape(3, 8), times, name="CAN_DataFrame.DataBytes"),
         asammdf.Signal(
             np.array([1, 0, 1], "u1"), times, name="CAN_DataFrame.Dir",
             conversion={"val_0": 0, "text_0": b"Rx", "val_1": 1, "text_1": b"Tx"},
         ),
-        *(
-            asammdf.Signal(**virtual, name=f"CAN_DataFrame.{name}", virtual_conversion={"a": 0.0, "b": value})
-            for name, value in (("BusChannel", 9.0), ("IDE", 1.0))
-        ),
     ]  # fmt: skip
-    with asammdf.MDF(version="4.11") as measurement:
-        measurement.append(signals, common_timebase=True)
-        measurement.save(tmp_path / "a.mf4")
-    read = list(CanLog(tmp_path / "a.mf4"))
-    assert [(one.channel, one.is_extended_id, one.is_rx, one.dlc, one.arbitration_id) for one in read] == [
-        ("9", True, False, 2, 5),
-        ("9", True, True, 1, 6),
-        ("9", True, False, 0, 7),
+    virtual = {"flags": asammdf.Signal.Flags.virtual, "samples": np.arange(3, dtype="u8"), "timestamps": times}
+    constants = [
+        asammdf.Signal(**virtual, name=f"CAN_DataFrame.{name}", virtual_conversion={"a": 0.0, "b": value})
+        for name, value in (("BusChannel", 9.0), ("IDE", 1.0))
     ]
+    for more, channel, extended in (([], "", [False, True, False]), (constants, "9", [True] * 3)):
+        with asammdf.MDF(version="4.11") as measurement:
+            measurement.start_time = datetime(2026, 11, 27, 12, tzinfo=timezone(timedelta(hours=2)))
+            measurement.append(asammdf.Signal(np.arange(5.0), np.arange(5.0), name="Wind"))
+            measurement.append([*signals, *more], common_timebase=True)
+            measurement.save(tmp_path / "a.mf4", overwrite=True)
+        log = CanLog(tmp_path / "a.mf4")
+        read = list(log)
+        assert [one.timestamp for one in read] == [1795773600.25, 1795773600.5, 1795773600.75]
+        assert [(one.channel, one.arbitration_id, one.is_rx, one.is_fd) for one in read] == [
+            *((channel, frame_id, is_rx, False) for frame_id, is_rx in ((5, False), (6, True), (7, False))),
+        ]
+        assert [one.is_extended_id for one in read] == extended
+        assert [bytes(one.data) for one in read] == [b"\0\1", bytes(range(8, 16)), b""]
+        assert (log.events, log.is_local) == ({"record of Wind": 5}, False)
 
 
 def test_what_is_no_log_of_frames_is_one_line(tmp_path, capfd):
     write_mdf(tmp_path / "whole.mf4", messages(), groups())
     whole = (tmp_path / "whole.mf4").read_bytes()
-    for length in [*range(0, len(whole), len(whole) // 40), len(whole) - 1]:
+    for length in [*range(0, len(whole), len(whole) // 15), len(whole) - 1]:
         (tmp_path / "a.mf4").write_bytes(whole[:length])
         with refused(BusError, r"a\.mf4: cannot be read as a CAN log \(cut off, damaged, or no ASAM MDF: "):
             list(CanLog(tmp_path / "a.mf4"))

@@ -2,18 +2,18 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 from udsoncan.client import Client
+from udsoncan.connections import BaseConnection
 from udsoncan.exceptions import TimeoutException
 
 from can_bridge.tester.sequence import Flashed, flash
-from can_bridge.tester.transport import answers
+from can_bridge.tester.transport import answers, silence
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
 from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.can_bridge.tester.direct_connection import DirectConnection
 
 NS = 1_000_000_000
 TICK_NS = 20_000_000
@@ -46,6 +46,23 @@ class Ecu(Protocol):
     def is_dead(self) -> bool: ...
 
     def power_on(self) -> object: ...
+
+
+class DirectConnection(BaseConnection):
+    """udsoncan's connection to an ECU without a bus between, which is always open; a subclass sends a request and waits
+    for an answer."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        silence()
+
+    def open(self) -> Self:
+        return self
+
+    def close(self) -> None: ...
+
+    def is_open(self) -> bool:
+        return True
 
 
 class Line(DirectConnection):

@@ -3,37 +3,20 @@
 from dataclasses import replace
 
 import pytest
+from udsoncan.client import Client
 
 from can_bridge.tester import calibration
 from can_bridge.tester.asking import Asking
-from can_bridge.uds.security import AccessKey
 from contract.errors import ConfigError, FlashError
-
-udsoncan = pytest.importorskip("udsoncan")
-
-from udsoncan.client import Client  # noqa: E402
-
-from tests.can_bridge.flashing.store_ecu import KEY  # noqa: E402
-from tests.can_bridge.tester.calibrated_ecu import OWN, Ecu  # noqa: E402
-from tests.can_bridge.tester.line import Line  # noqa: E402
+from tests.can_bridge.flashing.store_ecu import KEY
+from tests.can_bridge.tester.calibrated_ecu import OWN, Ecu
+from tests.can_bridge.tester.line import Line
 
 
-@pytest.fixture
-def ecu() -> Ecu:
-    return Ecu()
-
-
-def asking_of(ecu: Ecu, key: AccessKey = KEY) -> Asking:
+def test_a_value_is_refused_before_anything_is_sent_and_another_tools_values_are_noticed(monkeypatch):
+    ecu = Ecu()
     line = Line(ecu)
-    return Asking(Client(line), key=key.answer, clock=line.time.clock, sleep=line.time.sleep)
-
-
-@pytest.fixture
-def asking(ecu) -> Asking:
-    return asking_of(ecu)
-
-
-def test_a_value_is_refused_before_anything_is_sent(asking):
+    asking = Asking(Client(line), key=KEY.answer, clock=line.time.clock, sleep=line.time.sleep)
     read = calibration.read(asking)
     for name, value, message in (
         ("drag", 1.0, "'drag' must be one of drag_mean"),
@@ -50,17 +33,12 @@ def test_a_value_is_refused_before_anything_is_sent(asking):
     calibration.unlock(asking)
     limits = {"action_limit": 0.07, "command_step": 0.075, "lift": 10.0}
     calibration.write(asking, read.limits.changed(read.in_force, limits))
-
-
-def test_another_tools_values_are_noticed(ecu, asking):
-    read = calibration.read(asking)
-    calibration.unlock(asking)
     serve = ecu.service.write
 
     def write(did, value):
         yield from serve(did, value)
         ecu.segment.set(replace(OWN, delay_steps=3))
 
-    ecu.service.write = write
+    monkeypatch.setattr(ecu.service, "write", write)
     with pytest.raises(FlashError, match="another tool"):
         calibration.write(asking, read.limits.changed(read.in_force, {"lift": 0.5}))

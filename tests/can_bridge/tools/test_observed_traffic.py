@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import FrameCheck
-from can_bridge.secoc.key import Key
-from can_bridge.secoc.securing import Freshness, secure
-from can_bridge.tools.observed_traffic import RATE_OVER, SILENT_AFTER, Mac, Traffic
+from can_bridge.tools.observed_traffic import RATE_OVER, SILENT_AFTER, Traffic
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE_SECURED, SPECS, MessageSpec
 from contract.config.vehicle import E2eConfig
@@ -54,7 +52,7 @@ def test_rate_follows_a_change_and_needs_two_times():
         assert (traffic.rate_hz(9), traffic.mean_rate_hz, traffic.age_ns(0)) == (0.0, 0.0, 0), times
 
 
-@examples(200)
+@examples(60)
 @given(spec=st.sampled_from(SPECS), data=st.data())
 def test_losses_are_those_that_were_made(spec, data):
     """Fewer than a counter's period in a row: a counter cannot show more."""
@@ -77,32 +75,3 @@ def test_frames_that_are_not_their_messages_fail_their_check():
         assert after([one]).check is FrameCheck.ERROR, one
     traffic = after([command, command, frame(JET_COMMAND, 2 + E2E.max_delta)])
     assert (traffic.check, traffic.lost, traffic.refused) == (FrameCheck.WRONG_SEQUENCE, 1 + E2E.max_delta, 2)
-
-
-KEY, OTHER_KEY = Key(bytes(range(16))), Key(bytes(range(1, 17)))
-
-
-def signed(counter: int, *, count: int, key: Key = KEY, trip: int = 1) -> Frame:
-    whole = frame(PRESSURE_SECURED, counter)
-    part = Frame(frame_id=whole.frame_id, data=whole.data[: PRESSURE_SECURED.protected], is_fd=True)
-    return secure(part, PRESSURE_SECURED, key, Freshness(trip=trip, count=count))
-
-
-def test_a_forged_or_replayed_frame_is_separated_from_the_genuine_ones_around_it():
-    """The forgery has the counter that comes next, so that without a key it takes the genuine frame's place."""
-    frames = [signed(0, count=0), signed(1, count=1, key=OTHER_KEY), signed(1, count=1), signed(0, count=0)]
-    traffic, verdicts = Traffic(E2E, KEY), []
-    for one in frames:
-        traffic.add(one)
-        verdicts.append((traffic.verdict, traffic.mac, traffic.is_good))
-    assert verdicts == [
-        ("OK", Mac.OK, True),
-        ("not authentic", Mac.NOT_AUTHENTIC, False),
-        ("OK", Mac.OK, True),
-        ("not fresh", Mac.NOT_FRESH, False),
-    ]
-    assert traffic.verdicts == {"OK": 2, "not authentic": 1, "not fresh": 1}
-    assert (traffic.refused, traffic.lost) == (2, 0)
-    unaware = after(frames)
-    assert unaware.mac is Mac.NOT_CHECKED
-    assert unaware.verdicts == {"OK": 2, "repeated": 1, "wrong sequence": 1}

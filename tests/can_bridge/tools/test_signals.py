@@ -15,7 +15,7 @@ from tests.examples import examples
 from tests.refused import refused
 
 
-@examples(400)
+@examples(100)
 @given(spec=st.sampled_from(SPECS), data=st.data())
 def test_any_bytes_mean_what_cantools_says(spec, data):
     content = data.draw(st.binary(min_size=spec.length, max_size=spec.length))

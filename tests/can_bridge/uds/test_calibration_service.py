@@ -83,7 +83,7 @@ def test_what_is_stored():
     kept = Kept()
     service, segment = service_of(kept)
     write(service, Did.CALIBRATION, values(lift=0.5))
-    segment.select(Page.REFERENCE)
+    segment.page = Page.REFERENCE
     assert service.read(Did.CALIBRATION) == values()
     service.store(segment.in_force)
     assert kept.raw == values()

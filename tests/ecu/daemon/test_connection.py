@@ -26,9 +26,7 @@ def test_a_serial_adapter_that_is_pulled_out_and_plugged_in_again(tmp_path: Path
     heard: list[Frame] = []
     with adapter() as first:
         port.symlink_to(first.port)
-        connection = Connection(
-            lambda: PythonCanBus.open(config, settle_s=0.0), heard.append, first_pause_s=0.01
-        ).__enter__()
+        connection = Connection(lambda: PythonCanBus.open(config), heard.append, first_pause_s=0.01).__enter__()
         assert connection.send([FRAME])
         first.write(LINE)
         wait_for(lambda: len(heard) == 1)

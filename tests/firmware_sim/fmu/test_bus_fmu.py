@@ -13,7 +13,7 @@ from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 
 from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.fault_confinement import FaultConfinement
+from can_bridge.bus.simulated.attempt import FaultConfinement
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.arrays import Array

@@ -24,14 +24,8 @@ RECORDED: Final = 1000
 
 @dataclass(kw_only=True, eq=False)
 class _Scene:
-    """A bus after some genuine frames.
-
-    Attributes:
-        spec: the message that is attacked.
-        key, other: the nodes', and the attacker's own.
-        number: of the next genuine frame.
-        sent: genuine frames by their message's name; the attacker has recorded them.
-    """
+    """A bus after some genuine frames, which the attacker, who has `other`, has recorded; `number` is that of the next
+    genuine frame."""
 
     spec: MessageSpec
     key: Key
@@ -111,12 +105,8 @@ KINDS: Final[dict[str, Callable[[_Scene], bytes]]] = {
 
 
 def measure(count: int = 300_000, *, seed: int = 0) -> dict[str, Any]:
-    """Attack each secured message with its share of `count` forgeries, a genuine frame behind each.
-
-    Returns:
-        `authenticated_forgeries_accepted`; `forgeries` with the counts behind it, by kind too, and how many genuine
-        frames were refused.
-    """
+    """Attack each secured message with its share of `count` forgeries, a genuine frame behind each; the figures have
+    the counts by kind, and how many genuine frames were refused."""
     by_kind = {kind: {"tried": 0, "accepted": 0} for kind in KINDS}
     kinds, refused = list(KINDS), 0
     for spec in SECURED.specs:

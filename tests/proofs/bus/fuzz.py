@@ -27,17 +27,10 @@ WARM_UP: Final = 0.1
 
 
 def measure(*, frames: int = 300_000, seed: int = 0) -> dict[str, Any]:
-    """Feed datagrams, serial lines and drivers' messages in turn.
+    """Feed datagrams, serial lines and drivers' messages in turn, a tenth of them genuine and the others made up.
 
-    Args:
-        frames: receptions of the three kinds together, a tenth of them genuine and the others made up.
-        seed: of all of them.
-
-    Returns:
-        `fuzz_frames`, receptions as the buses counted them (noise on a serial line may hold several); `accepted` frames
-        and `rejected` by reason; `genuine` frames sent between them and `genuine_lost`; `exceptions`, each of which is
-        also in `failures` with its kind; `authentic` secured frames, among which `authentic_made_up` were sent by
-        no one; `max_rss_growth_kib` after the first tenth.
+    `fuzz_frames` are receptions as the buses counted them (noise on a serial line may hold several). Of the `authentic`
+    secured frames, `authentic_made_up` were sent by no one. Memory grows by `max_rss_growth_kib` after the first tenth.
     """
     rng, path, genuine, batches = Random(seed), ReceivePath(), _genuine_frames(), -(-frames // BATCH)
     lost = authentic = made_up = 0

@@ -32,11 +32,8 @@ KEY: Final = Key(bytes(range(KEY_LENGTH)))
 
 
 class ReceivePath:
-    """One node for each backend; each call feeds one of them and follows what comes out to its end.
-
-    Attributes:
-        authentic: frames of secured messages that came as far as their end-to-end check; the caller may clear it.
-    """
+    """One node for each backend; each call feeds one of them and follows what comes out to its end. `authentic` are the
+    frames of secured messages that came as far as their end-to-end check; the caller may clear it."""
 
     def __init__(self) -> None:
         self._datagrams, self._port, self._messages = _FedDatagrams(), _FedPort(), _FedMessages()
@@ -50,7 +47,6 @@ class ReceivePath:
 
     @property
     def buses(self) -> tuple[PythonCanBus, PythonCanBus, PythonCanBus]:
-        """The buses of the three backends: datagrams, lines, messages."""
         return self.udp, self.slcan, self.driver
 
     def datagrams(self, contents: Iterable[bytes]) -> list[Frame]:
@@ -79,12 +75,8 @@ class ReceivePath:
         return sum(bus.accepted for bus in self.buses), refused
 
     def _followed(self, bus: PythonCanBus, fed: int | None = None) -> list[Frame]:
-        """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance.
-
-        Args:
-            bus: that was fed.
-            fed: receptions that went in; None for serial lines, whose number is a matter of their ends.
-        """
+        """All frames that came, after end-to-end check and parser; AssertionError where the books do not balance. `fed`
+        receptions went in; None for serial lines, whose number is a matter of their ends."""
         before, received = bus.accepted, -1
         expected = None if fed is None else bus.received + fed
         frames: list[Frame] = []

@@ -7,6 +7,7 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from unittest.mock import patch
 
 PATIENCE_S = 10.0
 """How long a test waits before it fails; never reached when all is well."""
@@ -37,11 +38,12 @@ class Adapter:
 
 @contextmanager
 def adapter() -> Iterator[Adapter]:
-    """One serial line; both ends are closed with the block."""
+    """One serial line, which needs no time to start; both ends are closed with the block."""
     controller, port = pty.openpty()
     tty.setraw(port)
     try:
-        yield Adapter(controller, os.ttyname(port))
+        with patch("can_bridge.bus.backends.connection.SETTLE_S", 0.0):
+            yield Adapter(controller, os.ttyname(port))
     finally:
         for fd in (controller, port):
             with suppress(OSError):  # a test may have pulled the plug

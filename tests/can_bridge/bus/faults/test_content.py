@@ -19,16 +19,6 @@ BITS = sum(frame_bits(FRAME)) - 3
 OURS = [spec for spec in SPECS if not spec.is_secured]
 
 
-def test_every_bit_can_flip(link):
-    faulty = link.wrapped(link.one, FlipBits())
-    for _ in range(1000):
-        faulty.send(Frame(frame_id=0x130, data=bytes(8)))
-        link.advance()
-    flipped = {frame.data for frame in link.other.receive_all()}
-    # A given bit of 64 is missed by 1,000 draws with probability 1.4e-7.
-    assert flipped == {(1 << place).to_bytes(8, "little") for place in range(64)}
-
-
 def test_so_many_different_bits_flip_behind_the_protection_in_the_span_on_either_side():
     sides: tuple[Literal["send", "receive"], ...] = ("send", "receive")
     for bits, at in product((1, 2, 3, 64), sides):
@@ -95,7 +85,7 @@ def test_a_frozen_node_sends_the_first_frame_of_the_span_or_its_message_with_a_c
 def test_frames_are_hit_as_often_as_independent_bits_make_them():
     for rate in [1e-4, 1e-2, 0.5]:
         hook = WireErrors(bit_error_rate=rate).hook(1)
-        n = 4_000
+        n = 2_000
         places = [place for _ in range(n) if (place := hook(FRAME, "any", 0)) is not None]
         hit = 1 - (1 - rate) ** BITS
         # Five standard deviations of a binomial number.

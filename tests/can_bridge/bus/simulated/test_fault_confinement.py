@@ -1,4 +1,4 @@
-"""The nodes of the simulated bus: error counters, the order of a queue, and other nodes' traffic."""
+"""The nodes of the simulated bus: error counters, priorities, and other nodes' traffic."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.interface import BusState
+from can_bridge.bus.simulated.attempt import FaultConfinement
 from can_bridge.bus.simulated.background_node import BackgroundNode
-from can_bridge.bus.simulated.fault_confinement import FaultConfinement
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
-from can_bridge.bus.simulated.port import Queued, TransmitQueue
 from can_bridge.timing.periodic_message import PeriodicMessage
 from can_bridge.wire.frame import Frame, priority
 from can_bridge.wire.frame_bits import sent_bits
@@ -44,12 +43,9 @@ def test_rules_1_to_3_and_7_and_8_count_one_event():
         assert 119 <= of(0, rx).received().rx_errors <= 127, f"8: received at {rx}"
 
 
-def test_rules_9_and_11_passive_from_128_on_and_active_again_below():
+def test_rules_9_to_12_passive_from_128_on_and_bus_off_from_256_transmit_errors_on_until_the_recovery():
     for tx_errors, rx_errors, state in [(127, 127, ACTIVE), (128, 0, PASSIVE), (0, 128, PASSIVE), (255, 255, PASSIVE)]:
         assert FaultConfinement(tx_errors=tx_errors, rx_errors=rx_errors).state is state, (tx_errors, rx_errors, state)
-
-
-def test_rules_10_and_12_bus_off_from_256_transmit_errors_on_until_the_recovery():
     assert FaultConfinement(tx_errors=247).transmit_error().state is PASSIVE
     off = FaultConfinement(tx_errors=248, rx_errors=90).transmit_error()
     assert (off.state, off.times_off) == (OFF, 1)
@@ -80,23 +76,6 @@ def test_the_smaller_priority_is_the_one_whose_bits_win(one, other):
         assert (priority(one) < priority(other)) == (sent_bits(one).stuffed < sent_bits(other).stuffed)
     else:
         assert (one.frame_id, one.is_extended) == (other.frame_id, other.is_extended)
-
-
-@given(items=st.lists(frames(), max_size=20), takes=st.lists(st.sampled_from([None, 0, 1]), max_size=40))
-def test_a_queue_gives_the_highest_priority_and_equals_in_order(items, takes):
-    """What was sent is taken out also behind a newer head: 1 takes the second."""
-    queue, expected, coming, serial = TransmitQueue(10), list[Queued](), list(items), 0
-    for time_ns, place in enumerate(takes):
-        if place is not None and place < len(expected):
-            assert queue.head == expected[0]
-            queue.remove(expected.pop(place))
-        elif coming:
-            frame = coming.pop()
-            assert queue.put(frame, time_ns) == (len(expected) < 10)
-            if len(expected) < 10:
-                serial += 1
-                expected = sorted([*expected, Queued(priority(frame), serial, time_ns, frame)], key=lambda one: one[:2])
-        assert len(queue) == len(expected)
 
 
 MS = 10**6

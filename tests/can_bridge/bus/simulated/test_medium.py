@@ -67,8 +67,10 @@ def test_a_frame_arrives_at_its_end_of_frame_in_every_other_node(bench):
     assert (seen.sender, seen.queued_ns, seen.begin_ns, seen.end_ns) == ("node 0", 1000, 1000, end_ns)
 
 
-def test_full_queues_refuse_and_count(bench):
-    one, two = bench.bus.port("pressure node", transmit_capacity=3), bench.bus.port(receive_capacity=2)
+def test_full_queues_refuse_and_count(bench, monkeypatch):
+    monkeypatch.setattr("can_bridge.bus.simulated.port.TRANSMIT_CAPACITY", 3)
+    monkeypatch.setattr("can_bridge.bus.simulated.port.RECEIVE_CAPACITY", 2)
+    one, two = bench.bus.port("pressure node"), bench.bus.port()
     for value in range(3):
         one.send(frame(0x100 + value))
     with pytest.raises(BusError, match=r"pressure node has 3 frames waiting .* frame 0x10f was not sent"):
