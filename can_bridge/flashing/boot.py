@@ -2,35 +2,23 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Self
 
 from can_bridge.flashing.backing import MediumError, Slot, at_once
 from can_bridge.flashing.checking import Release
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import SlotPhase
-from can_bridge.flashing.verdicts import Verdict
+from can_bridge.flashing.verdicts import InWords, Verdict
 
 
-class BootReason(Enum):
-    """The reason why an image was booted. `in_words` is the text of the reason for people."""
-
-    in_words: str
-
-    def __new__(cls, value: int, in_words: str = "") -> Self:
-        """Create a member from its byte and its text."""
-        made = object.__new__(cls)
-        made._value_, made.in_words = value, in_words
-        return made
+class BootReason(InWords):
+    """The reason why an image was booted."""
 
     CONFIRMED = 1, "confirmed"
     TRIAL = 2, "on trial"
     """An activated image that has not been confirmed yet."""
     REVERTED = 3, "confirmed; the release on trial was rejected"
-    """The confirmed image, because the image on trial failed a check or was not confirmed in time."""
+    """The image on trial failed a check or was not confirmed in time."""
     FALLBACK = 4, "the release before; the confirmed release is damaged"
-    """The release confirmed before the present confirmed release, because the present confirmed release failed a
-    check."""
     NO_RELEASE = 5, "every release is damaged or missing"
     """No image passed its checks: the jets stay shut, and a release can be flashed."""
 

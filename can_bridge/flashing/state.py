@@ -145,7 +145,7 @@ def encode(state: StoreState) -> bytes:
             name,
         ]
     active = _NO_SLOT if state.active is None else state.active
-    attempts = (min(state.failed_attempts.get(level, 0), MOST_ATTEMPTS) for level in Level)
+    attempts = (state.failed_attempts[level] for level in Level)
     parts.append(_REST.pack(active, state.least_security_version, *attempts))
     raw = b"".join(parts)
     return raw + _CRC.pack(zlib.crc32(raw))

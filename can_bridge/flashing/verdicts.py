@@ -1,14 +1,11 @@
-"""The store's verdict on a release: GOOD, or the check that it failed.
-
-In diagnosis the verdict is a byte in the answer to the routine that checks an image (`can_bridge.uds.services`).
-"""
+"""The store's verdict on a release: GOOD, or the check that it failed."""
 
 from enum import IntEnum
 from typing import Self
 
 
-class Verdict(IntEnum):
-    """The checks in their order; the first failed check is the verdict. `in_words` is the verdict's text for people."""
+class InWords(IntEnum):
+    """A byte of diagnosis; `in_words` is its text for people."""
 
     in_words: str
 
@@ -17,6 +14,10 @@ class Verdict(IntEnum):
         made = int.__new__(cls, value)
         made._value_, made.in_words = value, in_words
         return made
+
+
+class Verdict(InWords):
+    """The checks in their order; the first failed check is the verdict."""
 
     GOOD = 0, "in order"
     INCOMPLETE = 1, "bytes of the image are missing"

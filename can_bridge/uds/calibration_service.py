@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Final
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.flashing.backing import Long, MediumError
+from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.uds.services import Did, Nrc, Refused
 from contract.controller.calibration import PACKED_BYTES, Calibration
@@ -77,10 +77,9 @@ class CalibrationService:
             return _REVERT if self._kept() is None else _STORE
         raise Refused(Nrc.OUT_OF_RANGE)
 
-    def write(self, did: Did, value: bytes) -> Long[None]:
+    def write(self, did: Did, value: bytes) -> None:
         """Write the value of one of the identifiers `DIDS`; raises Refused for other identifiers, and for values that
         are not allowed."""
-        yield from ()
         if did is Did.CALIBRATION:
             try:
                 self._segment.set(Calibration.unpack(value))

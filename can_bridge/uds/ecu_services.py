@@ -1,4 +1,4 @@
-"""The ECU's diagnostic services that act on its store of releases: `Diagnostics` for the UDS server.
+"""The ECU's diagnostic services, which act on its store of releases; `can_bridge.uds.server` calls them.
 
 The answer to the routine ERASE has the offset of the first byte to send (4 bytes), the answer to CHECK a `Verdict` (1
 byte); answers to the other routines are empty. If a request is repeated after it was carried out, the first answer is
@@ -35,7 +35,8 @@ _DONE: Final = {
 
 
 class EcuServices:
-    """The `Diagnostics` of an ECU after a boot.
+    """The services of an ECU after a boot; each may raise `Refused`. The server has already checked session, security
+    level, and the lengths stated in `services`.
 
     Args:
         identification: values of the constant identifiers.
@@ -72,10 +73,12 @@ class EcuServices:
         self._taken_keys = b""
 
     def enter(self, session: Session) -> None:
+        """Prepare for a session."""
         if session is Session.PROGRAMMING:
             self._check_preconditions()
 
     def leave(self) -> None:
+        """Interrupt a transfer in progress, because the session ended; the transfer can be resumed."""
         self._store.drop()
         if self._resets_when_left and self.is_updating:
             # If a tester left during a transfer, the jets would stay shut until the next power-on. After a reset the
@@ -83,8 +86,9 @@ class EcuServices:
             self._on_reset()
 
     def read(self, did: Did) -> bytes:
+        """Return the value of an identifier; raises OUT_OF_RANGE if the identifier has no value."""
         if did is Did.CAPACITY:
-            return self._store.capacity.to_bytes(4, "big")
+            return self._store.backing.capacity.to_bytes(4, "big")
         if did is Did.KEY_LIST:
             return (self._store.keys.version if self._store.keys else 0).to_bytes(4, "big")
         if did is Did.STORE:
@@ -93,9 +97,10 @@ class EcuServices:
             return self._identification[did]
         return self._calibrated(did).read(did)
 
-    def write(self, did: Did, value: bytes) -> Long[None]:
+    def write(self, did: Did, value: bytes) -> None:
+        """Write an identifier; raises OUT_OF_RANGE for a value that is not allowed."""
         if did is not Did.KEY_LIST:
-            yield from self._calibrated(did).write(did, value)
+            self._calibrated(did).write(did, value)
             self._log("calibrated", f"a tester wrote {did.name.lower()}", identifier=did.name)
             return
         if value == self._taken_keys:
@@ -108,6 +113,7 @@ class EcuServices:
         self._taken_keys = value
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
+        """Run a routine and return its status record."""
         status = yield from self._run(routine, option)
         if routine is Routine.CHECK:
             verdict = Verdict(status[0])
@@ -135,35 +141,37 @@ class EcuServices:
         return b""
 
     def download(self, offset: int, length: int) -> None:
+        """Expect `length` bytes of the announced image, beginning at byte `offset`."""
         if self._store.received is None:
             raise Refused(Nrc.SEQUENCE_ERROR, "no image is announced")
         if offset != self._store.received or offset + length != self._announced_length:
             raise Refused(Nrc.OUT_OF_RANGE, f"bytes {offset}..{offset + length} are not the missing bytes")
 
     def transfer(self, data: bytes) -> Long[None]:
+        """Write the next bytes of the image."""
         with _as_refusals():
             self._store.append(data)
         # This store has already written all data. A flash memory needs milliseconds for each part of the data, so this
         # operation has as many parts as it would have with a flash memory.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
-    def exit(self) -> Long[None]:
-        # Nothing is left to do: the server has checked that all bytes came, and CHECK compares them with the announced
-        # hash.
-        yield from ()
-
     def failed_attempts(self, level: Level) -> int:
+        """Return the number of consecutive wrong keys; the number survives resets."""
         return self._store.state.failed_attempts[level]
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
+        """Store the number of consecutive wrong keys."""
         with _as_refusals():
-            self._store.records.keep_failed_attempts(level, count)
+            self._store.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
+        """Check that a reset, or the missing messages of a silent ECU, would not interrupt active control, which may
+        have begun after the session began."""
         if not self.is_updating:
             self._check_preconditions()
 
     def reset(self) -> None:
+        """Reset the ECU; called after the request was answered."""
         self._on_reset()
 
     def _calibrated(self, did: Did) -> CalibrationService:

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Final, Self
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.state import MOST_ATTEMPTS
 from can_bridge.secoc.key import Key, read_key
-from can_bridge.uds.diagnostics import Diagnostics
+from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.services import Nrc, Refused
 
 SEED_LENGTH: Final = 16
@@ -58,7 +57,7 @@ class SecurityAccess:
         attempts: stores the counts of wrong attempts; may raise Refused.
     """
 
-    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: Diagnostics) -> None:
+    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: EcuServices) -> None:
         self._key = key
         self._random_bytes = random_bytes
         self._attempts = attempts
@@ -95,7 +94,7 @@ class SecurityAccess:
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None
-        count = min(self._attempts.failed_attempts(level) + 1, MOST_ATTEMPTS)
+        count = self._attempts.failed_attempts(level) + 1
         self._attempts.keep_failed_attempts(level, count)
         if not compare_digest(self._key.answer(level, seed), answer):
             if count < MAX_ATTEMPTS:

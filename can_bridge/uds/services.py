@@ -172,7 +172,7 @@ class Permission:
 
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` checks again that the jets
+    # The programming session begins only while the jets are shut; `EcuServices.before_reset` checks again that the jets
     # are shut.
     Service.RESET: Permission(_PROGRAMMING),
     Service.CLEAR_FAULTS: Permission(),

@@ -1,41 +1,16 @@
-"""A tester's session, the request being processed, and a download (ISO 14229-1 and -2)."""
+"""The request being processed, and a download (ISO 14229-1 and -2)."""
 
 from collections.abc import Collection
 from typing import Final
 
 from can_bridge.flashing.backing import Long
-from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, S3_MS, Nrc, Refused, Session
+from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, Nrc, Refused
 
 _MS: Final = 1_000_000
-_S3_NS: Final = S3_MS * _MS
-_P2_EXTENDED_UNIT_MS: Final = 10
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
 """Times after which a response-pending is sent. These times are half of the permitted times, because a permitted time
 ends with the last bit of the response on the bus."""
-
-
-class SessionTimer:
-    """The session, and the time since the tester was last active."""
-
-    def __init__(self) -> None:
-        self.session = Session.DEFAULT
-        self._heard_ns = 0
-
-    def begin(self, now_ns: int, session: Session) -> None:
-        self.session, self._heard_ns = session, now_ns
-
-    def hear(self, now_ns: int) -> None:
-        """Note that the tester is active: a request was answered or needs no answer, or a message is in transit."""
-        self._heard_ns = now_ns
-
-    def is_over(self, now_ns: int) -> bool:
-        return self.session is not Session.DEFAULT and now_ns - self._heard_ns >= _S3_NS
-
-
-def timing_record() -> bytes:
-    """Return P2 in ms and P2* in units of 10 ms, as in the answer to DiagnosticSessionControl."""
-    return P2_MS.to_bytes(2, "big") + (P2_EXTENDED_MS // _P2_EXTENDED_UNIT_MS).to_bytes(2, "big")
 
 
 def negative(service: int, code: Nrc) -> bytes:
@@ -79,11 +54,7 @@ class Job:
 
 
 class Download:
-    """A requested download.
-
-    Args:
-        offset: offset of the download's first byte in the image.
-        length: number of bytes in all blocks of the download.
+    """A requested download of `length` bytes, of which the first is at byte `offset` of the image.
 
     Attributes:
         is_closed: whether the tester has ended the download; only a repeated request to end it is then answered.

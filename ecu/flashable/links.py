@@ -138,7 +138,7 @@ class CalibrationLink:
         self.is_sending = False
         self.service = CalibrationService(
             self._segment,
-            kept=lambda: store.records.calibration(bundle.digest),
+            kept=lambda: store.calibration(bundle.digest),
             keep=store.keep_calibration,
             refusal=refusal,
         )

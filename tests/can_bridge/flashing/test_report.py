@@ -44,7 +44,7 @@ def test_it_has_what_the_store_holds():
     assert report_of(store_on(backing)).reason is None
     store, _ = booted(backing)
     store.take_keys(keys(7))
-    store.records.keep_failed_attempts(Level.CALIBRATION, 2)
+    store.keep_failed_attempts(Level.CALIBRATION, 2)
     body = json.loads(json.dumps(report.tree(report_of(store))))
     assert body["reason"] == "NO_RELEASE"
     assert (body["running"], body["active"], body["next_boot"]) == (None, "B", "B")

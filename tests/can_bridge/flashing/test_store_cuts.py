@@ -60,10 +60,10 @@ def taken_back(backing: PlainBacking) -> None:
 
 def other_records(backing: PlainBacking) -> None:
     store, _ = booted(backing)
-    store.records.keep_failed_attempts(Level.PROGRAMMING, 1)
+    store.keep_failed_attempts(Level.PROGRAMMING, 1)
     store.take_keys(keys(2))
     store.keep_calibration(b"x" * 40)
-    store.records.keep_failed_attempts(Level.PROGRAMMING, 0)
+    store.keep_failed_attempts(Level.PROGRAMMING, 0)
 
 
 STORIES: tuple[Story, ...] = (confirmed_update, not_confirmed, taken_back, other_records)
@@ -136,12 +136,12 @@ def test_what_was_received_before_a_loss_of_power_is_not_sent_again():
 
 def received_before_it_is_written(self: Store, data: bytes) -> None:
     slot, standing = self._transfer()
-    self._remembered.keep_slot(slot, replace(standing, received=standing.received + len(data)))
-    self._remembered.backing.append(slot, data)
+    self.keep_slot(slot, replace(standing, received=standing.received + len(data)))
+    self.backing.append(slot, data)
 
 
 def counter_first(self: Store, slot: Slot, whole: Any = Store._confirm) -> None:
-    self._remembered.keep(replace(self.state, least_security_version=self.state.slots[slot].security_version))
+    self.keep(replace(self.state, least_security_version=self.state.slots[slot].security_version))
     whole(self, slot)
 
 

@@ -58,7 +58,7 @@ def test_another_tools_values_are_noticed(ecu, asking):
     serve = ecu.service.write
 
     def write(did, value):
-        yield from serve(did, value)
+        serve(did, value)
         ecu.segment.set(replace(OWN, delay_steps=3))
 
     ecu.service.write = write

@@ -37,8 +37,8 @@ class ScriptedEcu:
             raise Refused(Nrc.OUT_OF_RANGE)
         return self.values[did]
 
-    def write(self, did: Did, value: bytes) -> Long[None]:
-        return self._work("write", did, value)
+    def write(self, did: Did, value: bytes) -> None:
+        self._note("write", did, value)
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
         yield from self._work("routine", routine, option)
@@ -49,9 +49,6 @@ class ScriptedEcu:
 
     def transfer(self, data: bytes) -> Long[None]:
         return self._work("transfer", data)
-
-    def exit(self) -> Long[None]:
-        return self._work("exit")
 
     def failed_attempts(self, level: Level) -> int:
         return self.attempts[level]
@@ -91,7 +88,7 @@ class Bench:
         self.now_ns = now_ns
         self.seeds: list[bytes] = []
         self._drawn = 0
-        self.server = UdsServer(self.ecu, self.key, self._random_bytes)
+        self.server = UdsServer(self.ecu, self.key, self._random_bytes)  # type: ignore[arg-type]
 
     def ask(self, *parts: int | bytes | Sequence[int]) -> bytes | None:
         """The one answer to a request, None if there was none."""

@@ -61,7 +61,6 @@ def test_blocks_arrive_once_whatever_is_repeated(blocks, repeats):
     for _ in range(repeats.draw(st.integers(1, 2))):
         assert bench.ask(0x37) == b"\x77"
     assert written(bench) == image
-    assert bench.ecu.calls.count(("exit",)) == 1
 
 
 def test_blocks_out_of_order_and_of_another_length(bench):
@@ -83,9 +82,6 @@ def test_blocks_out_of_order_and_of_another_length(bench):
         """
     )
     assert written(bench) == b"\xaa\xbb\xcc\xdd"
-    bench.ecu.refusals["exit"] = Nrc.PROGRAMMING_FAILURE
-    bench.talk("37 > PROGRAMMING_FAILURE")
-    bench.ecu.refusals.clear()
     bench.talk(
         f"""
         37 > 77

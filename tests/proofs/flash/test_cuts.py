@@ -58,7 +58,7 @@ def test_planted_defects_are_found(monkeypatch, operations):
 
     def rising(self):
         activate(self)
-        self._remembered.keep(dataclasses.replace(self.state, least_security_version=2))
+        self.keep(dataclasses.replace(self.state, least_security_version=2))
 
     def uncounted(self, slot, changed):
         if not (changed.phase is SlotPhase.TRIAL and changed.boots_left < self.state.slots[slot].boots_left):
