@@ -181,9 +181,7 @@ class Store(Remembered):
             raise OutOfOrderError("no image to activate: transfer and check an image first")
         if trial is not None:
             state = state.with_slot(trial, _given_up(state.slots[trial]))
-        self.keep(
-            state.with_slot(slot, replace(state.slots[slot], phase=SlotPhase.TRIAL, boots_left=TRIAL_BOOTS))
-        )
+        self.keep(state.with_slot(slot, replace(state.slots[slot], phase=SlotPhase.TRIAL, boots_left=TRIAL_BOOTS)))
         self._announced = None
 
     def confirm(self) -> None:

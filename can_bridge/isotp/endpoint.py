@@ -9,17 +9,21 @@ from enum import Enum, auto
 from typing import Final
 
 from can_bridge.isotp import control_info
-from can_bridge.isotp.control_info import SEQUENCE_NUMBERS, Consecutive, First, FlowControl, FlowStatus, Single
+from can_bridge.isotp.control_info import (
+    MAX_MESSAGE,
+    SEQUENCE_NUMBERS,
+    Consecutive,
+    First,
+    FlowControl,
+    FlowStatus,
+    Single,
+)
 from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.wire.frame import Frame
 
 
 class _Reception:
-    """The reception of at most one message at a time.
-
-    Attributes:
-        aborted: number of messages that were begun and not completed.
-    """
+    """The reception of at most one message at a time."""
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
@@ -29,7 +33,6 @@ class _Reception:
         self._left_in_block = 0
         self._deadline_ns = 0
         self._data = bytearray()
-        self.aborted = 0
 
     @property
     def is_running(self) -> bool:
@@ -37,20 +40,18 @@ class _Reception:
 
     def abort(self) -> None:
         """Drop the received part of a message."""
-        if self._wanted:
-            self.aborted += 1
-            self._wanted = 0
-            self._data.clear()
+        self._wanted = 0
+        self._data.clear()
 
     def tick(self, now_ns: int) -> None:
         """Drop a message whose next frame is overdue."""
-        if self._wanted and now_ns > self._deadline_ns:
+        if now_ns > self._deadline_ns:
             self.abort()
 
     def first(self, now_ns: int, part: First) -> FlowStatus:
         """Begin a message, which replaces an incomplete message; return the flow status with which to answer."""
         self.abort()
-        if part.length > self._settings.max_message:
+        if part.length > MAX_MESSAGE:
             return FlowStatus.OVERFLOW
         self._wanted = part.length
         self._frame_length = part.frame_length
@@ -79,8 +80,7 @@ class _Reception:
         self._deadline_ns = now_ns + self._settings.n_cr_ns
         if len(self._data) == self._wanted:
             message = bytes(self._data)
-            self._data.clear()
-            self._wanted = 0
+            self.abort()
             return message, None
         if self._left_in_block:
             self._left_in_block -= 1
@@ -100,11 +100,7 @@ class _State(Enum):
 
 
 class _Transmission:
-    """The transmission of at most one message at a time.
-
-    Attributes:
-        aborted: number of messages that were begun and not completed.
-    """
+    """The transmission of at most one message at a time."""
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
@@ -118,7 +114,6 @@ class _Transmission:
         self._not_before_ns = 0
         self._deadline_ns = 0
         self._waits = 0
-        self.aborted = 0
 
     @property
     def is_running(self) -> bool:
@@ -137,7 +132,7 @@ class _Transmission:
     def tick(self, now_ns: int) -> None:
         """Give up a message if the receiver's flow control is overdue."""
         if self._state is _State.WAITING and now_ns > self._deadline_ns:
-            self._abort()
+            self._end()
 
     def flow(self, now_ns: int, part: FlowControl) -> None:
         """Process the receiver's flow control; it is ignored if the transmission does not wait for it."""
@@ -153,7 +148,7 @@ class _Transmission:
             self._waits += 1
             self._deadline_ns = now_ns + self._settings.n_bs_ns
         else:
-            self._abort()
+            self._end()
 
     def next_frame(self, now_ns: int) -> bytes | None:
         """Return the data of the frame that may be sent now, or None."""
@@ -190,10 +185,6 @@ class _Transmission:
         self._state = _State.WAITING
         self._deadline_ns = now_ns + self._settings.n_bs_ns
 
-    def _abort(self) -> None:
-        self.aborted += 1
-        self._end()
-
     def _end(self) -> None:
         self._state = _State.IDLE
         self._message = b""
@@ -209,8 +200,6 @@ class Endpoint:
 
     Attributes:
         is_held: whether the latest message is still being processed; no message of several frames is then accepted.
-        dropped_received: number of complete messages dropped because earlier messages had not been taken.
-        dropped_sent: number of messages not sent because the queue was full.
     """
 
     def __init__(self, settings: IsoTpSettings) -> None:
@@ -220,18 +209,7 @@ class Endpoint:
         self._answer: FlowStatus | None = None
         self._received = deque[bytes]()
         self._to_send = deque[bytes]()
-        self.dropped_received = self.dropped_sent = 0
         self.is_held = False
-
-    @property
-    def aborted_receptions(self) -> int:
-        """The number of messages that the other end began, and then did not complete or replaced by a new message."""
-        return self._reception.aborted
-
-    @property
-    def aborted_transmissions(self) -> int:
-        """The number of messages that this end began and did not complete."""
-        return self._transmission.aborted
 
     @property
     def is_receiving(self) -> bool:
@@ -269,18 +247,16 @@ class Endpoint:
             self._answer = FlowStatus.OVERFLOW if self.is_held else self._reception.first(now_ns, part)
         elif isinstance(part, Single):
             self._reception.abort()
-            if len(part.data) <= self._settings.max_message:
-                self._keep(part.data)
+            self._keep(part.data)
         elif isinstance(part, FlowControl):
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:
         """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for a
         message that is empty or too long."""
-        if not 0 < len(message) <= control_info.MAX_MESSAGE:
-            raise ValueError(f"message of {len(message)} bytes: must have 1..{control_info.MAX_MESSAGE}")
+        if not 0 < len(message) <= MAX_MESSAGE:
+            raise ValueError(f"message of {len(message)} bytes: must have 1..{MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:
-            self.dropped_sent += 1
             return False
         self._to_send.append(bytes(message))
         return True
@@ -316,9 +292,7 @@ class Endpoint:
         self._transmission.tick(now_ns)
 
     def _keep(self, message: bytes) -> None:
-        if len(self._received) == self._settings.queue:
-            self.dropped_received += 1
-        else:
+        if len(self._received) < self._settings.queue:
             self._received.append(message)
 
     def _flow(self, status: FlowStatus) -> bytes:

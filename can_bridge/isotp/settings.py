@@ -3,16 +3,14 @@
 from dataclasses import dataclass
 from typing import Final
 
-from can_bridge.isotp.control_info import CLASSIC_LENGTH, FRAME_LENGTHS, MAX_MESSAGE
-from can_bridge.wire.frame import MAX_EXTENDED_ID, MAX_FRAME_ID
-from contract.errors import ConfigError
+from can_bridge.isotp.control_info import CLASSIC_LENGTH
 
 _SECOND_NS: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class IsoTpSettings:
-    """One end of a connection. Raises ConfigError for a value that the standard does not allow.
+    """One end of a connection.
 
     Attributes:
         receive_id: identifier of the frames from the other end.
@@ -22,7 +20,6 @@ class IsoTpSettings:
         is_fd: whether to send CAN FD frames; CAN FD frames and classic frames are received.
         block_size: number of frames after which the other end must wait for this end's flow control, 0 for never.
         separation_code: code byte of the least time between the frames that the other end sends.
-        max_message: largest length of a received message, in bytes.
         queue: largest number of messages that wait to be sent, or to be taken.
         burst: largest number of frames of one `poll`, so that a controller's transmit buffers do not overflow.
         n_bs_ns: longest wait for the other end's flow control, in ns.
@@ -37,37 +34,11 @@ class IsoTpSettings:
     is_fd: bool = True
     block_size: int = 0
     separation_code: int = 0
-    max_message: int = MAX_MESSAGE
     queue: int = 8
     burst: int = 8
     n_bs_ns: int = _SECOND_NS
     n_cr_ns: int = _SECOND_NS
     max_waits: int = 100
-
-    def __post_init__(self) -> None:
-        largest = MAX_EXTENDED_ID if self.is_extended else MAX_FRAME_ID
-        for name in ("receive_id", "send_id"):
-            if not 0 <= getattr(self, name) <= largest:
-                raise ConfigError(f"iso-tp: {name} = {getattr(self, name):#x}: must be in 0..{largest:#x}")
-        if self.receive_id == self.send_id:
-            raise ConfigError(f"iso-tp: receive_id = send_id = {self.send_id:#x}: must differ")
-        lengths = FRAME_LENGTHS if self.is_fd else (CLASSIC_LENGTH,)
-        if self.frame_length not in lengths:
-            raise ConfigError(
-                f"iso-tp: frame_length = {self.frame_length}: must be one of {', '.join(map(str, lengths))}"
-            )
-        for name, least, greatest in (
-            ("block_size", 0, 0xFF),
-            ("separation_code", 0, 0xFF),
-            ("max_message", 1, MAX_MESSAGE),
-            ("queue", 1, 1000),
-            ("burst", 1, 1000),
-            ("n_bs_ns", 1, 60 * _SECOND_NS),
-            ("n_cr_ns", 1, 60 * _SECOND_NS),
-            ("max_waits", 0, 1000),
-        ):
-            if not least <= getattr(self, name) <= greatest:
-                raise ConfigError(f"iso-tp: {name} = {getattr(self, name)}: must be in {least}..{greatest}")
 
 
 def classic(*, receive_id: int, send_id: int, is_extended: bool = False) -> IsoTpSettings:

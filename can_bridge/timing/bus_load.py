@@ -63,10 +63,9 @@ class BusLoad:
 
 
 def bus_load(config: Config) -> BusLoad:
-    """Return loads and worst-case response times with these settings. Raises ConfigError if the ECU's compute time is a
-    control period or longer, or if no background can fill the configured share; BusError as `read_traffic` does."""
+    """Return loads and worst-case response times with these settings. Raises as `background` and `loop_messages` do."""
     bus = config.bus
-    others = background(bus.background, bus, ())
+    others = background(bus)
     ours = loop_messages(config, others.messages)
     everyone = _by_priority((*ours, *others.messages))
     names = {message.name for message in ours}

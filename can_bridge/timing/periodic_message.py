@@ -17,7 +17,7 @@ must not have these identifiers."""
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A periodic message of a node. Raises ValueError for a frame that no controller can send, or an impossible time.
+    """A periodic message of a node.
 
     Attributes:
         frame_id: identifier of 11 bits, or of 29 bits if it is extended.
@@ -36,15 +36,6 @@ class PeriodicMessage:
     offset_ns: int = 0
     jitter_ns: int = 0
     deadline_ns: int = 0
-
-    def __post_init__(self) -> None:
-        self.frame(bytes(self.length))
-        if self.period_ns <= 0:
-            raise ValueError(f"{self.name}: period {self.period_ns} ns: must be positive")
-        for what in ("offset", "jitter", "deadline"):
-            value = getattr(self, f"{what}_ns")
-            if value < 0:
-                raise ValueError(f"{self.name}: {what} {value} ns: must not be negative")
 
     @property
     def priority(self) -> Priority:

@@ -15,7 +15,6 @@ from can_bridge.bus.faults.text import text_of
 from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.timing.background import background
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import message_set
 from contract.config.body_sensors import layout_of
 from contract.config.tree import Config
 from contract.config.vehicle import SIMULATED
@@ -85,7 +84,7 @@ class Simulation:
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
         # The background traffic is checked first, so that no ECU is created if the bus cannot carry this traffic.
-        background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
+        background(config.bus)
         self._ecu = self._python_ecu(bundle, controller, config) if ecu is None else ecu
         if calibration is not None:
             self._ecu.ecu.calibrate(calibration)

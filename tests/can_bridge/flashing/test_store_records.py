@@ -187,7 +187,7 @@ def test_a_calibration_belongs_to_one_release_and_goes_with_it():
     store, boot = booted(backing)
     assert (digest_of(boot), store.calibration(one)) == (one, b"of one")
     store.keep_calibration(None)
-    assert booted(backing)[0].records.calibration(one) is None
+    assert booted(backing)[0].calibration(one) is None
     store.keep_calibration(b"x" * 1024)
     for name in "abc":
         flash(store, image(name))
