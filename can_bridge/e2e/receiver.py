@@ -56,6 +56,8 @@ class StreamState(Enum):
 
 GOOD: Final = (FrameCheck.OK, FrameCheck.OK_SOME_LOST)
 _REJECTED: Final = (FrameCheck.REPEATED, FrameCheck.WRONG_SEQUENCE, FrameCheck.ERROR)
+_BY_WEIGHT: Final = (FrameCheck.ERROR, *GOOD, FrameCheck.WRONG_SEQUENCE, FrameCheck.REPEATED, FrameCheck.NO_NEW_DATA)
+"""The first of these among the checks of a period's frames is the check of the period."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +128,7 @@ def receive(
     counts = list(state.counts)
     for check in verdicts:
         counts[check.value] += 1
-    period = _of_period(verdicts)
+    period = next(check for check in _BY_WEIGHT if check in verdicts)
     stream, window = _advanced(state, period, config)
     after = ReceiverState(stream=stream, last_counter=last_counter, window=window, counts=tuple(counts))
     return after, Reception(stream=stream, checks=verdicts, accepted=accepted)
@@ -144,20 +146,6 @@ class E2eReceiver:
         """See `receive`."""
         self.state, reception = receive(self.state, frames, spec=self.spec, config=self.config)
         return reception
-
-
-def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
-    """Return the result for a period whose checks had the results `found`."""
-    for check in (
-        FrameCheck.ERROR,
-        FrameCheck.OK,
-        FrameCheck.OK_SOME_LOST,
-        FrameCheck.WRONG_SEQUENCE,
-        FrameCheck.REPEATED,
-    ):
-        if check in found:
-            return check
-    return FrameCheck.NO_NEW_DATA
 
 
 def _checked(

@@ -54,13 +54,11 @@ class Response:
         blocking_ns: time of the longest frame of lower priority, B.
         response_ns: longest time from the release to the end of the frame, including the intermission; None if
             unbounded.
-        instance: index of the frame with this response time in the busy period; 0 is the first frame.
         deadline_ns: longest permitted time from the release to the end of the frame.
     """
 
     blocking_ns: int
     response_ns: int | None
-    instance: int
     deadline_ns: int
 
     @property
@@ -116,8 +114,8 @@ def _with(rhythms: _Rhythms, one: MessageTiming) -> _Rhythms:
 def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) -> Response:
     busy = _busy_ns(_with(higher, own), blocking)
     if busy is None:
-        return Response(blocking_ns=blocking, response_ns=None, instance=0, deadline_ns=own.deadline_ns)
-    worst, worst_instance = 0, 0
+        return Response(blocking_ns=blocking, response_ns=None, deadline_ns=own.deadline_ns)
+    worst = 0
     # The search for a frame's start begins at the end of the previous frame, because the frames of a message are sent
     # in the order in which they were queued.
     queued = blocking
@@ -127,11 +125,9 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
             if waited == queued:
                 break
             queued = waited
-        response = own.jitter_ns + queued - instance * own.period_ns + own.frame_ns
-        if response > worst:
-            worst, worst_instance = response, instance
+        worst = max(worst, own.jitter_ns + queued - instance * own.period_ns + own.frame_ns)
         queued += own.frame_ns
-    return Response(blocking_ns=blocking, response_ns=worst, instance=worst_instance, deadline_ns=own.deadline_ns)
+    return Response(blocking_ns=blocking, response_ns=worst, deadline_ns=own.deadline_ns)
 
 
 def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:

@@ -4,7 +4,8 @@ Stored values belong to the release for which they were stored, and are used onl
 the vehicle's settings no longer allow are not used.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from can_bridge.calibration.segment import Page, Segment
@@ -12,7 +13,7 @@ from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.uds.services import Did, Nrc, Refused
 from contract.controller.calibration import PACKED_BYTES, Calibration
-from contract.errors import ConfigError
+from contract.errors import ConfigError, KeyFileError
 
 DIDS: Final = frozenset({Did.CALIBRATION, Did.CALIBRATION_LIMITS, Did.CALIBRATION_STORED})
 """Identifiers that this service reads and writes."""
@@ -81,10 +82,8 @@ class CalibrationService:
         """Write the value of one of the identifiers `DIDS`; raises Refused for other identifiers, and for values that
         are not allowed."""
         if did is Did.CALIBRATION:
-            try:
+            with as_refusals():
                 self._segment.set(Calibration.unpack(value))
-            except ConfigError as error:
-                raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error
         elif did is Did.CALIBRATION_STORED and value == _STORE:
             self.store(self._segment.in_force)
         elif did is Did.CALIBRATION_STORED and value == _REVERT:
@@ -95,9 +94,18 @@ class CalibrationService:
     def _keep_if_allowed(self, raw: bytes | None) -> None:
         if (code := self._refusal()) is not None:
             raise Refused(code)
-        try:
+        with as_refusals():
             self._keep(raw)
-        except MediumError as error:
-            raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
-        except OutOfOrderError as error:
-            raise Refused(Nrc.SEQUENCE_ERROR, str(error)) from error
+
+
+@contextmanager
+def as_refusals() -> Iterator[None]:
+    """Raise Refused, with the code of UDS, for an error of the store."""
+    try:
+        yield
+    except MediumError as error:
+        raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
+    except OutOfOrderError as error:
+        raise Refused(Nrc.SEQUENCE_ERROR, str(error)) from error
+    except (ConfigError, KeyFileError) as error:
+        raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error

@@ -5,20 +5,19 @@ byte); answers to the other routines are empty. If a request is repeated after i
 sent again, because the tester may not have received it.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from itertools import repeat
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Long, MediumError
+from can_bridge.flashing.backing import Long
 from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.state import SlotPhase
-from can_bridge.flashing.store import OutOfOrderError, Store
+from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.calibration_service import DIDS, CalibrationService
+from can_bridge.uds.calibration_service import DIDS, CalibrationService, as_refusals
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
-from contract.errors import ConfigError, KeyFileError, StillwakeError
+from contract.errors import StillwakeError
 
 WRITTEN: Final = 512
 """Number of bytes of an image that are written in one part of a long operation."""
@@ -45,7 +44,6 @@ class EcuServices:
         refusal: returns the reason why the ECU may not be programmed now; None if programming is allowed.
         on_reset: called when a reset is due.
         log: called with an event's name, its text, and its fields.
-        resets_when_left: whether the end of a session resets the ECU after an image was announced.
 
     Attributes:
         is_updating: whether an image was announced since power-on; the jets then stay shut until a reset.
@@ -61,12 +59,10 @@ class EcuServices:
         refusal: Callable[[], Nrc | None],
         on_reset: Callable[[], None],
         log: Callable[..., None],
-        resets_when_left: bool = True,
     ) -> None:
         self._store = store
         self._identification, self._calibration, self._self_test = identification, calibration, self_test
         self._refusal, self._on_reset, self._log = refusal, on_reset, log
-        self._resets_when_left = resets_when_left
         self._announced_length = 0
         self.is_updating = False
         self._has_passed = self._has_confirmed = False
@@ -80,7 +76,7 @@ class EcuServices:
     def leave(self) -> None:
         """Interrupt a transfer in progress, because the session ended; the transfer can be resumed."""
         self._store.drop()
-        if self._resets_when_left and self.is_updating:
+        if self.is_updating:
             # If a tester left during a transfer, the jets would stay shut until the next power-on. After a reset the
             # old release, which is intact, runs again, and the interrupted transfer can be continued.
             self._on_reset()
@@ -108,7 +104,7 @@ class EcuServices:
         # Verifying a signature takes a large part of a control period. So it is done only while the ECU may be
         # programmed, here and before a revert.
         self._check_preconditions()
-        with _as_refusals():
+        with as_refusals():
             self._store.take_keys(value)
         self._taken_keys = value
 
@@ -123,7 +119,7 @@ class EcuServices:
         return status
 
     def _run(self, routine: Routine, option: bytes) -> Long[bytes]:
-        with _as_refusals():
+        with as_refusals():
             if routine is Routine.PRECONDITIONS:
                 self._check_preconditions()
             elif routine is Routine.ERASE:
@@ -149,7 +145,7 @@ class EcuServices:
 
     def transfer(self, data: bytes) -> Long[None]:
         """Write the next bytes of the image."""
-        with _as_refusals():
+        with as_refusals():
             self._store.append(data)
         # This store has already written all data. A flash memory needs milliseconds for each part of the data, so this
         # operation has as many parts as it would have with a flash memory.
@@ -161,7 +157,7 @@ class EcuServices:
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
         """Store the number of consecutive wrong keys."""
-        with _as_refusals():
+        with as_refusals():
             self._store.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
@@ -218,15 +214,3 @@ class EcuServices:
         verdict = yield from self._store.revert()
         if verdict != Verdict.GOOD:
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the previous release: {verdict.in_words}")
-
-
-@contextmanager
-def _as_refusals() -> Iterator[None]:
-    try:
-        yield
-    except MediumError as error:
-        raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
-    except OutOfOrderError as error:
-        raise Refused(Nrc.SEQUENCE_ERROR, str(error)) from error
-    except (ConfigError, KeyFileError) as error:
-        raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error

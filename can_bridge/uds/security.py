@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final, Self
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.secoc.key import Key, read_key
+from can_bridge.secoc.key import Key, read_secret
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.services import Nrc, Refused
 
@@ -32,21 +32,17 @@ class AccessKey:
     """A 128-bit key for security access. Raises ValueError as `Key` does."""
 
     def __init__(self, secret: bytes) -> None:
-        self._take(Key(secret))
+        shared = Key(secret)
+        self._levels = {level: Key(shared.cmac(LABEL + bytes([level]))) for level in Level}
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a key from a file of `stillwake keygen --secret`; raises KeyFileError as `read_key` does."""
-        made = cls.__new__(cls)
-        made._take(read_key(path))
-        return made
+        """Read a key from a file of `stillwake keygen --secret`; raises KeyFileError as `read_secret` does."""
+        return cls(read_secret(path))
 
     def answer(self, level: Level, seed: bytes) -> bytes:
         """Return the tester's answer that unlocks this level after this seed."""
         return self._levels[level].cmac(seed)
-
-    def _take(self, key: Key) -> None:
-        self._levels = {level: Key(key.cmac(LABEL + bytes([level]))) for level in Level}
 
 
 class SecurityAccess:

@@ -45,7 +45,11 @@ class SentBits:
 
     @property
     def total(self) -> tuple[int, int]:
-        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission."""
+        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission.
+
+        A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; here both bits are counted
+        completely at the nominal rate, as in `worst_case_bits`.
+        """
         return self.nominal + TAIL, self.data
 
     def through(self, position: int) -> tuple[int, int]:
@@ -69,19 +73,10 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
     return SentBits(stuffed=sent, nominal=nominal, data=len(sent) - nominal + _fd_crc_bits(frame))
 
 
-def frame_bits(frame: Frame) -> tuple[int, int]:
-    """Return the number of bits at the nominal and at the data rate, from the start of frame through the intermission.
-
-    A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; here both bits are counted
-    completely at the nominal rate, as in `worst_case_bits`.
-    """
-    return sent_bits(frame).total
-
-
 def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
     """Return the time in ns for which a frame occupies the bus, rounded up. Bit rates are in bit/s; classic frames
     ignore the data bit rate."""
-    nominal, data = frame_bits(frame)
+    nominal, data = sent_bits(frame).total
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 
 
@@ -184,7 +179,6 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
 
     For classic CAN this is the bound of Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability
     analysis: refuted, revisited and revised", Real-Time Systems 35 (2007), equation 1. CAN FD has an equivalent bound.
-    The CRC delimiter, during which a CAN FD frame switches back, is counted completely at the nominal rate.
     """
     payload = 8 * len(frame.data)
     if not frame.is_fd:

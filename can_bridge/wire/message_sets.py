@@ -71,18 +71,13 @@ def _set(name: str, by: ModuleType, named: Sequence[MessageSpec], resolution_pa:
     )
 
 
-_PLAIN: Final = (specs.PRESSURE, specs.VEHICLE_SPEED, specs.JET_COMMAND, specs.ECU_STATUS)
-_SECURED: Final = (
-    *(specs.PRESSURE_SECURED, specs.VEHICLE_SPEED_SECURED),
-    *(specs.JET_COMMAND_SECURED, specs.ECU_STATUS_SECURED),
+FD: Final = _set("CAN FD", codec, specs.FD_SPECS, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX)
+SECURED: Final = _set(
+    "CAN FD, authenticated", codec, specs.SECURED_SPECS, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX
 )
-_CLASSIC: Final = (
-    *(specs.PRESSURE_CLASSIC, specs.VEHICLE_SPEED_CLASSIC),
-    *(specs.JET_COMMAND_CLASSIC, specs.ECU_STATUS_CLASSIC),
+CLASSIC: Final = _set(
+    "classic CAN", classic_codec, specs.CLASSIC_SPECS, specs.CLASSIC_PRESSURE_RESOLUTION_PA, specs.INT12_MAX
 )
-FD: Final = _set("CAN FD", codec, _PLAIN, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX)
-SECURED: Final = _set("CAN FD, authenticated", codec, _SECURED, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX)
-CLASSIC: Final = _set("classic CAN", classic_codec, _CLASSIC, specs.CLASSIC_PRESSURE_RESOLUTION_PA, specs.INT12_MAX)
 SETS: Final = (FD, CLASSIC, SECURED)
 
 

@@ -11,7 +11,6 @@ from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from can_bridge.wire.frame_bits import (
     bits_ns,
     crc15,
-    frame_bits,
     frame_ns,
     is_arbitration_bit,
     is_arbitration_stuff_bit,
@@ -84,7 +83,7 @@ def test_a_classic_frame_has_the_bits_of_its_fields(frame):
     sent = on_the_wire(body + bits(crc_by_division(body), 15))
     assert sent_bits(frame).stuffed == "".join(str(bit) for bit, _ in sent)
     # CRC delimiter, acknowledge, its delimiter, end of frame, intermission.
-    assert frame_bits(frame) == (len(sent) + 1 + 1 + 1 + 7 + 3, 0)
+    assert sent_bits(frame).total == (len(sent) + 1 + 1 + 1 + 7 + 3, 0)
 
 
 @given(frame=frames(fd=True))
@@ -98,12 +97,12 @@ def test_a_can_fd_frame_has_the_bits_of_its_fields(frame):
     crc = 17 if len(frame.data) <= 16 else 21
     fixed = -(-(4 + crc) // 4)  # before the stuff count, then after every fourth bit of stuff count and CRC
     assert sent_bits(frame).stuffed == "".join(str(bit) for bit, _ in sent)
-    assert frame_bits(frame) == (switch + 1 + 2 + 7 + 3, len(sent) - switch + 4 + crc + fixed)
+    assert sent_bits(frame).total == (switch + 1 + 2 + 7 + 3, len(sent) - switch + 4 + crc + fixed)
 
 
 @given(frame=frames(fd=False) | frames(fd=True))
 def test_no_frame_is_longer_than_the_bound(frame):
-    (nominal, data), (most_nominal, most_data) = frame_bits(frame), worst_case_bits(frame)
+    (nominal, data), (most_nominal, most_data) = sent_bits(frame).total, worst_case_bits(frame)
     assert nominal <= most_nominal
     assert nominal + data <= most_nominal + most_data
 
@@ -149,7 +148,7 @@ def test_every_bit_is_counted_once_and_in_order(frame):
 
 def test_times_are_the_bits_at_their_rates():
     frame = Frame(frame_id=0x120, data=bytes(16))
-    nominal, data = frame_bits(frame)
+    nominal, data = sent_bits(frame).total
     assert frame_ns(frame, nominal_bitrate=500_000, data_bitrate=2_000_000) == nominal * 2000 + data * 500
     assert bits_ns(1, 0, nominal_bitrate=3, data_bitrate=1) == 333_333_334
     with pytest.raises(ValueError, match="data bit rate 0: must be positive"):
