@@ -106,7 +106,7 @@ def test_each_side_hears_the_others_overflow():
     assert not connection.ecu.is_sending
 
 
-@examples(100)
+@examples(50)
 @given(
     settings=st.sampled_from(SETTINGS),
     lengths=st.lists(st.integers(1, 400), min_size=1, max_size=4),

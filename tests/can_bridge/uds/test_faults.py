@@ -90,7 +90,7 @@ def test_statuses_over_operation_cycles():
         max_size=60,
     )
 )
-@examples(200)
+@examples(80)
 def test_any_course_keeps_what_it_must_and_writes_little(course):
     """Against what the standard says of each bit, event by event; nothing is written while jets run."""
     memory = Memory()

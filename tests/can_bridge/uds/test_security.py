@@ -1,11 +1,9 @@
 """Security access: keys and their files, seeds, wrong attempts and the delay after them."""
 
 import pytest
-from cryptography.hazmat.primitives.ciphers.algorithms import AES
-from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.secoc.key import write_key
+from can_bridge.secoc.key import Key, write_key
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.services import Nrc, Session
 from tests.can_bridge.uds.scripted_ecu import MS, SECRET, Bench, S, ScriptedEcu, refused
@@ -53,22 +51,18 @@ def test_wrong_key_three_times_and_then_the_delay(bench):
     keep_alive(bench, 10 * S - MS)
     assert bench.ask(0x27, 1) == refused(0x27, Nrc.DELAY_NOT_EXPIRED)
     keep_alive(bench, MS)
+    # Each further wrong key brings the delay again.
+    for count in (4, 5):
+        assert try_wrong(bench) == refused(0x27, Nrc.EXCEEDED_ATTEMPTS)
+        assert bench.ecu.attempts[Level.PROGRAMMING] == count
+        # Levels have delays of their own, which outlive the session.
+        bench.unlock(Level.CALIBRATION)
+        bench.talk("10 02 > ok\n27 01 > DELAY_NOT_EXPIRED")
+        keep_alive(bench, 10 * S)
     bench.unlock()
     assert bench.ecu.attempts[Level.PROGRAMMING] == 0
     bench.ask(0x10, Session.PROGRAMMING)
     assert try_wrong(bench) == refused(0x27, Nrc.INVALID_KEY)
-
-
-def test_each_further_wrong_key_brings_the_delay_again(bench):
-    for _ in range(3):
-        try_wrong(bench)
-    for count in (4, 5):
-        keep_alive(bench, 10 * S)
-        assert try_wrong(bench) == refused(0x27, Nrc.EXCEEDED_ATTEMPTS)
-        assert bench.ecu.attempts[Level.PROGRAMMING] == count
-    # Levels have delays of their own, which outlive the session.
-    bench.unlock(Level.CALIBRATION)
-    bench.talk("10 02 > ok\n27 01 > DELAY_NOT_EXPIRED")
 
 
 def test_a_seed_is_good_for_one_answer_of_its_level_in_its_session(bench):
@@ -141,17 +135,11 @@ def test_what_is_no_attempt(bench):
 SEED = bytes(range(16))
 
 
-def cmac(key: bytes, message: bytes) -> bytes:
-    """The answer by the library; `tests/can_bridge/secoc/test_key.py` has the published answers of our own."""
-    made = CMAC(AES(key))
-    made.update(message)
-    return made.finalize()
-
-
 def test_answer_is_cmac_under_the_level_s_own_key():
+    """`tests/can_bridge/secoc/test_key.py` has the published answers of CMAC."""
     for level in Level:
-        level_key = cmac(SECRET, b"stillwake access" + bytes([level]))
-        assert AccessKey(SECRET).answer(level, SEED) == cmac(level_key, SEED)
+        level_key = Key(Key(SECRET).cmac(b"stillwake access" + bytes([level])))
+        assert AccessKey(SECRET).answer(level, SEED) == level_key.cmac(SEED)
 
 
 def test_a_key_file_is_read_and_shows_nowhere(tmp_path):
