@@ -42,8 +42,7 @@ class Boot:
 
 
 def boot(remembered: Remembered) -> Boot:
-    """Choose an image and check it completely. If an image is on trial, its boot is counted before the check. No
-    content of the memory makes this function raise an exception."""
+    """See `Store.boot`."""
     trial = remembered.state.on_trial
     verdicts: dict[Slot, Verdict] = {}
     on_trial = None if trial is None else _boot_trial(remembered, trial, verdicts)
@@ -69,11 +68,8 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
 
 
 def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
-    """Return the boot of the confirmed image, or of the image confirmed before it.
-
-    A confirmed image that fails a check stays confirmed, and the next boot checks it again. So a wrong stillwake.dbc or
-    wrong vehicle data in the ECU can be corrected.
-    """
+    """Return the boot of the confirmed image, or of the image confirmed before it. An image that fails a check stays
+    confirmed, so that a wrong stillwake.dbc or wrong vehicle data in the ECU can be corrected."""
     active = remembered.state.active
     for slot in () if active is None else (active, active.other):
         if remembered.state.slots[slot].phase != SlotPhase.CONFIRMED:

@@ -1,8 +1,6 @@
 """A store's memory in a folder, for an ECU with a file system: a file for each record and each slot.
 
 A record is replaced by a temporary file that is synchronised before it is renamed; then the folder is synchronised.
-Data are appended to slots. Before a record of the kind `RecordKind.STATE` is replaced, the data appended to the slots
-are synchronised.
 """
 
 import errno
@@ -117,13 +115,12 @@ class FolderBacking:
         self._written: dict[Slot, int] = {}
 
     def records(self) -> Mapping[RecordKind, bytes]:
-        """Return the record of each kind whose file is complete."""
         found = {kind: self._record(kind) for kind in RecordKind}
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
         """Replace a record; for `RecordKind.STATE`, first synchronise the slots. Raises ValueError if the record is too
-        long; MediumError if the disk is full or fails."""
+        long."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == RecordKind.STATE:
@@ -157,8 +154,8 @@ class FolderBacking:
         return length
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write data after the data already written since the slot was erased. Raises MediumError if the data do not
-        fit, the disk is full, or the slot was not prepared since power-on."""
+        """Write data after the data already written since the slot was erased. Raises MediumError also if the slot was
+        not prepared since power-on."""
         if slot not in self._written:
             raise MediumError(f"slot {slot.name}: clear it, or announce an image again, before writing to it", 0)
         if self._written[slot] + len(data) > self.capacity:
@@ -169,7 +166,6 @@ class FolderBacking:
         self._written[slot] = before + len(data)
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Return bytes that were appended; raises MediumError if the slot does not have these bytes."""
         found = self._files.read(_slot_file(slot), offset, length) or b""
         if len(found) != length:
             raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)

@@ -26,7 +26,6 @@ class Remembered:
     """The records of a backing; a missing or damaged record counts as never stored.
 
     Args:
-        backing: memory of the store.
         root: the key that signs key lists.
         hardware: name of this ECU's hardware.
         fits: returns whether a release was made for this vehicle.
@@ -58,7 +57,7 @@ class Remembered:
         self.faults = records.get(RecordKind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
-        """Store a changed state. Raises MediumError if storing fails; then nothing has changed."""
+        """Store a changed state; if this raises MediumError, nothing has changed."""
         self.backing.keep(RecordKind.STATE, state.encode(changed))
         self.state = changed
 
@@ -91,12 +90,12 @@ class Remembered:
         return self._calibrations.get(digest)
 
     def keep_faults(self, record: bytes) -> None:
-        """Store the fault memory's record; raises MediumError if storing fails."""
+        """Store the fault memory's record."""
         self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Store the number of consecutive wrong keys, up to 255; raises MediumError if storing fails."""
+        """Store the number of consecutive wrong keys, up to 255."""
         attempts = {**self.state.failed_attempts, level: min(count, MOST_ATTEMPTS)}
         if attempts != self.state.failed_attempts:
             self.keep(replace(self.state, failed_attempts=attempts))

@@ -57,18 +57,8 @@ _STANDING: Final = tuple(one.name for one in fields(SlotReport) if one.name != "
 
 @dataclass(frozen=True, kw_only=True)
 class StoreReport:
-    """The state of the store.
-
-    Attributes:
-        slots: reports or states in the order of `Slot`.
-        running: the booted slot; None without a release, or after another image was announced for this slot.
-        active: the slot of the confirmed release.
-        next_boot: the slot that the next boot tries first.
-        reason: reason why the last boot chose its image, or chose no image; None before the first boot.
-        least_security_version: smallest security version that a release may have.
-        key_list_version: version of the key list; None without a key list.
-        failed_attempts: numbers of consecutive wrong keys, by level.
-    """
+    """The state of the store; for the fields see `Store` and `state.StoreState`. `reason` is None before the first
+    boot, `key_list_version` without a key list."""
 
     slots: tuple[SlotReport, SlotReport]
     running: Slot | None

@@ -53,16 +53,13 @@ class SlotPhase(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SlotState:
-    """The state of one slot.
+    """The state of one slot. Until the image was checked, the fields of its release have their defaults.
 
     Attributes:
-        length: length of the announced image in bytes.
-        sha256: SHA-256 of the announced image, 32 bytes.
+        length, sha256: length of the announced image in bytes, and its SHA-256, 32 bytes.
         received: number of bytes that are stored for certain.
-        digest: digest of the bundle, in hex; empty until the image was checked.
-        name: name of the release; empty until the image was checked.
-        security_version: security version of the release; 0 until the image was checked.
-        signer: public key that signed the image, 32 bytes; empty until the image was checked.
+        digest, name, security_version: of the release; the digest is in hex.
+        signer: public key that signed the image, 32 bytes.
         boots_left: number of boots left in the trial.
     """
 
@@ -119,8 +116,7 @@ class StoreState:
         return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
 
     def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
-        """Return a copy of the state with a new state of one slot, and with the new values in `others` of further
-        fields."""
+        """Return a copy with a new state of one slot, and with the values of the fields in `others`."""
         a, b = self.slots
         return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
 

@@ -33,7 +33,7 @@ class OutOfOrderError(BusError):
 
 
 class Store(Remembered):
-    """The store of releases, from one power-on to the next power-on.
+    """The store of releases, from one power-on to the next power-on. Its methods raise MediumError if the memory fails.
 
     Attributes:
         last_boot: the result of `boot`; None before the first call.
@@ -57,14 +57,9 @@ class Store(Remembered):
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A.
-
-        Raises:
-            OutOfOrderError: the backing is not empty.
-            KeyFileError: the root key did not sign the list.
-            ConfigError: the image fails a check.
-            MediumError: the memory fails.
-        """
+        """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A. Raises
+        OutOfOrderError if the backing is not empty; KeyFileError if the root key did not sign the list; ConfigError if
+        the image fails a check."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
@@ -96,13 +91,8 @@ class Store(Remembered):
     def announce(self, length: int, sha256: bytes) -> Long[int]:
         """Prepare a slot for an image. Returns the offset of the first byte to send. The offset is 0 for a new image,
         and `length` if all bytes are stored. After an interrupted transfer of this image, it is the number of bytes
-        received, or less if the memory can only continue from an earlier byte.
-
-        Raises:
-            ConfigError: the length or the hash is out of range.
-            OutOfOrderError: `revert` selected another release for the next boot, and the ECU was not reset since.
-            MediumError: the memory fails.
-        """
+        received, or less if the memory can only continue from an earlier byte. Raises ConfigError for a length or hash
+        out of range; OutOfOrderError if `revert` selected another release and the ECU was not reset since."""
         if not 0 < length <= self.backing.capacity:
             raise ConfigError(f"image of {length} bytes: must have 1 to {self.backing.capacity} for this ECU")
         if len(sha256) != _SHA256_BYTES:
@@ -128,8 +118,8 @@ class Store(Remembered):
 
     def append(self, data: bytes) -> None:
         """Append bytes to the announced image; when the method returns, the bytes survive a loss of power. Raises
-        OutOfOrderError if no image is announced or the bytes exceed its length; MediumError if the memory fails, and
-        the image must then be announced again."""
+        OutOfOrderError if no image is announced or the bytes exceed its length. After a MediumError the image must be
+        announced again."""
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
@@ -142,22 +132,21 @@ class Store(Remembered):
 
     def finish(self) -> Long[Verdict]:
         """Check the announced image in the memory. If the verdict is GOOD, the image becomes `SlotPhase.CHECKED`;
-        INCOMPLETE changes nothing.
-
-        The call may be repeated until the image is activated. Raises OutOfOrderError if no image is announced;
-        MediumError if the verdict cannot be stored.
-        """
+        INCOMPLETE changes nothing. The call may be repeated until the image is activated. Raises OutOfOrderError if no
+        image is announced."""
         slot, standing = self._transfer()
         if standing.received < standing.length:
             return Verdict.INCOMPLETE
         verdict, bundle = yield from self.judged(slot)
         checked = SlotState(
-            phase=SlotPhase.BAD, length=standing.length, sha256=standing.sha256, received=standing.received
+            phase=SlotPhase.BAD if bundle is None else SlotPhase.CHECKED,
+            length=standing.length,
+            sha256=standing.sha256,
+            received=standing.received,
         )
         if bundle is not None:
             checked = replace(
                 checked,
-                phase=SlotPhase.CHECKED,
                 digest=bundle.digest,
                 name=bundle.name,
                 security_version=bundle.security_version,
@@ -173,7 +162,7 @@ class Store(Remembered):
 
     def activate(self) -> None:
         """Activate the checked image: it boots on trial from the next reset on. Does nothing if the image is already
-        activated. Raises OutOfOrderError if no image is checked; MediumError if the activation cannot be stored."""
+        activated. Raises OutOfOrderError if no image is checked."""
         state, slot, trial = self.state, self.state.checked, self.state.on_trial
         if slot is None:
             if trial is not None and trial != self.running:
@@ -187,7 +176,7 @@ class Store(Remembered):
     def confirm(self) -> None:
         """Confirm the release that runs on trial; does nothing if the release is already confirmed. Raises
         OutOfOrderError if no release runs, if the running release is neither on trial nor confirmed any more, or if the
-        key that signed it may no longer sign; MediumError if the confirmation cannot be stored."""
+        key that signed it may no longer sign."""
         slot = self.running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
@@ -213,8 +202,7 @@ class Store(Remembered):
     def revert(self) -> Long[Verdict]:
         """Select another release for the next reset: during a trial the confirmed release, otherwise the confirmed
         release in the slot that does not run. Returns GOOD, or the reason why the selected release may no longer run;
-        then nothing changes. Raises OutOfOrderError if there is no release to select; MediumError if the choice cannot
-        be stored."""
+        then nothing changes. Raises OutOfOrderError if there is no release to select."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self.keep_slot(trial, _given_up(self.state.slots[trial]))
@@ -232,7 +220,7 @@ class Store(Remembered):
     def take_keys(self, raw: bytes) -> None:
         """Replace the key list. Raises KeyFileError if the root key did not sign the new list, if the new list is not
         newer, or if the new list lacks the key that signed the active or the running confirmed release, which could
-        then not boot; MediumError if the list cannot be stored."""
+        then not boot."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
@@ -254,13 +242,8 @@ class Store(Remembered):
 
     def keep_calibration(self, blob: bytes | None) -> None:
         """Store a calibration for the running release; None removes it. Calibrations of other releases stay only if
-        their release is in a slot.
-
-        Raises:
-            OutOfOrderError: no release runs.
-            ConfigError: the calibration is empty or too long.
-            MediumError: the calibration cannot be stored.
-        """
+        their release is in a slot. Raises OutOfOrderError if no release runs; ConfigError for a calibration that is
+        empty or too long."""
         if self.running is None:
             raise OutOfOrderError("no release for the calibration: a release must run")
         running = self.state.slots[self.running].digest

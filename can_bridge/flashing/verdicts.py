@@ -22,7 +22,7 @@ class Verdict(InWords):
     GOOD = 0, "in order"
     INCOMPLETE = 1, "bytes of the image are missing"
     WRONG_HASH = 2, "the image is not the announced image: its SHA-256 differs"
-    """The image's SHA-256 is not the announced one: the image was damaged in the transfer or in the memory."""
+    """The image was damaged in the transfer or in the memory."""
     DAMAGED = 3, "the image is not a valid bundle"
     """The image has no bundle, or the bundle's manifest, one of its files or one of its graphs is invalid."""
     UNSIGNED = 4, "the bundle is not signed"
