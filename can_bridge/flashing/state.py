@@ -126,20 +126,8 @@ def encode(state: StoreState) -> bytes:
     parts = [_MAGIC]
     for slot in state.slots:
         name = slot.name.encode()
-        parts += [
-            _SLOT.pack(
-                slot.phase,
-                slot.boots_left,
-                slot.length,
-                slot.received,
-                slot.security_version,
-                slot.sha256,
-                bytes.fromhex(slot.digest),
-                slot.signer,
-                len(name),
-            ),
-            name,
-        ]
+        numbers = slot.phase, slot.boots_left, slot.length, slot.received, slot.security_version
+        parts.append(_SLOT.pack(*numbers, slot.sha256, bytes.fromhex(slot.digest), slot.signer, len(name)) + name)
     active = _NO_SLOT if state.active is None else state.active
     attempts = (state.failed_attempts[level] for level in Level)
     parts.append(_REST.pack(active, state.least_security_version, *attempts))

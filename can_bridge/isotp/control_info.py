@@ -1,5 +1,4 @@
-"""The control information in a frame's first bytes: it states which part of a message the frame contains (ISO
-15765-2:2016, section 9.6)."""
+"""The first bytes of a frame, which state the part of a message that the frame contains (ISO 15765-2:2016, 9.6)."""
 
 from bisect import bisect_left
 from enum import IntEnum
@@ -62,8 +61,8 @@ class FlowControl(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
-    """Return the part of a message that a frame contains; None for a frame that a receiver must ignore according to the
-    standard. Never raises."""
+    """Return the part of a message that a frame contains; None for a frame that a receiver must ignore. Never
+    raises."""
     if not data:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF

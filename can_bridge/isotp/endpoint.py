@@ -5,6 +5,7 @@ The endpoint has no clock and no bus: the caller passes the time and the receive
 """
 
 from collections import deque
+from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
@@ -18,8 +19,37 @@ from can_bridge.isotp.control_info import (
     FlowStatus,
     Single,
 )
-from can_bridge.isotp.settings import IsoTpSettings
 from can_bridge.wire.frame import Frame
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsoTpSettings:
+    """One end of a connection.
+
+    Attributes:
+        receive_id, send_id: identifiers of the frames from the other end and of the frames of this end.
+        is_extended: whether both identifiers have 29 bits rather than 11.
+        frame_length: largest data length of a sent frame in bytes: 8, or a greater CAN FD length if `is_fd`.
+        is_fd: whether to send CAN FD frames; CAN FD frames and classic frames are received.
+        block_size: number of frames after which the other end must wait for this end's flow control, 0 for never.
+        separation_code: code byte of the least time between the frames that the other end sends.
+        queue: largest number of messages that wait to be sent, or to be taken.
+        burst: largest number of frames of one `poll`, so that a controller's transmit buffers do not overflow.
+        wait_ns: longest wait for the other end's flow control (N_Bs) or next frame (N_Cr), in ns.
+        max_waits: largest number of consecutive WAIT answers of the other end.
+    """
+
+    receive_id: int
+    send_id: int
+    is_extended: bool = False
+    frame_length: int = 64
+    is_fd: bool = True
+    block_size: int = 0
+    separation_code: int = 0
+    queue: int = 8
+    burst: int = 8
+    wait_ns: int = 1_000_000_000
+    max_waits: int = 100
 
 
 class _Reception:
@@ -58,7 +88,7 @@ class _Reception:
         self._data += part.data
         self._next_number = 1
         self._left_in_block = self._settings.block_size
-        self._deadline_ns = now_ns + self._settings.n_cr_ns
+        self._deadline_ns = now_ns + self._settings.wait_ns
         return FlowStatus.CONTINUE
 
     def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
@@ -77,7 +107,7 @@ class _Reception:
             return None, None
         self._data += part.data[:missing]
         self._next_number = (self._next_number + 1) % SEQUENCE_NUMBERS
-        self._deadline_ns = now_ns + self._settings.n_cr_ns
+        self._deadline_ns = now_ns + self._settings.wait_ns
         if len(self._data) == self._wanted:
             message = bytes(self._data)
             self.abort()
@@ -105,7 +135,7 @@ class _Transmission:
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
         self._state = _State.IDLE
-        self._message = b""
+        self.message = b""
         self._sent = 0
         self._number = 0
         self._block_size = 0
@@ -119,14 +149,9 @@ class _Transmission:
     def is_running(self) -> bool:
         return self._state is not _State.IDLE
 
-    @property
-    def length(self) -> int:
-        """Length in bytes of the message in progress; 0 without a message."""
-        return len(self._message)
-
     def begin(self, message: bytes) -> None:
         """Begin a message; no other message may be in progress."""
-        self._message = message
+        self.message = message
         self._state = _State.READY
 
     def tick(self, now_ns: int) -> None:
@@ -146,7 +171,7 @@ class _Transmission:
             self._waits = 0
         elif part.status is FlowStatus.WAIT and self._waits < self._settings.max_waits:
             self._waits += 1
-            self._deadline_ns = now_ns + self._settings.n_bs_ns
+            self._deadline_ns = now_ns + self._settings.wait_ns
         else:
             self._end()
 
@@ -156,12 +181,12 @@ class _Transmission:
             return self._beginning(now_ns)
         if self._state is not _State.SENDING or now_ns < self._not_before_ns:
             return None
-        data = self._message[self._sent : self._sent + self._settings.frame_length - 1]
+        data = self.message[self._sent : self._sent + self._settings.frame_length - 1]
         frame = control_info.consecutive(self._number, data)
         self._sent += len(data)
         self._number = (self._number + 1) % SEQUENCE_NUMBERS
         self._not_before_ns = now_ns + self._separation_ns
-        if self._sent == len(self._message):
+        if self._sent == len(self.message):
             self._end()
         elif self._left_in_block:
             self._left_in_block -= 1
@@ -171,11 +196,11 @@ class _Transmission:
 
     def _beginning(self, now_ns: int) -> bytes:
         length = self._settings.frame_length
-        if len(self._message) <= control_info.capacity(length):
-            frame = control_info.single(self._message)
+        if len(self.message) <= control_info.capacity(length):
+            frame = control_info.single(self.message)
             self._end()
             return frame
-        frame = control_info.first(self._message, length)
+        frame = control_info.first(self.message, length)
         self._sent, self._number = length - 2, 1
         self._waits = 0
         self._wait(now_ns)
@@ -183,11 +208,11 @@ class _Transmission:
 
     def _wait(self, now_ns: int) -> None:
         self._state = _State.WAITING
-        self._deadline_ns = now_ns + self._settings.n_bs_ns
+        self._deadline_ns = now_ns + self._settings.wait_ns
 
     def _end(self) -> None:
         self._state = _State.IDLE
-        self._message = b""
+        self.message = b""
 
 
 KEPT_PLACES: Final = 2
@@ -224,7 +249,7 @@ class Endpoint:
     @property
     def occupied(self) -> int:
         """The number of bytes of messages that are not yet sent completely."""
-        return self._transmission.length + sum(map(len, self._to_send))
+        return len(self._transmission.message) + sum(map(len, self._to_send))
 
     @property
     def is_full(self) -> bool:

@@ -24,12 +24,8 @@ FRESHNESS_SCHEMA: Final = "stillwake-freshness/1"
 
 
 class FreshnessStore:
-    """The file with a node's freshness values, which only one process may use at a time.
-
-    Args:
-        path: path of the file; the first `begin` creates it.
-        every: number of frames between two writes.
-    """
+    """The file with a node's freshness values, which only one process may use at a time; the first `begin` creates it.
+    It is written once in `every` frames."""
 
     def __init__(self, path: Path, *, every: int = 50) -> None:
         if every < 1:

@@ -104,12 +104,7 @@ class VerifierState:
 
 
 class Verification(NamedTuple):
-    """The result of one period.
-
-    Attributes:
-        frames: received frames that were not refused.
-        none_authentic: whether frames of the message were received and every one was refused.
-    """
+    """The frames of one period that were not refused, and whether every frame of the message was (`none_authentic`)."""
 
     state: VerifierState
     frames: Sequence[Frame]

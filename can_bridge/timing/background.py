@@ -40,16 +40,11 @@ class BackgroundTraffic:
 
 
 def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
-    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases.
+    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with phases drawn by `seed`.
 
     A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is one of
-    stillwake's messages, which the description of a whole vehicle also contains. Raises BusError if cantools or the
-    file is missing; the file is damaged; no message can be sent; two messages have the same identifier; or a message
-    does not fit this bus.
-
-    Args:
-        path: file of messages; the ending of its name states its format.
-        seed: random seed of the phases.
+    stillwake's messages, which the description of a whole vehicle also contains. Raises BusError as `load_network`
+    does, and if no message can be sent, two messages have the same identifier, or a message does not fit this bus.
     """
     database = load_network(path)
     random = Random(seed)

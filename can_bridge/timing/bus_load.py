@@ -25,7 +25,6 @@ class MessageLoad:
     """The load of one message on the bus.
 
     Attributes:
-        message: the message.
         ours: whether the message belongs to the control loop, not to the background.
         worst_ns: time in ns of the message's longest frame, including the intermission.
         mean_ns: mean time in ns of the message's frames with random contents.
@@ -43,12 +42,11 @@ class MessageLoad:
 
 @dataclass(frozen=True, kw_only=True)
 class BusLoad:
-    """The load of all messages of a bus.
+    """The load of all messages of a bus, highest priority first.
 
     Attributes:
-        messages: messages, highest priority first.
         mean, worst: shares of time for which the bus is occupied, with random contents and with the longest frames.
-        left_out: messages of the background's file that are not sent, each as "name (why)".
+        left_out: see `BackgroundTraffic`.
     """
 
     messages: tuple[MessageLoad, ...]

@@ -54,7 +54,6 @@ class Response:
         blocking_ns: time of the longest frame of lower priority, B.
         response_ns: longest time from the release to the end of the frame, including the intermission; None if
             unbounded.
-        deadline_ns: longest permitted time from the release to the end of the frame.
     """
 
     blocking_ns: int
@@ -68,12 +67,8 @@ class Response:
 
 
 def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Response]:
-    """Return the response times of all messages.
-
-    Args:
-        timings: parameters of the messages, highest priority first.
-        bit_ns: time of a bit at the nominal bit rate in ns, rounded up.
-    """
+    """Return the response times of messages, highest priority first; `bit_ns` is the time of a bit at the nominal bit
+    rate in ns, rounded up."""
     blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
     higher: _Rhythms = {}
     responses = []

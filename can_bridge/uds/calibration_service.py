@@ -28,9 +28,8 @@ class CalibrationService:
         kept: returns the values stored for the running release, or None.
         keep: stores values, or deletes the stored values (None); may raise MediumError, or OutOfOrderError while the
             slot is written.
-        refusal: returns the reason why nothing may be stored now; None if storing is allowed. For example, storing is
-            refused while jets are enabled, because writing a flash memory can take longer than a control period.
-            Changing the values in force is always possible.
+        refusal: returns the reason why nothing may be stored now, or None; while jets are enabled, writing a flash
+            memory could take longer than a control period. Changing the values in force is always possible.
     """
 
     def __init__(
@@ -60,14 +59,8 @@ class CalibrationService:
         """Store values that are or were in force; raises Refused."""
         self._keep_if_allowed(calibration.pack())
 
-    def revert(self) -> None:
-        """Put the release's own values in force and delete stored values; raises Refused."""
-        if self._kept() is not None:
-            self._keep_if_allowed(None)
-        self._segment.revert()
-
     def read(self, did: Did) -> bytes:
-        """Return the value of one of the identifiers `DIDS`; raises Refused for other identifiers."""
+        """Return the value of an identifier; raises Refused for an identifier that is not in `DIDS`."""
         segment = self._segment
         if did is Did.CALIBRATION:
             return segment.in_force.pack()
@@ -79,15 +72,16 @@ class CalibrationService:
         raise Refused(Nrc.OUT_OF_RANGE)
 
     def write(self, did: Did, value: bytes) -> None:
-        """Write the value of one of the identifiers `DIDS`; raises Refused for other identifiers, and for values that
-        are not allowed."""
+        """Write an identifier; raises Refused for other identifiers, and for values that are not allowed."""
         if did is Did.CALIBRATION:
             with as_refusals():
                 self._segment.set(Calibration.unpack(value))
         elif did is Did.CALIBRATION_STORED and value == _STORE:
             self.store(self._segment.in_force)
         elif did is Did.CALIBRATION_STORED and value == _REVERT:
-            self.revert()
+            if self._kept() is not None:
+                self._keep_if_allowed(None)
+            self._segment.revert()
         else:
             raise Refused(Nrc.OUT_OF_RANGE)
 

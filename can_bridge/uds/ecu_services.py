@@ -41,8 +41,7 @@ class EcuServices:
         identification: values of the constant identifiers.
         calibration: service for the calibration; None without a release.
         self_test: runs the release on test windows; raises StillwakeError. None without a release.
-        refusal: returns the reason why the ECU may not be programmed now; None if programming is allowed.
-        on_reset: called when a reset is due.
+        refusal: returns the reason why the ECU may not be programmed now, or None.
         log: called with an event's name, its text, and its fields.
 
     Attributes:
@@ -152,7 +151,7 @@ class EcuServices:
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def failed_attempts(self, level: Level) -> int:
-        """Return the number of consecutive wrong keys; the number survives resets."""
+        """Return the number of consecutive wrong keys, which survives resets."""
         return self._store.state.failed_attempts[level]
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:

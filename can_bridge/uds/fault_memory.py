@@ -54,7 +54,6 @@ class KeptFault:
     """The stored state of one code.
 
     Attributes:
-        status: status bits of the code.
         age: for a confirmed fault, the number of operation cycles, after its last failure, in which its test passed and
             did not fail.
         snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
@@ -65,12 +64,10 @@ class KeptFault:
     snapshot: bytes = b""
 
     def failed(self, snapshot: bytes) -> "KeptFault":
-        """Return the fault after a failed test."""
         is_first = not self.status & _S.FAILED_THIS_CYCLE
         return KeptFault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
 
     def passed(self) -> "KeptFault":
-        """Return the fault after a passed test."""
         return KeptFault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
 
     def next_cycle(self) -> "KeptFault":
@@ -119,7 +116,7 @@ class FaultMemory:
         self.is_on = True
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
-        """Note that the test for this reason failed now; None means that all tests passed."""
+        """Note that the test for this reason failed now; None: all tests passed."""
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:

@@ -46,12 +46,7 @@ class AccessKey:
 
 
 class SecurityAccess:
-    """The unlocked level, and the procedure to unlock a level.
-
-    Args:
-        random_bytes: returns the given number of unpredictable bytes.
-        attempts: stores the counts of wrong attempts; may raise Refused.
-    """
+    """The unlocked level, and the procedure to unlock a level; `attempts` stores the counts of wrong attempts."""
 
     def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: EcuServices) -> None:
         self._key = key

@@ -76,7 +76,7 @@ class UdsServer:
 
     Args:
         random_bytes: returns the given number of unpredictable bytes, for seeds.
-        faults: the ECU's fault memory; None for a memory whose faults do not survive a reset.
+        faults: None for a memory whose faults do not survive a reset.
 
     Attributes:
         is_silent: whether a tester has switched off JetCommand and EcuStatus; only possible while no jet can run.
@@ -144,10 +144,8 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Execute the next part of the request in progress, or the reset whose request an earlier call answered.
-
-        Call this method whenever there is time for a part, at least every 20 ms while `is_busy`.
-        """
+        """Execute the next part of the request in progress, or the reset whose request an earlier call answered. While
+        `is_busy`, call this at least every 20 ms."""
         now_ns = self._at(now_ns)
         if self._reset_is_due:
             self._reset_is_due = False

@@ -170,23 +170,16 @@ class Permission:
     length: int | None = None
 
 
+_FLASHING: Final = Permission(_PROGRAMMING, Level.PROGRAMMING)
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
     # The programming session begins only while the jets are shut; `EcuServices.before_reset` checks again that the jets
     # are shut.
     Service.RESET: Permission(_PROGRAMMING),
-    Service.CLEAR_FAULTS: Permission(),
-    Service.REPORT_FAULTS: Permission(),
-    Service.READ: Permission(),
-    Service.SECURITY: Permission(_BEYOND_DEFAULT),
-    Service.COMMUNICATION: Permission(_BEYOND_DEFAULT),
-    Service.WRITE: Permission(_BEYOND_DEFAULT),
-    Service.ROUTINE: Permission(_BEYOND_DEFAULT),
-    Service.DOWNLOAD: Permission(_PROGRAMMING, Level.PROGRAMMING),
-    Service.TRANSFER: Permission(_PROGRAMMING, Level.PROGRAMMING),
-    Service.EXIT: Permission(_PROGRAMMING, Level.PROGRAMMING),
-    Service.TESTER_PRESENT: Permission(),
-    Service.FAULT_SETTING: Permission(_BEYOND_DEFAULT),
+    **dict.fromkeys((Service.CLEAR_FAULTS, Service.REPORT_FAULTS, Service.READ, Service.TESTER_PRESENT), Permission()),
+    **dict.fromkeys((Service.SECURITY, Service.COMMUNICATION, Service.FAULT_SETTING), Permission(_BEYOND_DEFAULT)),
+    **dict.fromkeys((Service.WRITE, Service.ROUTINE), Permission(_BEYOND_DEFAULT)),
+    **dict.fromkeys((Service.DOWNLOAD, Service.TRANSFER, Service.EXIT), _FLASHING),
 }
 LEVELS: Final[Mapping[int, Permission]] = {
     Level.PROGRAMMING: Permission(_PROGRAMMING),
@@ -194,16 +187,12 @@ LEVELS: Final[Mapping[int, Permission]] = {
 }
 """The sessions in which each level can be unlocked."""
 WRITABLE: Final[Mapping[int, Permission]] = {
-    Did.KEY_LIST: Permission(_PROGRAMMING, Level.PROGRAMMING),
+    Did.KEY_LIST: _FLASHING,
     Did.CALIBRATION: Permission(_EXTENDED, Level.CALIBRATION, length=PACKED_BYTES),
     Did.CALIBRATION_STORED: Permission(_EXTENDED, Level.CALIBRATION, length=1),
 }
 ROUTINES: Final[Mapping[int, Permission]] = {
+    **dict.fromkeys(Routine, Permission(_PROGRAMMING, Level.PROGRAMMING, length=0)),
     Routine.PRECONDITIONS: Permission(_BEYOND_DEFAULT, length=0),
-    Routine.SELF_TEST: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
-    Routine.ACTIVATE: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
-    Routine.CONFIRM: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
-    Routine.REVERT: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
     Routine.ERASE: Permission(_PROGRAMMING, Level.PROGRAMMING, length=4 + 32),
-    Routine.CHECK: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
 }

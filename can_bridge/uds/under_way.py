@@ -73,7 +73,7 @@ class Download:
         return self._last is not None
 
     def is_new(self, counter: int, data: bytes) -> bool:
-        """Return whether to write this block; False if it repeats the last block. Raises Refused for a wrong block."""
+        """Return whether to write this block; False if it repeats the last one. Raises Refused for a wrong block."""
         if self._last == (counter, data) and not self.is_closed:
             return False
         if self._missing == 0:

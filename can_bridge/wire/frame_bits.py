@@ -10,6 +10,7 @@ stuff bit always follows the data, so five equal bits at the end of the data nee
 import re
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import Final
 
 from can_bridge.wire.frame import FD_LENGTHS, Frame
@@ -103,7 +104,9 @@ def stuffed(bits: str, *, at_end: bool = True) -> str:
 
 def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
     """Return whether the bit at a position is a stuff bit of the identifier, which ends before RTR or RRS."""
-    return position in _stuff_positions(_identifier_bits(frame))
+    bits = _identifier_bits(frame)
+    ends = [len(stuffed(bits[:count])) for count in range(len(bits) + 1)]
+    return any(end == position + 1 and end == before + 2 for before, end in pairwise(ends))
 
 
 def is_arbitration_bit(frame: Frame, position: int) -> bool:
@@ -130,17 +133,6 @@ def _crc15_table() -> tuple[int, ...]:
             crc = (crc << 1 & 0x7FFF) ^ (_CRC15 if crc >> 14 else 0)
         table.append(crc)
     return tuple(table)
-
-
-def _stuff_positions(bits: str) -> list[int]:
-    positions, run, last, sent = [], 0, "", 0
-    for bit in bits:
-        run = run + 1 if bit == last else 1
-        last, sent = bit, sent + 1
-        if run == 5:
-            positions.append(sent)
-            last, run, sent = ("1" if bit == "0" else "0"), 1, sent + 1
-    return positions
 
 
 def _identifier_bits(frame: Frame) -> str:
@@ -192,8 +184,7 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
 
 
 def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the longest time in ns for which a frame of this length occupies the bus, rounded up. Bit rates are in
-    bit/s; classic frames ignore the data bit rate. Raises ValueError for a bit rate that is not positive."""
+    """Return the longest time in ns for which a frame of this length occupies the bus, as `frame_ns` does."""
     nominal, data = worst_case_bits(frame)
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 

@@ -20,13 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Message(Generic[T]):
-    """One message of a set.
-
-    Attributes:
-        spec: specification of the message.
-        emit: converts a value to the protected bytes with an empty E2E header; raises ValueError for an invalid value.
-        parse: converts protected bytes to a value, or to None if they are invalid; never raises.
-    """
+    """One message of a set, with its functions `emit_*` and `parse_*` of `codec`."""
 
     spec: MessageSpec
     emit: Callable[[T], bytes]

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings, classic
+from can_bridge.isotp.endpoint import Endpoint, IsoTpSettings
 from can_bridge.wire.frame import Frame
 
 TESTER, ECU = 0x7E0, 0x7E8
-CLASSIC = classic(receive_id=TESTER, send_id=ECU)
 FD = IsoTpSettings(receive_id=TESTER, send_id=ECU)
+CLASSIC = replace(FD, is_fd=False, frame_length=8)
 MS = 1_000_000
 
 

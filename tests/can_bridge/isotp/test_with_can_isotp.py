@@ -8,16 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings, classic
+from can_bridge.isotp.endpoint import Endpoint, IsoTpSettings
 from can_bridge.wire.frame import Frame
 from tests.examples import examples
 
 isotp = pytest.importorskip("isotp")
 
 TESTER, ECU = 0x7E0, 0x7E8
-CLASSIC = classic(receive_id=TESTER, send_id=ECU)
 FD = IsoTpSettings(receive_id=TESTER, send_id=ECU)
+CLASSIC = replace(FD, is_fd=False, frame_length=8)
 SHORT_FD = replace(FD, frame_length=16)
 SETTINGS = (CLASSIC, FD, SHORT_FD)
 
