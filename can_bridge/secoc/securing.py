@@ -104,7 +104,8 @@ class VerifierState:
 
 
 class Verification(NamedTuple):
-    """The frames of one period that were not refused, and whether every frame of the message was (`none_authentic`)."""
+    """The frames of one period that were not refused. `none_authentic` states that frames of the message were received
+    and every one was refused."""
 
     state: VerifierState
     frames: Sequence[Frame]

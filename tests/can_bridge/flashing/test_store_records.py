@@ -215,13 +215,10 @@ def test_failed_attempts_and_faults_outlive_a_reset():
         flash(store, TWO)
 
 
-def test_what_goes_in_comes_out():
+def test_a_record_of_calibrations_comes_back_and_what_is_no_record_is_refused():
     for kept in ({}, {"ab" * 32: bytes(1024), "cd" * 32: bytes(range(256)) * 4}):
         raw = remembered.encode_calibrations(kept)
         assert (remembered.decode_calibrations(raw), len(raw) <= MAX_RECORD) == (kept, True)
-
-
-def test_what_is_no_record_is_refused():
     raw = remembered.encode_calibrations({"ab" * 32: b"one", "cd" * 32: b"two"})
     assert raw == b"SWC1\2" + b"\xab" * 32 + b"\0\3one" + b"\xcd" * 32 + b"\0\3two"
     cut = (raw[:length] for length in range(len(raw)))

@@ -1,15 +1,15 @@
-"""Sessions, timing, and each negative response outside security access and transfers."""
+"""Sessions, timing, and each negative response outside security access and transfers.
+
+What any bytes are answered is tested against the server in C, in `tests/proofs/loader_in_c/test_node.py`.
+"""
 
 import itertools
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.uds.services import LONGEST_ANSWER, Did, Nrc, Routine, Service, Session
 from tests.can_bridge.uds.scripted_ecu import MS, Bench, S, refused
-from tests.examples import examples
 
 PRECONDITIONS = Routine.PRECONDITIONS.to_bytes(2, "big")
 CHECK = Routine.CHECK.to_bytes(2, "big")
@@ -222,25 +222,6 @@ def test_routines_need_their_key_and_their_option_record(bench):
         assert bench.ask(request, bytes(right)) == b"\x71" + request[1:]
         assert bench.ecu.calls[-1] == ("routine", routine, bytes(right))
     assert bench.ask(0x31, 1, 0x12, 0x34) == refused(0x31, Nrc.OUT_OF_RANGE)
-
-
-@given(
-    st.lists(st.one_of(st.binary(max_size=40), st.sampled_from([b"\x10\x02", b"\x10\x03", b"\x27\x01", b"\x11\x01"])))
-)
-@examples(80)
-def test_any_bytes_are_answered_by_the_form_of_the_standard(requests):
-    bench = Bench()
-    for raw in requests:
-        answers = bench.server.request(bench.now_ns, raw) + bench.wait(MS)
-        assert len(answers) <= 1
-        for answer in answers:
-            if answer[0] == 0x7F:
-                assert answer[1] == raw[0]
-                assert answer[2] in frozenset(Nrc)
-                assert len(answer) == 3
-            else:
-                assert answer[0] == raw[0] + 0x40
-        assert bench.server.unlocked is None
 
 
 def test_refusals_that_others_may_serve_are_not_sent_to_a_functional_request(bench):
