@@ -25,14 +25,8 @@ class BootReason(InWords):
 
 @dataclass(frozen=True, kw_only=True)
 class Boot:
-    """The result of a boot.
-
-    Attributes:
-        slot: the booted slot; None without a release.
-        bundle: the booted bundle, which passed every check in this boot; None without a release.
-        verdicts: results of the checks of the slots that this boot checked.
-        boots_left: number of boots left in the trial after this boot; 0 if the release is not on trial.
-    """
+    """The result of a boot: the booted slot and its bundle, None without a release; the verdicts of the slots that this
+    boot checked; and the number of boots left in the trial, 0 if the release is not on trial."""
 
     slot: Slot | None
     bundle: Release | None

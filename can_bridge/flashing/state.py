@@ -88,7 +88,6 @@ class StoreState:
     """The states of both slots, and the state common to them.
 
     Attributes:
-        slots: states in the order of `Slot`.
         active: the slot whose confirmed image boots if no image is on trial; None if none was confirmed yet.
         least_security_version: smallest security version that a release may have; only a confirmation raises it.
         failed_attempts: numbers of consecutive wrong keys, by level.

@@ -92,8 +92,7 @@ class _Reception:
         return FlowStatus.CONTINUE
 
     def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
-        """Add the next part of the message. Return the message if it is complete, and the flow status of an answer if
-        one is due."""
+        """Add the next part. Return the message if it is complete, and the flow status of an answer if one is due."""
         if not self._wanted:
             return None, None
         if part.number != self._next_number:

@@ -24,8 +24,7 @@ LARGEST_FRESHNESS: Final = 0xFFFFFFFFFFFFFFFF
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """The freshness of one sender, in AUTOSAR SecOC's form with a trip counter and a message counter. Raises ValueError
-    for a counter that does not fit 32 bits.
+    """The freshness of one sender, in AUTOSAR SecOC's form; raises ValueError for a counter that does not fit 32 bits.
 
     Attributes:
         trip: number of power cycles, including this one; at least 1, so that every value is greater than 0.
@@ -89,8 +88,7 @@ class VerifierState:
     Attributes:
         freshness: freshness value of the latest accepted frame; 0 before the first accepted frame.
         not_authentic: number of frames refused because of their length or MAC.
-        not_fresh: number of authentic frames whose freshness value is not greater than that of the latest accepted
-            frame, because the frame was repeated or recorded earlier.
+        not_fresh: number of authentic frames that were repeated or recorded earlier, by their freshness value.
     """
 
     freshness: int = 0

@@ -26,8 +26,7 @@ class MessageLoad:
 
     Attributes:
         ours: whether the message belongs to the control loop, not to the background.
-        worst_ns: time in ns of the message's longest frame, including the intermission.
-        mean_ns: mean time in ns of the message's frames with random contents.
+        worst_ns, mean_ns: times of the longest frame and, with random contents, of the mean frame, with intermission.
         response: worst-case response time. For the ECU's messages it begins when the ECU's compute time has passed
             since the sampling of the pressures. So for the command it is the time that the bus adds to the age of the
             pressures.

@@ -31,14 +31,8 @@ loads near 100 % reach this limit."""
 
 @dataclass(frozen=True, kw_only=True)
 class MessageTiming:
-    """A message's parameters in the analysis: the paper's C, T, D and J.
-
-    Attributes:
-        frame_ns: longest time of the message's frame on the bus, C.
-        period_ns: period, T.
-        deadline_ns: longest permitted time from the release to the end of the frame, D.
-        jitter_ns: largest delay from the release until the frame is queued, J.
-    """
+    """A message's parameters in the analysis: the paper's C, T, D and J. `deadline_ns` is the longest permitted time
+    from the release to the end of the frame."""
 
     frame_ns: int
     period_ns: int

@@ -19,8 +19,7 @@ MAX_REQUEST: Final = 4095
 LONGEST_ANSWER: Final = 768
 """Largest length in bytes of an answer with several identifiers; a single identifier is always answered."""
 BESIDE: Final = 24
-"""Largest total length in bytes of unsent answers with which a new request is still accepted. If the answers are
-longer, the request is refused as busy."""
+"""Largest total length in bytes of unsent answers with which a new request is not refused as busy."""
 POSITIVE: Final = 0x40
 """Difference between a positive response's first byte and the service's identifier."""
 NEGATIVE: Final = 0x7F
@@ -96,7 +95,7 @@ class Routine(IntEnum):
     """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
-    """Check whether the ECU may be programmed now; the answer is CONDITIONS_NOT_CORRECT if it may not."""
+    """Check whether the ECU may be programmed now."""
     SELF_TEST = 0x0204
     """Run the running release's controller on input that must give a finite plan."""
     ACTIVATE = 0x0205
@@ -132,8 +131,8 @@ class Did(IntEnum):
     PERIOD_NS = 0xFD04
     """Control period in ns, 8 bytes."""
     CALIBRATION = 0xFD10
-    """All values of the calibration, packed by `contract.controller.calibration`. Reading returns the values in force;
-    writing changes them from the next control period until a reset."""
+    """All values of the calibration in force, packed by `contract.controller.calibration`; writing changes them from
+    the next control period until a reset."""
     CALIBRATION_LIMITS = 0xFD11
     """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
@@ -157,13 +156,8 @@ _EXTENDED: Final = frozenset({Session.EXTENDED})
 
 @dataclass(frozen=True)
 class Permission:
-    """The conditions for a request.
-
-    Attributes:
-        sessions: sessions in which the request is allowed.
-        level: security level that must be unlocked; None if the request needs no level.
-        length: length of the value or option record in bytes; None for any length.
-    """
+    """The conditions for a request: its sessions, the security level that must be unlocked, and the length in bytes of
+    the value or option record; None for any."""
 
     sessions: frozenset[Session] = _ALL
     level: Level | None = None

@@ -52,8 +52,8 @@ def _classic(plain: MessageSpec, data_id: int) -> MessageSpec:
 
 
 def _secured(plain: MessageSpec, data_id: int) -> MessageSpec:
-    """Return the secured form of a message, in the shortest frame that also holds freshness and MAC, with the
-    identifier increased by two."""
+    """Return the secured form of a message, in the shortest frame that holds it, with the identifier increased by
+    two."""
     name, frame_id = f"{plain.name}Secured", plain.frame_id + 2
     length = min(one for one in FD_LENGTHS if one >= plain.protected + FRESHNESS_LENGTH + MAC_LENGTH)
     return replace(plain, name=name, frame_id=frame_id, length=length, data_id=data_id, is_secured=True)
@@ -73,8 +73,7 @@ PRESSURE_SECURED, _, JET_COMMAND_SECURED, _ = SECURED_SPECS
 SPECS: Final = tuple(spec for forms in zip(FD_SPECS, CLASSIC_SPECS, SECURED_SPECS, strict=True) for spec in forms)
 
 FLOW_RESOLUTION_M2_PER_S: Final = 0.0002
-"""Resolution of the flow in m2/s, which is equal in all message sets, so that the command gate does not depend on the
-set."""
+"""Resolution of the flow in all message sets, so that the command gate does not depend on the set."""
 
 SPEED_RESOLUTION_M_PER_S: Final = 0.005
 DENSITY_RESOLUTION_KG_PER_M3: Final = 0.01

@@ -1,7 +1,7 @@
 """The four messages in engineering units. `contract/stillwake.dbc` defines each signal.
 
 The messages are named tuples, because a message is built for every frame, and building a frozen dataclass takes several
-times longer. Use the names of the fields when you build a message.
+times longer.
 """
 
 from enum import IntEnum
@@ -77,9 +77,9 @@ class VehicleSpeed(NamedTuple):
     """The vehicle's speed and the density of the air around it.
 
     Attributes:
-        speed_m_per_s: speed of the vehicle, at least 0; None if the vehicle does not know it.
+        speed_m_per_s: at least 0; None if the vehicle does not know it.
         age_ns: time in ns from the measurement of the speed until the frame is passed to the bus.
-        density_kg_per_m3: density of the air, above 0; None if unknown.
+        density_kg_per_m3: above 0; None if unknown.
     """
 
     speed_m_per_s: float | None

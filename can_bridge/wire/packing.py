@@ -18,14 +18,13 @@ UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
 """Exceptions of packing or rounding for a value out of range."""
 
 made: Final = tuple.__new__
-"""A function that builds a named tuple from all of its values in order. It avoids a call of the tuple's constructor in
-Python, which takes a sixth of a parser's time. The types of the values are checked only in the parsers' tests."""
+"""A function that builds a named tuple from all of its values in order. A call of the tuple's constructor in Python
+would take a sixth of a parser's time."""
 
 _BYTE: Final = range(256)
 MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
 REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
-"""Members of `Reason` by their raw value; None for a value outside the DBC's table. This lookup is faster than a call
-of the enum."""
+"""Members by their raw value, None for a value outside the DBC's table: faster than a call of the enum."""
 
 VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
 """Validity flags of the sensors, by the raw value of their bits."""
