@@ -8,18 +8,16 @@ gets a `FrameCheck` from its CRC and counter, and a window of the latest checks 
 - INIT becomes INVALID with more than `max_errors` bad checks;
 - VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
 
-AUTOSAR's own machine has values of `min_ok` and `max_errors` for each state, and leaves the check that ends NODATA out
-of the window. Here this check counts, so that with `min_ok` = 2 the second frame of a stream is trusted. AUTOSAR's
-machine with MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2 behaves in this way, as long as the
-window holds the first check.
+AUTOSAR's own machine leaves the check that ends NODATA out of the window. Here this check counts, so that with
+`min_ok` = 2 the second frame of a stream is trusted, as by AUTOSAR's machine with MinOkStateInit = 1,
+MinOkStateValid = 1 and MinOkStateInvalid = 2 as long as the window holds the first check.
 
 A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good checks out
 of the window. As in the standard, the receiver continues from the new count after a jump, so that the frames of a
 restarted sender are good from the second frame on.
 
-As in the standard, the state machine advances once a period, whatever the number of frames. The check of a period is an
-error if the check of any of its frames is an error. The check of a period is good if the check of at least one frame is
-good and no check is an error.
+As in the standard, the state machine advances once a period, whatever the number of frames; the check of a period is
+an error if that of any of its frames is, and otherwise good if that of any frame is.
 """
 
 from collections.abc import Iterable
@@ -62,12 +60,8 @@ _BY_WEIGHT: Final = (FrameCheck.ERROR, *GOOD, FrameCheck.WRONG_SEQUENCE, FrameCh
 
 @dataclass(frozen=True, kw_only=True)
 class Reception:
-    """The outcome of one period.
-
-    Attributes:
-        checks: one check for each frame of the message, oldest first; only NO_NEW_DATA if there was no frame.
-        accepted: the newest frame with a good check, in any state of the stream; None if there was no such frame.
-    """
+    """The outcome of one period: a check for each frame of the message, oldest first, or NO_NEW_DATA alone; and the
+    newest frame with a good check, in any state of the stream."""
 
     stream: StreamState
     checks: tuple[FrameCheck, ...]
@@ -107,13 +101,8 @@ class ReceiverState:
 def receive(
     state: ReceiverState, frames: Iterable[Frame], *, spec: MessageSpec, config: E2eConfig
 ) -> tuple[ReceiverState, Reception]:
-    """Return the state after one period, and the period's outcome.
-
-    Args:
-        frames: all frames received in the period, oldest first; other messages' frames are ignored. Of a secured
-            message only the protected part is checked; `can_bridge.secoc` checks the remaining parts.
-        config: the conditions under which the stream is trusted.
-    """
+    """Return the state after one period, and the period's outcome; `frames` are all frames received in the period,
+    oldest first, of which other messages' are ignored. Of a secured message only the protected part is checked."""
     checks: list[FrameCheck] = []
     accepted: Frame | None = None
     last_counter = state.last_counter

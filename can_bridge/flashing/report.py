@@ -35,12 +35,8 @@ _NONE: Final = 0xFF
 
 @dataclass(frozen=True, kw_only=True)
 class SlotReport:
-    """The report on one slot; for the other fields see `state.SlotState`.
-
-    Attributes:
-        name, digest: name and digest of the release; empty if no image was checked.
-        verdict: result of the last boot's check; None if the last boot did not check this slot.
-    """
+    """The report on one slot; for the other fields see `state.SlotState`. `verdict` is the result of the last boot's
+    check; None if the last boot did not check this slot."""
 
     phase: SlotPhase
     name: str

@@ -76,8 +76,7 @@ class Store(Remembered):
 
     @property
     def received(self) -> int | None:
-        """The number of stored bytes of the announced image, which is the offset of the next byte; None if no image is
-        announced."""
+        """The number of stored bytes of the announced image; None if no image is announced."""
         return None if self._announced is None else self.state.slots[self._announced].received
 
     def boot(self) -> Boot:
@@ -259,8 +258,8 @@ class Store(Remembered):
         self._calibrations = kept
 
     def _writable_slot(self) -> Slot:
-        """Return the slot that may be written. The slot of the running release is protected if this release is
-        confirmed; otherwise the slot of the active release is protected."""
+        """Return the slot that may be written; protected is the running release if it is confirmed, otherwise the
+        active one."""
         running, active = self.running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other
@@ -269,8 +268,7 @@ class Store(Remembered):
         return running.other
 
     def _without(self, slot: Slot) -> StoreState:
-        """Return the state with this slot empty. If the other slot has a confirmed release, that slot is then
-        active."""
+        """Return the state with this slot empty, and the other one active if it has a confirmed release."""
         is_confirmed = self.state.slots[slot.other].phase == SlotPhase.CONFIRMED
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 

@@ -37,7 +37,7 @@ class Single(NamedTuple):
 
 
 class First(NamedTuple):
-    """The beginning of a message of `length` bytes; `frame_length` is the data length of the frames that follow."""
+    """The beginning of a message; `frame_length` is the data length of the frames that follow."""
 
     length: int
     data: bytes
@@ -52,8 +52,7 @@ class Consecutive(NamedTuple):
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: number of frames that may be sent before the next answer (0: all), and least time in ns
-    between them."""
+    """The receiver's answer: how many frames may be sent before the next one (0: all), how many ns apart."""
 
     status: FlowStatus | None
     block_size: int

@@ -1,11 +1,10 @@
 """The data that must survive a power cycle: the number of power cycles, and the newest accepted freshness values.
 
 Each node has a JSON file of its own. `begin` counts the power cycle before the first frame is sent, so that no
-freshness value is used twice. `accepted` stores the newest freshness value from the other node. This happens
-immediately when the other node has begun another power cycle, and otherwise once in `every` frames, because flash
-memory wears. A restarted node refuses every frame whose value is not above the stored value. One gap remains: up to
-`every` frames were accepted after the stored value, and these frames can be replayed to a node that has just restarted,
-until the first genuine frame arrives.
+freshness value is used twice. `accepted` stores the newest freshness value from the other node: immediately when the
+other node has begun another power cycle, otherwise once in `every` frames, because flash memory wears. A restarted node
+refuses every frame whose value is not above the stored value. One gap remains: frames that were accepted after the
+stored value can be replayed to a node that has just restarted, until the first genuine frame arrives.
 """
 
 import json
@@ -49,8 +48,7 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._trip, heard=self._heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Note the value that a receiver accepted last; the method may be called after every frame. Raises
-        StillwakeError if the file cannot be written."""
+        """Note the value that a receiver accepted last; raises StillwakeError if the file cannot be written."""
         kept = self._heard.get(frame_id, 0)
         if freshness >> 32 != kept >> 32 or freshness - kept >= self._every:
             self._keep(self._trip, {**self._heard, frame_id: freshness})

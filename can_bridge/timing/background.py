@@ -28,12 +28,8 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The traffic of other nodes.
-
-    Attributes:
-        messages: messages to be sent, highest priority first.
-        left_out: messages of the traffic's file that are not sent, each as "name (why)".
-    """
+    """The messages of other nodes, highest priority first, and the messages of the traffic's file that are not sent,
+    each as "name (why)"."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
@@ -113,10 +109,9 @@ def _check(path: Path, message: "Message", bus: BusConfig) -> None:
 
 
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
-"""Periods in ms of generated messages, which are usual in vehicles."""
 _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
-"""Relative frequency of each period. Most messages have 10, 20 or 100 ms, as in published benchmarks of buses for body
-and powertrain."""
+"""Periods in ms of generated messages and their relative frequencies, as in published benchmarks of buses for body and
+powertrain."""
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
@@ -134,13 +129,10 @@ def background(bus: BusConfig) -> BackgroundTraffic:
 
 
 def made_up(load: float, bus: BusConfig, *, seed: int) -> tuple[PeriodicMessage, ...]:
-    """Return messages that fill the share `load` of the bus with their longest frames, except for a remainder that is
-    too small for the next message drawn.
-
-    Messages with shorter periods have higher priorities, as designers assign them. Of two or more messages, the first
-    has a higher priority than all of our messages and the last a lower priority. Raises ConfigError if the share is
-    smaller than one message needs.
-    """
+    """Return messages that fill the share `load` of the bus with their longest frames, but for a remainder too small
+    for the next message drawn. Messages with shorter periods have higher priorities. Of two or more messages, the first
+    has a higher priority than all of our messages and the last a lower one. Raises ConfigError if the share is smaller
+    than one message needs."""
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
     if not drawn:

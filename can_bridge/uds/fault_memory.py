@@ -95,7 +95,7 @@ class FaultMemory:
     Args:
         record: the stored record; a damaged record counts as no record.
         keep: stores a record; raises MediumError.
-        refusal: returns the reason why nothing may be written now; None if writing is allowed.
+        refusal: returns the reason why nothing may be written now, or None.
 
     Attributes:
         faults: the state of all codes, in the order of `CODES`.

@@ -22,11 +22,6 @@ _CRC15: Final = 0x4599
 TAIL: Final = 13
 """Number of bits after the CRC, which have no stuff bits: CRC delimiter, acknowledge, acknowledge delimiter, end of
 frame (7), intermission (3)."""
-FD_CRC_SHORT: Final = 4 + 17 + 6
-"""Number of bits of the stuff count with parity, the CRC-17 and their fixed stuff bits, for up to 16 data bytes."""
-FD_CRC_LONG: Final = 4 + 21 + 7
-"""Number of bits of the stuff count with parity, the CRC-21 and their fixed stuff bits, for more than 16 data bytes."""
-FD_LONGEST_SHORT: Final = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,4 +191,5 @@ def _most_stuff_bits(bits: int) -> int:
 
 
 def _fd_crc_bits(frame: Frame) -> int:
-    return FD_CRC_SHORT if len(frame.data) <= FD_LONGEST_SHORT else FD_CRC_LONG
+    """Return the number of bits of the stuff count with parity, the CRC-17 or CRC-21, and their fixed stuff bits."""
+    return 4 + 17 + 6 if len(frame.data) <= 16 else 4 + 21 + 7

@@ -4,7 +4,6 @@ a frame, and the sender's counter.
 O is an OK check, L an OK with some lost, R a repeated one, W a wrong sequence, E an error, - a period without a frame.
 """
 
-import pickle
 from dataclasses import replace
 from itertools import product
 from typing import Final
@@ -197,18 +196,6 @@ def test_several_frames_in_a_period_are_all_checked_and_the_newest_good_one_coun
     for frames in ([frame(10, good=False)], [frame(10), frame(10)], [], [frame(12)], [frame(50)]):
         made.tick(frames)
     assert (made.state.frames_rejected, made.state.count(FrameCheck.ERROR)) == (3, 1)
-
-
-def test_a_state_is_a_value():
-    made = E2eReceiver(PRESSURE, CONFIG)
-    rest = ([frame(counter) for counter in some] for some in ((2, 5), (5,), (90,), (91,), (), ()))
-    for frames in ([], [frame(1)], [frame(2, good=False)], *rest):
-        before = made.state
-        saved = pickle.loads(pickle.dumps(before))
-        reception = made.tick(frames)
-        after = receive(saved, frames, spec=PRESSURE, config=CONFIG)
-        assert after == (made.state, reception)
-        assert saved == before != made.state
 
 
 def test_sender_and_receiver_agree_over_several_wraps():

@@ -40,6 +40,7 @@ def received(module: Any, name: str, message: Any) -> Any:
 
 def test_values_are_rounded_to_the_nearest_step():
     """The command gate works in steps of the flow and need not know the set; so both sets have the same."""
+    message: Any
     for module, resolution, most in ((codec, 0.1, 32767), (classic_codec, 1.0, 2047)):
         for steps, part in product((-most, -1, 0, 1, 1234, most), (-0.49, 0.0, 0.49)):
             close = pytest.approx(steps * resolution)
