@@ -232,3 +232,7 @@ def test_damaged_or_missing_records_are_an_empty_store():
                 store.take_keys(keys())
             assert flash(store, TWO) == Verdict.GOOD
             assert name_of(booted(backing)[1]) == "two", (kind, record)
+    # A state with an image that no slot holds.
+    backing = provisioned()
+    backing.capacity = 1000
+    assert store_on(backing).state == StoreState()

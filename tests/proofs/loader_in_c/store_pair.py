@@ -307,9 +307,8 @@ class Pair:
     def _python(self, name: str, arguments: tuple[Any, ...], is_abandoned: bool) -> tuple[int, Any]:
         if name == "keep_calibration":
             arguments = (arguments[0] or None,)
-        owner = self.store if hasattr(self.store, name) else self.store.records
         try:
-            work = getattr(owner, name)(*arguments)
+            work = getattr(self.store, name)(*arguments)
             if is_abandoned:
                 next(work, None)
             return DONE, at_once(work) if isinstance(work, Generator) and not is_abandoned else None
