@@ -50,9 +50,8 @@ def test_it_has_what_the_store_holds():
     assert (body["running"], body["active"], body["next_boot"]) == (None, "B", "B")
     assert (body["least_security_version"], body["key_list_version"]) == (4, 7)
     assert body["failed_attempts"] == {"PROGRAMMING": 0, "CALIBRATION": 2}
-    assert [slot["name"] for slot in body["slots"]] == ["one", "two"]
-    assert [slot["phase"] for slot in body["slots"]] == ["CONFIRMED", "CONFIRMED"]
-    assert [slot["verdict"] for slot in body["slots"]] == ["TOO_OLD", "WRONG_HASH"]
+    slots = [(slot["name"], slot["phase"], slot["verdict"]) for slot in body["slots"]]
+    assert slots == [("one", "CONFIRMED", "TOO_OLD"), ("two", "CONFIRMED", "WRONG_HASH")]
     # During a transfer, and a trial.
     backing = provisioned()
     store, _ = booted(backing)

@@ -5,6 +5,7 @@ from typing import Any
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
+from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
@@ -14,7 +15,7 @@ MS = 1_000_000
 S = 1000 * MS
 
 
-class ScriptedEcu:
+class ScriptedEcu(EcuServices):
     """Notes calls as tuples of name and arguments; refuses those that `refusals` names; works in `pieces` pieces."""
 
     def __init__(self) -> None:
@@ -88,7 +89,7 @@ class Bench:
         self.now_ns = now_ns
         self.seeds: list[bytes] = []
         self._drawn = 0
-        self.server = UdsServer(self.ecu, self.key, self._random_bytes)  # type: ignore[arg-type]
+        self.server = UdsServer(self.ecu, self.key, self._random_bytes)
 
     def ask(self, *parts: int | bytes | Sequence[int]) -> bytes | None:
         """The one answer to a request, None if there was none."""

@@ -46,10 +46,11 @@ class Memory:
 
 
 @pytest.fixture
-def bench() -> Bench:
-    made = Bench()
-    made.memory = Memory()  # type: ignore[attr-defined]
-    made.server = UdsServer(made.ecu, made.key, bytes, faults=made.memory.now)  # type: ignore[attr-defined]
+def bench() -> Any:
+    """With a fault memory as `memory`."""
+    made: Any = Bench()
+    made.memory = Memory()
+    made.server = UdsServer(made.ecu, made.key, bytes, faults=made.memory.now)
     return made
 
 
