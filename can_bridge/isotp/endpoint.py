@@ -292,7 +292,9 @@ class Endpoint:
         if self._answer is FlowStatus.CONTINUE and not self._reception.is_running:
             self._answer = None
         if self._answer is not None:
-            frames.append(self._frame(now_ns, self._flow(self._answer)))
+            block_size, separation = self._settings.block_size, self._settings.separation_code
+            flow = control_info.flow(self._answer, block_size=block_size, separation_code=separation)
+            frames.append(self._frame(now_ns, flow))
             self._answer = None
         while len(frames) < self._settings.burst:
             if not self._transmission.is_running:
@@ -318,10 +320,6 @@ class Endpoint:
     def _keep(self, message: bytes) -> None:
         if len(self._received) < self._settings.queue:
             self._received.append(message)
-
-    def _flow(self, status: FlowStatus) -> bytes:
-        settings = self._settings
-        return control_info.flow(status, block_size=settings.block_size, separation_code=settings.separation_code)
 
     def _frame(self, now_ns: int, data: bytes) -> Frame:
         settings = self._settings
