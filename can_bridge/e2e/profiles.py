@@ -6,7 +6,7 @@ another message's identifier fails the check.
 """
 
 import binascii
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -89,9 +89,8 @@ def _crc_16(covered: bytes, data_id: int) -> int:
 
 PROFILE_2: Final = Profile(crc_length=1, counter_period=16, crc=_crc_8)
 PROFILE_5: Final = Profile(crc_length=2, counter_period=256, crc=_crc_16)
-_PROFILES: Final[Mapping[int, Profile]] = {2: PROFILE_2, 5: PROFILE_5}
 
 
 def profile_of(spec: MessageSpec) -> Profile:
     """Return the profile that protects a message."""
-    return _PROFILES[spec.profile]
+    return PROFILE_2 if spec.profile == 2 else PROFILE_5

@@ -80,15 +80,13 @@ class Backing(Protocol):
         ...
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Prepare a slot after power-on so that data can be appended after its first `length` bytes. The data after
-        these bytes are no longer valid. Returns the number of bytes that stay valid: `length` or fewer. If it is less
-        than `length`, the memory after these bytes must be erased next. Raises MediumError if the whole slot must be
-        erased."""
+        """Prepare a slot after power-on so that data can be appended after its first `length` bytes. Returns the number
+        of bytes that stay valid: `length`, or fewer if the memory after these bytes must be erased next. Raises
+        MediumError if the whole slot must be erased."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write data after the data already written to a slot since it was erased. Raises MediumError if the data do
-        not fit."""
+        """Write data after the data written to a slot since it was erased; raises MediumError also if it is full."""
         ...
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:

@@ -28,8 +28,8 @@ class Boot:
     """The result of a boot: the booted slot and its bundle, None without a release; the verdicts of the slots that this
     boot checked; and the number of boots left in the trial, 0 if the release is not on trial."""
 
-    slot: Slot | None
-    bundle: Release | None
+    slot: Slot | None = None
+    bundle: Release | None = None
     verdicts: Mapping[Slot, Verdict]
     reason: BootReason
     boots_left: int = 0
@@ -73,4 +73,4 @@ def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Sl
             expected = BootReason.REVERTED if is_reverted else BootReason.CONFIRMED
             reason = expected if slot == active else BootReason.FALLBACK
             return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=reason)
-    return Boot(slot=None, bundle=None, verdicts=verdicts, reason=BootReason.NO_RELEASE)
+    return Boot(verdicts=verdicts, reason=BootReason.NO_RELEASE)

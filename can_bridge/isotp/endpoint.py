@@ -10,15 +10,7 @@ from enum import Enum, auto
 from typing import Final
 
 from can_bridge.isotp import control_info
-from can_bridge.isotp.control_info import (
-    MAX_MESSAGE,
-    SEQUENCE_NUMBERS,
-    Consecutive,
-    First,
-    FlowControl,
-    FlowStatus,
-    Single,
-)
+from can_bridge.isotp.control_info import MAX_MESSAGE, Consecutive, First, FlowControl, FlowStatus, Single
 from can_bridge.wire.frame import Frame
 
 
@@ -105,7 +97,7 @@ class _Reception:
             # it then has an unexpected number and ends the reception.
             return None, None
         self._data += part.data[:missing]
-        self._next_number = (self._next_number + 1) % SEQUENCE_NUMBERS
+        self._next_number = (self._next_number + 1) % control_info.SEQUENCE_NUMBERS
         self._deadline_ns = now_ns + self._settings.wait_ns
         if len(self._data) == self._wanted:
             message = bytes(self._data)
@@ -183,7 +175,7 @@ class _Transmission:
         data = self.message[self._sent : self._sent + self._settings.frame_length - 1]
         frame = control_info.consecutive(self._number, data)
         self._sent += len(data)
-        self._number = (self._number + 1) % SEQUENCE_NUMBERS
+        self._number = (self._number + 1) % control_info.SEQUENCE_NUMBERS
         self._not_before_ns = now_ns + self._separation_ns
         if self._sent == len(self.message):
             self._end()

@@ -57,7 +57,7 @@ class SecurityAccess:
         self._closed_until_ns: dict[Level, int] = {}
 
     def power_on(self, now_ns: int) -> None:
-        """Restart the delay of each level with too many wrong attempts, because the time without power is unknown."""
+        """Restart the delay of each level with too many wrong attempts: the time without power is unknown."""
         for level in Level:
             if self._attempts.failed_attempts(level) >= MAX_ATTEMPTS:
                 self._closed_until_ns[level] = now_ns + DELAY_NS
@@ -80,8 +80,7 @@ class SecurityAccess:
         return seed
 
     def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
-        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer, or if no seed was sent
-        for this level."""
+        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer or another level."""
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None

@@ -127,9 +127,9 @@ class UdsServer:
     def request(
         self, now_ns: int, payload: bytes, *, is_functional: bool = False, is_occupied: bool = False
     ) -> list[bytes]:
-        """Process a complete request and return its answers; return an empty list if the answer is suppressed or not
-        ready. With `is_occupied`, a long answer to an earlier request is still being sent, so this request is refused
-        as busy, and the tester has to repeat it. A functional request (`is_functional`) addresses every ECU."""
+        """Process a complete request and return its answers: none if the answer is suppressed or not ready. With
+        `is_occupied`, a long answer to an earlier request is still being sent, so this request is refused as busy. A
+        functional request addresses every ECU."""
         now_ns = self._at(now_ns)
         if not payload:
             return []

@@ -89,15 +89,11 @@ def parse_pressure(data: bytes) -> Pressure | None:
     if len(data) != 16:
         return None
     flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
+    scale = PRESSURE_RESOLUTION_PA
     return made(
         Pressure,
         (
-            (
-                p0 * PRESSURE_RESOLUTION_PA,
-                p1 * PRESSURE_RESOLUTION_PA,
-                p2 * PRESSURE_RESOLUTION_PA,
-                p3 * PRESSURE_RESOLUTION_PA,
-            ),
+            (p0 * scale, p1 * scale, p2 * scale, p3 * scale),
             VALIDITIES[flags & _VALID],
             flags & _ENABLE_REQUEST != 0,
             age * AGE_RESOLUTION_NS,
@@ -144,23 +140,15 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
     mode = MODES[flags & _MODE_MASK]
     if mode is None:
         return None
-    return made(
-        JetCommand,
-        (
-            flow * FLOW_RESOLUTION_M2_PER_S,
-            mode,
-            flags & _ENABLE != 0,
-            counter if flags & _COUNTER_VALID else None,
-            flags & _NEXT_PERIOD != 0,
-        ),
-    )
+    echoed, enable, next_period = counter if flags & _COUNTER_VALID else None, flags & _ENABLE, flags & _NEXT_PERIOD
+    return made(JetCommand, (flow * FLOW_RESOLUTION_M2_PER_S, mode, enable != 0, echoed, next_period != 0))
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
     """Return the message as 24 bytes."""
-    state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, not_authentic, tx_errors, rx_errors, aside = (
-        message
-    )
+    state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx, aside = message
+    if not 0 <= aside <= SET_ASIDE_LIMIT:
+        aside = -1  # which no byte takes
     try:
         return _ECU_STATUS.pack(
             mode_of(state),
@@ -171,10 +159,10 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
             crc,
             bundle_hash,
             refused,
-            not_authentic,
-            tx_errors,
-            rx_errors,
-            aside if 0 <= aside <= SET_ASIDE_LIMIT else -1,  # which no byte takes
+            forged,
+            tx,
+            rx,
+            aside,
         )
     except UNPACKABLE:
         limits = {
