@@ -1,4 +1,4 @@
-"""The report on the store that a tester reads (`Did.STORE`), in less than `MAX_REPORT` bytes; lengths are in bytes.
+"""The report on the store that a tester reads (`Did.STORE`), in less than 2048 bytes; lengths are in bytes.
 
     "SWT1" (4)
     running slot, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
@@ -25,8 +25,6 @@ from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError
 from contract.printable import is_name, shown
 
-MAX_REPORT: Final = 2048
-"""Largest length of the report in bytes."""
 _MAGIC: Final = b"SWT1"
 _HEAD: Final = struct.Struct(">4sBBBBIIBB")
 _SLOT: Final = struct.Struct(">BBBHIII32s")

@@ -58,9 +58,8 @@ class SlotState:
     Attributes:
         length, sha256: length of the announced image in bytes, and its SHA-256, 32 bytes.
         received: number of bytes that are stored for certain.
-        digest, name, security_version: of the release; the digest is in hex.
+        digest: digest of the release, in hex.
         signer: public key that signed the image, 32 bytes.
-        boots_left: number of boots left in the trial.
     """
 
     phase: SlotPhase = SlotPhase.EMPTY
@@ -90,7 +89,6 @@ class StoreState:
     Attributes:
         active: the slot whose confirmed image boots if no image is on trial; None if none was confirmed yet.
         least_security_version: smallest security version that a release may have; only a confirmation raises it.
-        failed_attempts: numbers of consecutive wrong keys, by level.
     """
 
     slots: tuple[SlotState, SlotState] = (SlotState(), SlotState())

@@ -20,7 +20,6 @@ class IsoTpSettings:
 
     Attributes:
         receive_id, send_id: identifiers of the frames from the other end and of the frames of this end.
-        is_extended: whether both identifiers have 29 bits rather than 11.
         frame_length: largest data length of a sent frame in bytes: 8, or a greater CAN FD length if `is_fd`.
         is_fd: whether to send CAN FD frames; CAN FD frames and classic frames are received.
         block_size: number of frames after which the other end must wait for this end's flow control, 0 for never.

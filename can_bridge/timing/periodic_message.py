@@ -20,7 +20,6 @@ class PeriodicMessage:
     """A periodic message of a node.
 
     Attributes:
-        frame_id: identifier of 11 bits, or of 29 bits if it is extended.
         period_ns: shortest time between two releases.
         offset_ns: time of the first release.
         jitter_ns: largest delay from a release until the frame is queued.
@@ -39,7 +38,6 @@ class PeriodicMessage:
 
     @property
     def priority(self) -> Priority:
-        """The priority; the smaller value wins arbitration."""
         return priority(self.frame(bytes(self.length)))
 
     def frame(self, data: bytes) -> Frame:

@@ -76,8 +76,7 @@ class EcuServices:
         """Interrupt a transfer in progress, because the session ended; the transfer can be resumed."""
         self._store.drop()
         if self.is_updating:
-            # If a tester left during a transfer, the jets would stay shut until the next power-on. After a reset the
-            # old release, which is intact, runs again, and the interrupted transfer can be continued.
+            # Without a reset, after which the old release runs again, the jets would stay shut until the next power-on.
             self._on_reset()
 
     def read(self, did: Did) -> bytes:
@@ -100,8 +99,7 @@ class EcuServices:
             return
         if value == self._taken_keys:
             return
-        # Verifying a signature takes a large part of a control period. So it is done only while the ECU may be
-        # programmed, here and before a revert.
+        # Verifying a signature takes a large part of a control period: only while the ECU may be programmed.
         self._check_preconditions()
         with as_refusals():
             self._store.take_keys(value)
@@ -146,8 +144,7 @@ class EcuServices:
         """Write the next bytes of the image."""
         with as_refusals():
             self._store.append(data)
-        # This store has already written all data. A flash memory needs milliseconds for each part of the data, so this
-        # operation has as many parts as it would have with a flash memory.
+        # All data are written already; the operation has as many parts as it would have with a flash memory.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def failed_attempts(self, level: Level) -> int:

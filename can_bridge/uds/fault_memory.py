@@ -123,8 +123,7 @@ class FaultMemory:
         """Record the noted results, and store the record if this is allowed now. Raises MediumError if storing fails;
         the next call does not repeat the attempt."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays queued: the state of the tests when recording
-            # resumes.
+            # While recording is off, only the latest result stays queued, for when recording resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue

@@ -335,10 +335,9 @@ class UdsServer:
     def _exit(self, body: bytes) -> bytes:
         _check_length(not body)
         self._check_unlocked(SERVICES[Service.EXIT])
-        if self._transfer is None:
+        if self._transfer is None or self._transfer.missing:
             raise Refused(Nrc.SEQUENCE_ERROR)
         # CHECK compares the bytes with the announced hash.
-        self._transfer.check_complete()
         self._transfer.is_closed = True
         return b""
 

@@ -57,13 +57,14 @@ class Download:
     """A requested download of `length` bytes, of which the first is at byte `offset` of the image.
 
     Attributes:
+        missing: number of bytes that have not come yet.
         is_closed: whether the tester has ended the download; only a repeated request to end it is then answered.
     """
 
     def __init__(self, offset: int, length: int) -> None:
         self.offset = offset
         self.length = length
-        self._missing = length
+        self.missing = length
         self._expected = 1
         self._last: tuple[int, bytes] | None = None
         self.is_closed = False
@@ -76,21 +77,16 @@ class Download:
         """Return whether to write this block; False if it repeats the last one. Raises Refused for a wrong block."""
         if self._last == (counter, data) and not self.is_closed:
             return False
-        if self._missing == 0:
+        if self.missing == 0:
             raise Refused(Nrc.SEQUENCE_ERROR)
         if counter != self._expected:
             raise Refused(Nrc.WRONG_BLOCK_COUNTER)
-        if len(data) > self._missing:
+        if len(data) > self.missing:
             raise Refused(Nrc.TRANSFER_SUSPENDED)
         return True
 
     def taken(self, counter: int, data: bytes) -> None:
         """Note that this block was written."""
-        self._missing -= len(data)
+        self.missing -= len(data)
         self._expected = (counter + 1) % 256
         self._last = counter, data
-
-    def check_complete(self) -> None:
-        """Raise Refused if bytes of the download are missing."""
-        if self._missing:
-            raise Refused(Nrc.SEQUENCE_ERROR)
