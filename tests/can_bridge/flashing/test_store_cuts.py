@@ -1,4 +1,7 @@
-"""A loss of power in every writing call of every way to use the store, and in every call of the recovery from it."""
+"""A loss of power in every writing call of every way to use the store, and in every call of the recovery from it.
+
+That what was received is not sent again, and the whole way from the tester to a folder, is in `tests/proofs/flash`.
+"""
 
 import pickle
 from collections.abc import Callable, Iterator
@@ -120,18 +123,6 @@ def test_after_one_or_two_losses_of_power_in_any_call_a_release_runs_and_the_nex
         afters += cuts(after, confirmed_update, 1)
     for after in {pickle.dumps(after.memory): after for after in afters}.values():
         prove(after)
-
-
-def test_what_was_received_before_a_loss_of_power_is_not_sent_again():
-    wanted = []
-    for after in cuts(PlainBacking(START), confirmed_update, 0):
-        store = store_on(after)
-        slot = store.state.slots[Slot.B]
-        if slot.phase == SlotPhase.FILLING:
-            wanted.append(slot.received)
-            assert transfer(store, IMAGES["two"]) == slot.received
-    assert len(set(wanted)) > len(IMAGES["two"]) // 10_000
-    assert max(wanted) == len(IMAGES["two"])
 
 
 def received_before_it_is_written(self: Store, data: bytes) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from can_bridge.calibration.segment import Page, Segment
 from can_bridge.flashing.backing import MediumError
-from can_bridge.uds.calibration_service import DIDS, CalibrationService
+from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.services import Did, Nrc, Refused
 from tests.can_bridge.calibration.conftest import LIMITS
 from tests.can_bridge.calibration.conftest import REFERENCE as OWN
@@ -98,12 +98,3 @@ def test_what_is_stored():
         service, segment = service_of(kept := Kept(raw))
         assert "calibration" in str(service.restore())
         assert (segment.take(), kept.raw) == (None, raw)
-
-
-def test_other_identifiers_are_not_its_own():
-    service, _ = service_of(Kept())
-    for did in set(Did) - DIDS:
-        assert refused(service, did, bytes(44)) is Nrc.OUT_OF_RANGE
-        with pytest.raises(Refused):
-            service.read(did)
-    assert refused(service, Did.CALIBRATION_LIMITS, bytes(120)) is Nrc.OUT_OF_RANGE
