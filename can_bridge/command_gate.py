@@ -74,8 +74,7 @@ class GateLimits:
         )
 
     def narrowed(self, other: Self) -> Self:
-        """Return limits with the smaller range and the smaller step of the two objects, and with the ages of this
-        object."""
+        """Return limits with the smaller range and step of both objects, and with the ages of this object."""
         return replace(
             self,
             flow_m2_per_s=min(self.flow_m2_per_s, other.flow_m2_per_s),
@@ -106,13 +105,11 @@ def gate(
 
     Args:
         flow_m2_per_s: command of the controller or its fail-safe.
-        enable: whether the jets may run.
         previous_m2_per_s: this gate's previous result; 0 at the start.
         previous_ns: time of the previous result; None at the start.
         pressure_ns: sampling time of the pressures that the command uses; None without pressures.
         now_ns: present time, on the same clock as all times here. Pressures with a later sampling time count as stale,
             because one of the clocks is then wrong.
-        limits: bounds on the command.
     """
     if not enable:
         return _shut(Intervention.NOT_ENABLED)

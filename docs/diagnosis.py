@@ -148,7 +148,7 @@ STATED: Final = (
     f"refusals {', '.join(f'`{one:02X}`' for one in sorted(services.UNSENT_TO_ALL))} are not sent",
     *(f"`{one:02X}` {one.name.lower()}: " for one in Session),
     f"ends {services.S3_MS / 1000:g} s after",
-    f"overdue by {_ISOTP.n_cr_ns / 1e9:g} s",
+    f"overdue by {_ISOTP.wait_ns / 1e9:g} s",
     f"more than {services.BESIDE} bytes",
     f"after {_ISOTP.queue - KEPT_PLACES} answers",
     f"at most {services.LONGEST_ANSWER} bytes",

@@ -6,7 +6,7 @@ another message's identifier fails the check.
 """
 
 import binascii
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -15,12 +15,11 @@ from can_bridge.wire.message_specs import MessageSpec
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """The parameters of one profile for sender and receiver.
+    """The parameters of one profile.
 
     Attributes:
         crc_length: length in bytes of the CRC and of a data ID; the counter's byte follows the CRC.
         counter_period: number of frames after which the counter wraps; a power of two.
-        crc: computes the CRC of the covered bytes and a data ID.
     """
 
     crc_length: int
@@ -34,8 +33,8 @@ class Profile:
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:
-        """Return the message with its header filled in; the header's old bits are dropped. Raises ValueError if the
-        message is shorter than its header, or an argument does not fit its field."""
+        """Return the message with its header filled in. Raises ValueError if the message is shorter than its header, or
+        an argument does not fit its field."""
         length, largest_id = self.crc_length, (1 << 8 * self.crc_length) - 1
         if len(data) <= length:
             raise ValueError(f"message of {len(data)} bytes: has no room for the {length + 1}-byte E2E header")
@@ -47,8 +46,7 @@ class Profile:
         return self.crc(covered, data_id).to_bytes(length, "little") + covered
 
     def check(self, data: bytes, *, data_id: int) -> bool:
-        """Return whether the CRC is valid; False for a message that is too short. The CRC does not detect
-        repetitions."""
+        """Return whether the CRC is valid; False for a message that is too short."""
         length = self.crc_length
         return len(data) > length and data[:length] == self.crc(data[length:], data_id).to_bytes(length, "little")
 
@@ -91,9 +89,8 @@ def _crc_16(covered: bytes, data_id: int) -> int:
 
 PROFILE_2: Final = Profile(crc_length=1, counter_period=16, crc=_crc_8)
 PROFILE_5: Final = Profile(crc_length=2, counter_period=256, crc=_crc_16)
-_PROFILES: Final[Mapping[int, Profile]] = {2: PROFILE_2, 5: PROFILE_5}
 
 
 def profile_of(spec: MessageSpec) -> Profile:
     """Return the profile that protects a message."""
-    return _PROFILES[spec.profile]
+    return PROFILE_2 if spec.profile == 2 else PROFILE_5

@@ -8,18 +8,16 @@ gets a `FrameCheck` from its CRC and counter, and a window of the latest checks 
 - INIT becomes INVALID with more than `max_errors` bad checks;
 - VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
 
-AUTOSAR's own machine has values of `min_ok` and `max_errors` for each state, and leaves the check that ends NODATA out
-of the window. Here this check counts, so that with `min_ok` = 2 the second frame of a stream is trusted. AUTOSAR's
-machine with MinOkStateInit = 1, MinOkStateValid = 1 and MinOkStateInvalid = 2 behaves in this way, as long as the
-window holds the first check.
+AUTOSAR's own machine leaves the check that ends NODATA out of the window. Here this check counts, so that with
+`min_ok` = 2 the second frame of a stream is trusted, as by AUTOSAR's machine with MinOkStateInit = 1,
+MinOkStateValid = 1 and MinOkStateInvalid = 2 as long as the window holds the first check.
 
 A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good checks out
 of the window. As in the standard, the receiver continues from the new count after a jump, so that the frames of a
 restarted sender are good from the second frame on.
 
-As in the standard, the state machine advances once a period, whatever the number of frames. The check of a period is an
-error if the check of any of its frames is an error. The check of a period is good if the check of at least one frame is
-good and no check is an error.
+As in the standard, the state machine advances once a period, whatever the number of frames; the check of a period is
+an error if that of any of its frames is, and otherwise good if that of any frame is.
 """
 
 from collections.abc import Iterable
@@ -56,16 +54,14 @@ class StreamState(Enum):
 
 GOOD: Final = (FrameCheck.OK, FrameCheck.OK_SOME_LOST)
 _REJECTED: Final = (FrameCheck.REPEATED, FrameCheck.WRONG_SEQUENCE, FrameCheck.ERROR)
+_BY_WEIGHT: Final = (FrameCheck.ERROR, *GOOD, FrameCheck.WRONG_SEQUENCE, FrameCheck.REPEATED, FrameCheck.NO_NEW_DATA)
+"""The first of these among the checks of a period's frames is the check of the period."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reception:
-    """The outcome of one period.
-
-    Attributes:
-        checks: one check for each frame of the message, oldest first; only NO_NEW_DATA if there was no frame.
-        accepted: the newest frame with a good check, in any state of the stream; None if there was no such frame.
-    """
+    """The outcome of one period: a check for each frame of the message, oldest first, or NO_NEW_DATA alone; and the
+    newest frame with a good check, in any state of the stream."""
 
     stream: StreamState
     checks: tuple[FrameCheck, ...]
@@ -105,13 +101,8 @@ class ReceiverState:
 def receive(
     state: ReceiverState, frames: Iterable[Frame], *, spec: MessageSpec, config: E2eConfig
 ) -> tuple[ReceiverState, Reception]:
-    """Return the state after one period, and the period's outcome.
-
-    Args:
-        frames: all frames received in the period, oldest first; other messages' frames are ignored. Of a secured
-            message only the protected part is checked; `can_bridge.secoc` checks the remaining parts.
-        config: the conditions under which the stream is trusted.
-    """
+    """Return the state after one period, and the period's outcome; `frames` are all frames received in the period,
+    oldest first, of which other messages' are ignored. Of a secured message only the protected part is checked."""
     checks: list[FrameCheck] = []
     accepted: Frame | None = None
     last_counter = state.last_counter
@@ -126,7 +117,7 @@ def receive(
     counts = list(state.counts)
     for check in verdicts:
         counts[check.value] += 1
-    period = _of_period(verdicts)
+    period = next(check for check in _BY_WEIGHT if check in verdicts)
     stream, window = _advanced(state, period, config)
     after = ReceiverState(stream=stream, last_counter=last_counter, window=window, counts=tuple(counts))
     return after, Reception(stream=stream, checks=verdicts, accepted=accepted)
@@ -144,20 +135,6 @@ class E2eReceiver:
         """See `receive`."""
         self.state, reception = receive(self.state, frames, spec=self.spec, config=self.config)
         return reception
-
-
-def _of_period(found: tuple[FrameCheck, ...]) -> FrameCheck:
-    """Return the result for a period whose checks had the results `found`."""
-    for check in (
-        FrameCheck.ERROR,
-        FrameCheck.OK,
-        FrameCheck.OK_SOME_LOST,
-        FrameCheck.WRONG_SEQUENCE,
-        FrameCheck.REPEATED,
-    ):
-        if check in found:
-            return check
-    return FrameCheck.NO_NEW_DATA
 
 
 def _checked(

@@ -9,7 +9,7 @@ from can_bridge.wire.message_specs import MessageSpec
 
 @dataclass(frozen=True, kw_only=True)
 class SenderState:
-    """The sender's state for one message. `counter` is the next frame's counter."""
+    """The sender's state for one message: the next frame's counter."""
 
     counter: int = 0
 
@@ -19,11 +19,8 @@ class SenderState:
 
 
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
-    """Return the next frame of a message, for data from its `emit` (`can_bridge.wire.message_sets`).
-
-    The frame has only the protected part of a secured message; `can_bridge.secoc.node.secured` adds the rest. Raises
-    ValueError if the data do not have the length of the message's protected part.
-    """
+    """Return the next frame of a message, for data from its `emit`; of a secured message the protected part, to which
+    `can_bridge.secoc.node.secured` adds the rest. Raises ValueError for data of another length."""
     if len(data) != spec.protected:
         raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.protected}")
     protected = profile_of(spec).protect(data, data_id=spec.data_id, counter=state.counter)

@@ -1,7 +1,7 @@
 """The interface from the store to its memory: a folder (`folder_backing`) or a chip's flash memory.
 
-After a loss of power a backing guarantees two things. `keep` is atomic: the memory has the old record or the new
-record. And all data written to a slot before the last `keep` of a `RecordKind.STATE` are still there.
+After a loss of power the memory has the old record or the new record, never a part of it (`keep`), and all data written
+to a slot before the last `keep` of a `RecordKind.STATE`.
 """
 
 from collections.abc import Generator, Mapping
@@ -29,11 +29,11 @@ execute further parts when the session has ended."""
 
 def at_once(work: Long[T]) -> T:
     """Execute all parts of a long operation and return its result."""
-    while True:
-        try:
+    try:
+        while True:
             next(work)
-        except StopIteration as done:
-            return cast(T, done.value)
+    except StopIteration as done:
+        return cast(T, done.value)
 
 
 MAX_RECORD: Final = 8192
@@ -61,39 +61,34 @@ class RecordKind(IntEnum):
 
 
 class Backing(Protocol):
-    """A memory for two images and four records."""
+    """A memory for two images of up to `capacity` bytes, and four records. Its methods raise MediumError if the memory
+    fails."""
 
     @property
-    def capacity(self) -> int:
-        """The size of a slot in bytes."""
-        ...
+    def capacity(self) -> int: ...
 
     def records(self) -> Mapping[RecordKind, bytes]:
         """Return the newest complete record of each kind; a kind is missing if it was never stored."""
         ...
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes. Raises MediumError if the memory is
-        defective."""
+        """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes."""
         ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
-        """Erase a slot in parts, from byte `behind` to the end; `behind` is 0 or a result of `begin_again`. Raises
-        MediumError if erasing fails."""
+        """Erase a slot in parts, from byte `behind` to the end; `behind` is 0 or a result of `begin_again`."""
         ...
 
     def begin_again(self, slot: Slot, length: int) -> int:
-        """Prepare a slot after power-on so that data can be appended after its first `length` bytes. The data after
-        these bytes are no longer valid. Returns the number of bytes that stay valid: `length` or fewer. If it is less
-        than `length`, the memory after these bytes must be erased next. Raises MediumError if the whole slot must be
-        erased."""
+        """Prepare a slot after power-on so that data can be appended after its first `length` bytes. Returns the number
+        of bytes that stay valid: `length`, or fewer if the memory after these bytes must be erased next. Raises
+        MediumError if the whole slot must be erased."""
         ...
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write data after the data already written to a slot since it was erased. Raises MediumError if the data do
-        not fit."""
+        """Write data after the data written to a slot since it was erased; raises MediumError also if it is full."""
         ...
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Return bytes that were appended; raises MediumError if the memory cannot read them."""
+        """Return bytes that were appended."""
         ...

@@ -2,60 +2,41 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Self
 
 from can_bridge.flashing.backing import MediumError, Slot, at_once
 from can_bridge.flashing.checking import Release
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import SlotPhase
-from can_bridge.flashing.verdicts import Verdict
+from can_bridge.flashing.verdicts import InWords, Verdict
 
 
-class BootReason(Enum):
-    """The reason why an image was booted. `in_words` is the text of the reason for people."""
-
-    in_words: str
-
-    def __new__(cls, value: int, in_words: str = "") -> Self:
-        """Create a member from its byte and its text."""
-        made = object.__new__(cls)
-        made._value_, made.in_words = value, in_words
-        return made
+class BootReason(InWords):
+    """The reason why an image was booted."""
 
     CONFIRMED = 1, "confirmed"
     TRIAL = 2, "on trial"
     """An activated image that has not been confirmed yet."""
     REVERTED = 3, "confirmed; the release on trial was rejected"
-    """The confirmed image, because the image on trial failed a check or was not confirmed in time."""
+    """The image on trial failed a check or was not confirmed in time."""
     FALLBACK = 4, "the release before; the confirmed release is damaged"
-    """The release confirmed before the present confirmed release, because the present confirmed release failed a
-    check."""
     NO_RELEASE = 5, "every release is damaged or missing"
     """No image passed its checks: the jets stay shut, and a release can be flashed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Boot:
-    """The result of a boot.
+    """The result of a boot: the booted slot and its bundle, None without a release; the verdicts of the slots that this
+    boot checked; and the number of boots left in the trial, 0 if the release is not on trial."""
 
-    Attributes:
-        slot: the booted slot; None without a release.
-        bundle: the booted bundle, which passed every check in this boot; None without a release.
-        verdicts: results of the checks of the slots that this boot checked.
-        boots_left: number of boots left in the trial after this boot; 0 if the release is not on trial.
-    """
-
-    slot: Slot | None
-    bundle: Release | None
+    slot: Slot | None = None
+    bundle: Release | None = None
     verdicts: Mapping[Slot, Verdict]
     reason: BootReason
     boots_left: int = 0
 
 
 def boot(remembered: Remembered) -> Boot:
-    """Choose an image and check it completely. If an image is on trial, its boot is counted before the check. No
-    content of the memory makes this function raise an exception."""
+    """See `Store.boot`."""
     trial = remembered.state.on_trial
     verdicts: dict[Slot, Verdict] = {}
     on_trial = None if trial is None else _boot_trial(remembered, trial, verdicts)
@@ -81,11 +62,8 @@ def _boot_trial(remembered: Remembered, slot: Slot, verdicts: dict[Slot, Verdict
 
 
 def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
-    """Return the boot of the confirmed image, or of the image confirmed before it.
-
-    A confirmed image that fails a check stays confirmed, and the next boot checks it again. So a wrong stillwake.dbc or
-    wrong vehicle data in the ECU can be corrected.
-    """
+    """Return the boot of the confirmed image, or of the image confirmed before it. An image that fails a check stays
+    confirmed, so that a wrong stillwake.dbc or wrong vehicle data in the ECU can be corrected."""
     active = remembered.state.active
     for slot in () if active is None else (active, active.other):
         if remembered.state.slots[slot].phase != SlotPhase.CONFIRMED:
@@ -95,4 +73,4 @@ def _boot_confirmed(remembered: Remembered, is_reverted: bool, verdicts: dict[Sl
             expected = BootReason.REVERTED if is_reverted else BootReason.CONFIRMED
             reason = expected if slot == active else BootReason.FALLBACK
             return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=reason)
-    return Boot(slot=None, bundle=None, verdicts=verdicts, reason=BootReason.NO_RELEASE)
+    return Boot(verdicts=verdicts, reason=BootReason.NO_RELEASE)

@@ -36,13 +36,7 @@ WRONG_VEHICLE."""
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """The ECU's own rules for images.
-
-    Attributes:
-        keys: keys that may sign; None if the ECU has no key list and so accepts no image.
-        hardware: name of this ECU's hardware.
-        least_security_version: smallest security version that a release may have.
-    """
+    """The ECU's own rules for images; without `keys` (a key list) it accepts none."""
 
     keys: KeyList | None
     hardware: str
@@ -65,13 +59,8 @@ def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
         return Verdict.WRONG_DBC, None
     except BundleError:
         return Verdict.DAMAGED, None
-    if bundle.manifest.hardware not in (None, rules.hardware):
-        return Verdict.WRONG_HARDWARE, None
-    if (verdict := rules.fits(bundle)) != Verdict.GOOD:
-        return verdict, None
-    if bundle.manifest.security_version < rules.least_security_version:
-        return Verdict.TOO_OLD, None
-    return Verdict.GOOD, bundle
+    verdict = _own_verdict(bundle, bundle.manifest.hardware, rules)
+    return verdict, bundle if verdict == Verdict.GOOD else None
 
 
 ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
@@ -81,12 +70,8 @@ ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
 def judge_image(
     image: bytes, rules: Rules, *, layout: bytes, opens: Callable[[bytes], bool] = lambda payload: True
 ) -> tuple[Verdict, ControllerImage | None]:
-    """Check a controller image, as `check` checks a bundle.
-
-    Args:
-        layout: identifies this ECU's build.
-        opens: returns whether the build can run a payload, like `sw_image_open`; called after all other checks.
-    """
+    """Check a controller image, as `check` checks a bundle; `layout` identifies this ECU's build, and `opens` states,
+    after all other checks, whether the build can run a payload (`sw_image_open`)."""
     keys = rules.keys
     try:
         signer = controller_image.signer_of(image)
@@ -100,16 +85,11 @@ def judge_image(
     except BundleError:
         return Verdict.DAMAGED, None
     facts = found.facts
-    fails = (
-        (facts.dbc.hex() != dbc_sha256(), Verdict.WRONG_DBC),
-        (facts.layout != layout, Verdict.WRONG_BUILD),
-        (facts.hardware not in (None, rules.hardware), Verdict.WRONG_HARDWARE),
-    )
-    verdict = next((verdict for failed, verdict in fails if failed), Verdict.GOOD)
-    if verdict == Verdict.GOOD:
-        verdict = rules.fits(found)
-    if verdict == Verdict.GOOD and facts.security_version < rules.least_security_version:
-        verdict = Verdict.TOO_OLD
+    if facts.dbc.hex() != dbc_sha256():
+        return Verdict.WRONG_DBC, None
+    if facts.layout != layout:
+        return Verdict.WRONG_BUILD, None
+    verdict = _own_verdict(found, facts.hardware, rules)
     if verdict == Verdict.GOOD and not opens(found.payload):
         verdict = Verdict.WRONG_BUILD
     return verdict, found if verdict == Verdict.GOOD else None
@@ -126,6 +106,16 @@ def fits_as(image: bytes) -> Fits:
         return Verdict.GOOD if other == own else Verdict.WRONG_VEHICLE
 
     return fits
+
+
+def _own_verdict(release: Release, hardware: str | None, rules: Rules) -> Verdict:
+    """Return the verdict of the ECU's own rules on a release that is valid in itself."""
+    if hardware not in (None, rules.hardware):
+        return Verdict.WRONG_HARDWARE
+    verdict = rules.fits(release)
+    if verdict == Verdict.GOOD and release.security_version < rules.least_security_version:
+        return Verdict.TOO_OLD
+    return verdict
 
 
 def _signer_verdict(signature: bytes | None, manifest: bytes, keys: KeyList | None) -> Verdict:

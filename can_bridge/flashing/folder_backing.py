@@ -1,8 +1,6 @@
 """A store's memory in a folder, for an ECU with a file system: a file for each record and each slot.
 
 A record is replaced by a temporary file that is synchronised before it is renamed; then the folder is synchronised.
-Data are appended to slots. Before a record of the kind `RecordKind.STATE` is replaced, the data appended to the slots
-are synchronised.
 """
 
 import errno
@@ -10,7 +8,8 @@ import os
 import stat
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -23,30 +22,22 @@ class FolderFiles:
     def __init__(self, folder: Path) -> None:
         """Create the folder if it does not exist."""
         self._folder = folder
-        try:
+        with _reported(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise _failed(folder, error) from error
 
     def read(self, name: str, offset: int = 0, length: int | None = None) -> bytes | None:
         """Return bytes of a file, fewer if the file ends earlier; None if there is no such file."""
-        try:
-            with os.fdopen(open_regular(self._folder / name, os.O_RDONLY), "rb") as file:
-                file.seek(offset)
-                return file.read() if length is None else file.read(length)
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise _failed(self._folder / name, error) from error
+        path = self._folder / name
+        with _reported(path), suppress(FileNotFoundError), os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
+            file.seek(offset)
+            return file.read(length)
+        return None
 
     def size(self, name: str) -> int:
         """Return the size of a file in bytes; 0 if there is no such file."""
-        try:
+        with _reported(self._folder / name), suppress(FileNotFoundError):
             return (self._folder / name).stat().st_size
-        except FileNotFoundError:
-            return 0
-        except OSError as error:
-            raise _failed(self._folder / name, error) from error
+        return 0
 
     def append(self, name: str, data: bytes) -> None:
         """Append to a file, which is created if it does not exist."""
@@ -58,17 +49,13 @@ class FolderFiles:
 
     def truncate(self, name: str, length: int) -> None:
         """Truncate a file to its first bytes."""
-        try:
+        with _reported(self._folder / name):
             os.truncate(self._folder / name, length)
-        except OSError as error:
-            raise _failed(self._folder / name, error) from error
 
     def rename(self, old: str, new: str) -> None:
         """Rename a file; an existing file with the new name is replaced."""
-        try:
+        with _reported(self._folder / old):
             (self._folder / old).replace(self._folder / new)
-        except OSError as error:
-            raise _failed(self._folder / old, error) from error
 
     def sync(self, name: str) -> None:
         """Synchronise the file, and return when its content is on the disk."""
@@ -79,21 +66,16 @@ class FolderFiles:
         self._sync(self._folder)
 
     def _sync(self, path: Path) -> None:
-        try:
+        with _reported(path):
             handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
             try:
                 os.fsync(handle)
             finally:
                 os.close(handle)
-        except OSError as error:
-            raise _failed(path, error) from error
 
     def _write(self, name: str, flags: int, data: bytes) -> None:
-        try:
-            with os.fdopen(open_regular(self._folder / name, flags), "wb") as file:
-                file.write(data)
-        except OSError as error:
-            raise _failed(self._folder / name, error) from error
+        with _reported(self._folder / name), os.fdopen(open_regular(self._folder / name, flags), "wb") as file:
+            file.write(data)
 
 
 def open_regular(path: Path, flags: int) -> int:
@@ -106,8 +88,12 @@ def open_regular(path: Path, flags: int) -> int:
     return handle
 
 
-def _failed(path: Path, error: OSError) -> MediumError:
-    return MediumError(f"store {path}: {error.strerror or error}", 0)
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise MediumError(f"store {path}: {error.strerror or error}", 0) from error
 
 
 CAPACITY: Final = 16 * 1024 * 1024
@@ -121,32 +107,20 @@ class FolderBacking:
     """A `Backing` in a folder, which is created if it does not exist. Only one process at a time may use it."""
 
     def __init__(self, folder: Path, *, files: FolderFiles | None = None, capacity: int = CAPACITY) -> None:
-        """Open the folder. Raises MediumError if it cannot be created.
-
-        Args:
-            folder: folder of the store's files.
-            files: access to the files; the operating system's by default.
-            capacity: size of a slot in bytes.
-        """
+        """Open the folder, with access through `files`. Raises MediumError if the folder cannot be created."""
         self._files = FolderFiles(folder) if files is None else files
-        self._capacity = capacity
+        self.capacity = capacity
         self._unsynced: set[Slot] = set()
         # The length of the data in a slot is unknown after power-on, until `clear` or `begin_again` is called.
         self._written: dict[Slot, int] = {}
 
-    @property
-    def capacity(self) -> int:
-        """The size of a slot in bytes."""
-        return self._capacity
-
     def records(self) -> Mapping[RecordKind, bytes]:
-        """Return the record of each kind whose file is complete."""
         found = {kind: self._record(kind) for kind in RecordKind}
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
         """Replace a record; for `RecordKind.STATE`, first synchronise the slots. Raises ValueError if the record is too
-        long; MediumError if the disk is full or fails."""
+        long."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == RecordKind.STATE:
@@ -180,19 +154,18 @@ class FolderBacking:
         return length
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write data after the data already written since the slot was erased. Raises MediumError if the data do not
-        fit, the disk is full, or the slot was not prepared since power-on."""
+        """Write data after the data already written since the slot was erased. Raises MediumError also if the slot was
+        not prepared since power-on."""
         if slot not in self._written:
             raise MediumError(f"slot {slot.name}: clear it, or announce an image again, before writing to it", 0)
-        if self._written[slot] + len(data) > self._capacity:
-            raise MediumError(f"slot {slot.name}: holds {self._capacity} bytes, so no more data fits", self._capacity)
+        if self._written[slot] + len(data) > self.capacity:
+            raise MediumError(f"slot {slot.name}: holds {self.capacity} bytes, so no more data fits", self.capacity)
         before = self._written.pop(slot)
         self._unsynced.add(slot)
         self._files.append(_slot_file(slot), data)
         self._written[slot] = before + len(data)
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
-        """Return bytes that were appended; raises MediumError if the slot does not have these bytes."""
         found = self._files.read(_slot_file(slot), offset, length) or b""
         if len(found) != length:
             raise MediumError(f"slot {slot.name}: nothing was written at byte {offset + len(found)}", offset)

@@ -2,17 +2,18 @@
 
 import hashlib
 import struct
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
 from can_bridge.flashing import state
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot
-from can_bridge.flashing.checking import Fits, ImageCheck, Release, Rules
+from can_bridge.flashing.checking import Fits, ImageCheck, Release, Rules, check
 from can_bridge.flashing.state import MOST_ATTEMPTS, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
-from contract.errors import ConfigError, KeyFileError
+from contract.errors import KeyFileError
 from contract.release import key_list
 from contract.release.key_list import KeyList
 from contract.release.signing import PublicKey
@@ -22,23 +23,41 @@ PIECE: Final = 4096
 
 
 class Remembered:
-    """The records of a backing; a missing or damaged record counts as never stored. The arguments are those of
-    `Store`."""
+    """The records of a backing; a missing or damaged record counts as never stored.
 
-    def __init__(self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: ImageCheck) -> None:
+    Args:
+        root: the key that signs key lists.
+        hardware: name of this ECU's hardware.
+        fits: returns whether a release was made for this vehicle.
+        check: checks an image: the check of bundles, or `judge_image` for the images of microcontrollers.
+
+    Attributes:
+        state: the stored state.
+        keys: the keys that may sign; None without a valid list.
+        faults: the fault memory's record; empty if there is none.
+    """
+
+    def __init__(
+        self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: ImageCheck = check
+    ) -> None:
         self.backing = backing
-        self._root = root
-        self._hardware = hardware
-        self._fits = fits
-        self._check = check
+        self._root, self._hardware, self._fits, self._check = root, hardware, fits, check
+        self.state = StoreState()
+        self.keys: KeyList | None = None
+        self._calibrations: dict[str, bytes] = {}
         records = backing.records()
-        self.state = _state(records.get(RecordKind.STATE, b""), backing.capacity)
-        self.keys = _key_list(records.get(RecordKind.KEYS, b""), root)
-        self._calibrations = _calibrations(records.get(RecordKind.CALIBRATION, b""))
+        with suppress(ValueError):
+            found = state.decode(records.get(RecordKind.STATE, b""))
+            if all(slot.length <= backing.capacity for slot in found.slots):
+                self.state = found
+        with suppress(KeyFileError):
+            self.keys = key_list.decode(records.get(RecordKind.KEYS, b""), root)
+        with suppress(ValueError):
+            self._calibrations = decode_calibrations(records.get(RecordKind.CALIBRATION, b""))
         self.faults = records.get(RecordKind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
-        """Store a changed state. Raises MediumError if storing fails; then nothing has changed."""
+        """Store a changed state; if this raises MediumError, nothing has changed."""
         self.backing.keep(RecordKind.STATE, state.encode(changed))
         self.state = changed
 
@@ -66,75 +85,20 @@ class Remembered:
         )
         return self._check(bytes(image), rules)
 
-    def take_keys(self, raw: bytes, needed: Collection[Slot]) -> None:
-        """Replace the key list as `Store.take_keys` does; `needed` are the slots whose releases must keep their
-        signers' keys in the new list."""
-        listed = key_list.decode(raw, self._root)
-        if self.keys is not None:
-            if listed.version <= self.keys.version:
-                raise KeyFileError(
-                    f"key list: version {listed.version}: must be greater than this ECU's version, {self.keys.version}"
-                )
-            for slot in needed:
-                signer = PublicKey(self.state.slots[slot].signer)
-                if signer in self.keys.keys - listed.keys:
-                    raise KeyFileError(
-                        f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm a "
-                        "release with another key first"
-                    )
-        self.backing.keep(RecordKind.KEYS, raw)
-        self.keys = listed
-
     def calibration(self, digest: str) -> bytes | None:
         """Return the calibration stored for the release with this digest; None if there is none."""
         return self._calibrations.get(digest)
 
-    def keep_calibration(self, digest: str, blob: bytes | None) -> None:
-        """See `Store.keep_calibration`, for the release with this digest. Calibrations of releases that are in no slot
-        are removed."""
-        here = {slot.digest for slot in self.state.slots} - {digest}
-        kept = {digest: kept for digest, kept in self._calibrations.items() if digest in here}
-        if blob is not None:
-            kept[digest] = blob
-        try:
-            record = encode_calibrations(kept)
-        except ValueError as error:
-            raise ConfigError(str(error)) from error
-        self.backing.keep(RecordKind.CALIBRATION, record)
-        self._calibrations = kept
-
     def keep_faults(self, record: bytes) -> None:
-        """Store the fault memory's record; raises MediumError if storing fails."""
+        """Store the fault memory's record."""
         self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Store the number of consecutive wrong keys, up to 255; raises MediumError if storing fails."""
+        """Store the number of consecutive wrong keys, up to 255."""
         attempts = {**self.state.failed_attempts, level: min(count, MOST_ATTEMPTS)}
         if attempts != self.state.failed_attempts:
             self.keep(replace(self.state, failed_attempts=attempts))
-
-
-def _state(record: bytes, capacity: int) -> StoreState:
-    try:
-        found = state.decode(record)
-    except ValueError:
-        return StoreState()
-    return found if all(slot.length <= capacity for slot in found.slots) else StoreState()
-
-
-def _key_list(record: bytes, root: PublicKey) -> KeyList | None:
-    try:
-        return key_list.decode(record, root)
-    except KeyFileError:
-        return None
-
-
-def _calibrations(record: bytes) -> dict[str, bytes]:
-    try:
-        return decode_calibrations(record)
-    except ValueError:
-        return {}
 
 
 MAX_CALIBRATION: Final = 1024

@@ -1,4 +1,4 @@
-"""The report on the store that a tester reads (`Did.STORE`), in less than `MAX_REPORT` bytes; lengths are in bytes.
+"""The report on the store that a tester reads (`Did.STORE`), in less than 2048 bytes; lengths are in bytes.
 
     "SWT1" (4)
     running slot, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
@@ -25,8 +25,6 @@ from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError
 from contract.printable import is_name, shown
 
-MAX_REPORT: Final = 2048
-"""Largest length of the report in bytes."""
 _MAGIC: Final = b"SWT1"
 _HEAD: Final = struct.Struct(">4sBBBBIIBB")
 _SLOT: Final = struct.Struct(">BBBHIII32s")
@@ -35,12 +33,8 @@ _NONE: Final = 0xFF
 
 @dataclass(frozen=True, kw_only=True)
 class SlotReport:
-    """The report on one slot; for the other fields see `state.SlotState`.
-
-    Attributes:
-        name, digest: name and digest of the release; empty if no image was checked.
-        verdict: result of the last boot's check; None if the last boot did not check this slot.
-    """
+    """The report on one slot; for the other fields see `state.SlotState`. `verdict` is the result of the last boot's
+    check; None if the last boot did not check this slot."""
 
     phase: SlotPhase
     name: str
@@ -57,18 +51,8 @@ _STANDING: Final = tuple(one.name for one in fields(SlotReport) if one.name != "
 
 @dataclass(frozen=True, kw_only=True)
 class StoreReport:
-    """The state of the store.
-
-    Attributes:
-        slots: reports or states in the order of `Slot`.
-        running: the booted slot; None without a release, or after another image was announced for this slot.
-        active: the slot of the confirmed release.
-        next_boot: the slot that the next boot tries first.
-        reason: reason why the last boot chose its image, or chose no image; None before the first boot.
-        least_security_version: smallest security version that a release may have.
-        key_list_version: version of the key list; None without a key list.
-        failed_attempts: numbers of consecutive wrong keys, by level.
-    """
+    """The state of the store; for the fields see `Store` and `state.StoreState`. `reason` is None before the first
+    boot, `key_list_version` without a key list."""
 
     slots: tuple[SlotReport, SlotReport]
     running: Slot | None

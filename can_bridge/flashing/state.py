@@ -53,17 +53,13 @@ class SlotPhase(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SlotState:
-    """The state of one slot.
+    """The state of one slot. Until the image was checked, the fields of its release have their defaults.
 
     Attributes:
-        length: length of the announced image in bytes.
-        sha256: SHA-256 of the announced image, 32 bytes.
+        length, sha256: length of the announced image in bytes, and its SHA-256, 32 bytes.
         received: number of bytes that are stored for certain.
-        digest: digest of the bundle, in hex; empty until the image was checked.
-        name: name of the release; empty until the image was checked.
-        security_version: security version of the release; 0 until the image was checked.
-        signer: public key that signed the image, 32 bytes; empty until the image was checked.
-        boots_left: number of boots left in the trial.
+        digest: digest of the release, in hex.
+        signer: public key that signed the image, 32 bytes.
     """
 
     phase: SlotPhase = SlotPhase.EMPTY
@@ -91,10 +87,8 @@ class StoreState:
     """The states of both slots, and the state common to them.
 
     Attributes:
-        slots: states in the order of `Slot`.
         active: the slot whose confirmed image boots if no image is on trial; None if none was confirmed yet.
         least_security_version: smallest security version that a release may have; only a confirmation raises it.
-        failed_attempts: numbers of consecutive wrong keys, by level.
     """
 
     slots: tuple[SlotState, SlotState] = (SlotState(), SlotState())
@@ -119,8 +113,7 @@ class StoreState:
         return trial if trial is not None and self.slots[trial].boots_left > 0 else self.active
 
     def with_slot(self, slot: Slot, state: SlotState, **others: Any) -> "StoreState":
-        """Return a copy of the state with a new state of one slot, and with the new values in `others` of further
-        fields."""
+        """Return a copy with a new state of one slot, and with the values of the fields in `others`."""
         a, b = self.slots
         return replace(self, slots=(state, b) if slot == Slot.A else (a, state), **others)
 
@@ -130,22 +123,10 @@ def encode(state: StoreState) -> bytes:
     parts = [_MAGIC]
     for slot in state.slots:
         name = slot.name.encode()
-        parts += [
-            _SLOT.pack(
-                slot.phase,
-                slot.boots_left,
-                slot.length,
-                slot.received,
-                slot.security_version,
-                slot.sha256,
-                bytes.fromhex(slot.digest),
-                slot.signer,
-                len(name),
-            ),
-            name,
-        ]
+        numbers = slot.phase, slot.boots_left, slot.length, slot.received, slot.security_version
+        parts.append(_SLOT.pack(*numbers, slot.sha256, bytes.fromhex(slot.digest), slot.signer, len(name)) + name)
     active = _NO_SLOT if state.active is None else state.active
-    attempts = (min(state.failed_attempts.get(level, 0), MOST_ATTEMPTS) for level in Level)
+    attempts = (state.failed_attempts[level] for level in Level)
     parts.append(_REST.pack(active, state.least_security_version, *attempts))
     raw = b"".join(parts)
     return raw + _CRC.pack(zlib.crc32(raw))

@@ -18,11 +18,11 @@ from typing import Final
 from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot, at_once
 from can_bridge.flashing.boot import Boot, boot
 from can_bridge.flashing.checking import Fits, ImageCheck, check
-from can_bridge.flashing.remembered import PIECE, Remembered
+from can_bridge.flashing.remembered import PIECE, Remembered, encode_calibrations
 from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, SlotState, StoreState
 from can_bridge.flashing.verdicts import Verdict
-from contract.errors import BusError, ConfigError
-from contract.release.key_list import KeyList
+from contract.errors import BusError, ConfigError, KeyFileError
+from contract.release import key_list
 from contract.release.signing import PublicKey
 
 _SHA256_BYTES: Final = 32
@@ -32,25 +32,18 @@ class OutOfOrderError(BusError):
     """The request does not fit the store's present state."""
 
 
-class Store:
-    """The store of releases, from one power-on to the next power-on.
+class Store(Remembered):
+    """The store of releases, from one power-on to the next power-on. Its methods raise MediumError if the memory fails.
 
-    Args:
-        backing: memory of the store.
-        root: the key that signs key lists.
-        hardware: name of this ECU's hardware.
-        fits: returns whether a release was made for this vehicle.
-        check: checks an image: the check of bundles, or `judge_image` for the images of microcontrollers.
+    Attributes:
+        last_boot: the result of `boot`; None before the first call.
+        running: the booted slot; None without a release, or after another image was announced for this slot.
     """
 
-    def __init__(
-        self, backing: Backing, *, root: PublicKey, hardware: str, fits: Fits, check: ImageCheck = check
-    ) -> None:
-        self._remembered = Remembered(backing, root=root, hardware=hardware, fits=fits, check=check)
-        self._last_boot: Boot | None = None
-        self._running: Slot | None = None
-        self._announced: Slot | None = None
-        """The slot of the transfer in progress; the next bytes are appended to the bytes that the slot has."""
+    last_boot: Boot | None = None
+    running: Slot | None = None
+    _announced: Slot | None = None
+    """The slot of the transfer in progress; the next bytes are appended to the bytes that the slot has."""
 
     @classmethod
     def provision(
@@ -64,14 +57,9 @@ class Store:
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A.
-
-        Raises:
-            OutOfOrderError: the backing is not empty.
-            KeyFileError: the root key did not sign the list.
-            ConfigError: the image fails a check.
-            MediumError: the memory fails.
-        """
+        """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A. Raises
+        OutOfOrderError if the backing is not empty; KeyFileError if the root key did not sign the list; ConfigError if
+        the image fails a check."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
@@ -87,68 +75,32 @@ class Store:
         return store
 
     @property
-    def state(self) -> StoreState:
-        """The stored state."""
-        return self._remembered.state
-
-    @property
-    def records(self) -> Remembered:
-        """The records, with calibrations and failed attempts."""
-        return self._remembered
-
-    @property
-    def keys(self) -> KeyList | None:
-        """The keys that may sign; None without a valid list."""
-        return self._remembered.keys
-
-    @property
-    def capacity(self) -> int:
-        """The size of the largest image in bytes."""
-        return self._remembered.backing.capacity
-
-    @property
-    def last_boot(self) -> Boot | None:
-        """The result of `boot`; None before the first call."""
-        return self._last_boot
-
-    @property
-    def running(self) -> Slot | None:
-        """The booted slot; None without a release, or after another image was announced for this slot."""
-        return self._running
-
-    @property
     def received(self) -> int | None:
-        """The number of stored bytes of the announced image, which is the offset of the next byte; None if no image is
-        announced."""
+        """The number of stored bytes of the announced image; None if no image is announced."""
         return None if self._announced is None else self.state.slots[self._announced].received
 
     def boot(self) -> Boot:
         """Choose an image and check it completely. If an image is on trial, its boot is counted before the check. No
         content of the memory makes this method raise an exception."""
         self._announced = None
-        self._last_boot = boot(self._remembered)
-        self._running = self._last_boot.slot
-        return self._last_boot
+        self.last_boot = boot(self)
+        self.running = self.last_boot.slot
+        return self.last_boot
 
     def announce(self, length: int, sha256: bytes) -> Long[int]:
         """Prepare a slot for an image. Returns the offset of the first byte to send. The offset is 0 for a new image,
         and `length` if all bytes are stored. After an interrupted transfer of this image, it is the number of bytes
-        received, or less if the memory can only continue from an earlier byte.
-
-        Raises:
-            ConfigError: the length or the hash is out of range.
-            OutOfOrderError: `revert` selected another release for the next boot, and the ECU was not reset since.
-            MediumError: the memory fails.
-        """
-        if not 0 < length <= self.capacity:
-            raise ConfigError(f"image of {length} bytes: must have 1 to {self.capacity} for this ECU")
+        received, or less if the memory can only continue from an earlier byte. Raises ConfigError for a length or hash
+        out of range; OutOfOrderError if `revert` selected another release and the ECU was not reset since."""
+        if not 0 < length <= self.backing.capacity:
+            raise ConfigError(f"image of {length} bytes: must have 1 to {self.backing.capacity} for this ECU")
         if len(sha256) != _SHA256_BYTES:
             raise ConfigError(f"image: a SHA-256 of {len(sha256)} bytes: must have {_SHA256_BYTES}")
         slot = self._writable_slot()
         standing = self.state.slots[slot]
         self._announced = None
-        if self._running == slot:
-            self._running = None
+        if self.running == slot:
+            self.running = None
         is_here = standing.holds(length, sha256) and not self._is_known_bad(slot)
         stays = self._stays(slot) if is_here else None
         wanted = stays or 0
@@ -156,52 +108,51 @@ class Store:
         if stays is None or stays < standing.received:
             # The record is stored before the slot is erased, so that erased bytes do not count as received after an
             # interruption.
-            self._remembered.keep(self._without(slot).with_slot(slot, announced if stays else SlotState()))
-            yield from self._remembered.backing.clear(slot, wanted)
+            self.keep(self._without(slot).with_slot(slot, announced if stays else SlotState()))
+            yield from self.backing.clear(slot, wanted)
         if announced != self.state.slots[slot]:
-            self._remembered.keep(self._without(slot).with_slot(slot, announced))
+            self.keep(self._without(slot).with_slot(slot, announced))
         self._announced = slot
         return wanted
 
     def append(self, data: bytes) -> None:
         """Append bytes to the announced image; when the method returns, the bytes survive a loss of power. Raises
-        OutOfOrderError if no image is announced or the bytes exceed its length; MediumError if the memory fails, and
-        the image must then be announced again."""
+        OutOfOrderError if no image is announced or the bytes exceed its length. After a MediumError the image must be
+        announced again."""
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
                 f"image: {len(data)} bytes after {standing.received}: must end at the announced {standing.length}"
             )
         self._announced = None
-        self._remembered.backing.append(slot, data)
-        self._remembered.keep_slot(slot, replace(standing, received=standing.received + len(data)))
+        self.backing.append(slot, data)
+        self.keep_slot(slot, replace(standing, received=standing.received + len(data)))
         self._announced = slot
 
     def finish(self) -> Long[Verdict]:
         """Check the announced image in the memory. If the verdict is GOOD, the image becomes `SlotPhase.CHECKED`;
-        INCOMPLETE changes nothing.
-
-        The call may be repeated until the image is activated. Raises OutOfOrderError if no image is announced;
-        MediumError if the verdict cannot be stored.
-        """
+        INCOMPLETE changes nothing. The call may be repeated until the image is activated. Raises OutOfOrderError if no
+        image is announced."""
         slot, standing = self._transfer()
         if standing.received < standing.length:
             return Verdict.INCOMPLETE
-        verdict, bundle = yield from self._remembered.judged(slot)
+        verdict, bundle = yield from self.judged(slot)
         checked = SlotState(
-            phase=SlotPhase.BAD, length=standing.length, sha256=standing.sha256, received=standing.received
+            phase=SlotPhase.BAD if bundle is None else SlotPhase.CHECKED,
+            length=standing.length,
+            sha256=standing.sha256,
+            received=standing.received,
         )
         if bundle is not None:
             checked = replace(
                 checked,
-                phase=SlotPhase.CHECKED,
                 digest=bundle.digest,
                 name=bundle.name,
                 security_version=bundle.security_version,
                 signer=b"" if bundle.signer is None else bundle.signer.raw,
             )
         if checked != standing:
-            self._remembered.keep_slot(slot, checked)
+            self.keep_slot(slot, checked)
         return verdict
 
     def drop(self) -> None:
@@ -210,24 +161,22 @@ class Store:
 
     def activate(self) -> None:
         """Activate the checked image: it boots on trial from the next reset on. Does nothing if the image is already
-        activated. Raises OutOfOrderError if no image is checked; MediumError if the activation cannot be stored."""
+        activated. Raises OutOfOrderError if no image is checked."""
         state, slot, trial = self.state, self.state.checked, self.state.on_trial
         if slot is None:
-            if trial is not None and trial != self._running:
+            if trial is not None and trial != self.running:
                 return
             raise OutOfOrderError("no image to activate: transfer and check an image first")
         if trial is not None:
             state = state.with_slot(trial, _given_up(state.slots[trial]))
-        self._remembered.keep(
-            state.with_slot(slot, replace(state.slots[slot], phase=SlotPhase.TRIAL, boots_left=TRIAL_BOOTS))
-        )
+        self.keep(state.with_slot(slot, replace(state.slots[slot], phase=SlotPhase.TRIAL, boots_left=TRIAL_BOOTS)))
         self._announced = None
 
     def confirm(self) -> None:
         """Confirm the release that runs on trial; does nothing if the release is already confirmed. Raises
         OutOfOrderError if no release runs, if the running release is neither on trial nor confirmed any more, or if the
-        key that signed it may no longer sign; MediumError if the confirmation cannot be stored."""
-        slot = self._running
+        key that signed it may no longer sign."""
+        slot = self.running
         phase = None if slot is None else self.state.slots[slot].phase
         if slot is None or phase not in (SlotPhase.TRIAL, SlotPhase.CONFIRMED):
             raise OutOfOrderError("no release to confirm: an activated release must run")
@@ -240,7 +189,7 @@ class Store:
 
     def _confirm(self, slot: Slot) -> None:
         standing = self.state.slots[slot]
-        self._remembered.keep(
+        self.keep(
             self.state.with_slot(
                 slot,
                 replace(standing, phase=SlotPhase.CONFIRMED, boots_left=0),
@@ -252,47 +201,66 @@ class Store:
     def revert(self) -> Long[Verdict]:
         """Select another release for the next reset: during a trial the confirmed release, otherwise the confirmed
         release in the slot that does not run. Returns GOOD, or the reason why the selected release may no longer run;
-        then nothing changes. Raises OutOfOrderError if there is no release to select; MediumError if the choice cannot
-        be stored."""
+        then nothing changes. Raises OutOfOrderError if there is no release to select."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
-            self._remembered.keep_slot(trial, _given_up(self.state.slots[trial]))
+            self.keep_slot(trial, _given_up(self.state.slots[trial]))
             return Verdict.GOOD
         # The release is always taken from the slot that does not run, even if this slot is already active: if the
         # answer to a first request is lost, the repeated request must not undo the first request.
-        now = self._running if self._running is not None else active
+        now = self.running if self.running is not None else active
         if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
             raise OutOfOrderError("no release to revert to: none is on trial, and no earlier one was confirmed")
-        verdict, _ = yield from self._remembered.judged(now.other)
+        verdict, _ = yield from self.judged(now.other)
         if verdict == Verdict.GOOD and active != now.other:
-            self._remembered.keep(replace(self.state, active=now.other))
+            self.keep(replace(self.state, active=now.other))
         return verdict
 
     def take_keys(self, raw: bytes) -> None:
         """Replace the key list. Raises KeyFileError if the root key did not sign the new list, if the new list is not
         newer, or if the new list lacks the key that signed the active or the running confirmed release, which could
-        then not boot; MediumError if the list cannot be stored."""
-        needed = {slot for slot in (self.state.active, self._running) if slot is not None}
-        self._remembered.take_keys(
-            raw, {slot for slot in needed if self.state.slots[slot].phase == SlotPhase.CONFIRMED}
-        )
+        then not boot."""
+        listed = key_list.decode(raw, self._root)
+        if self.keys is not None:
+            if listed.version <= self.keys.version:
+                raise KeyFileError(
+                    f"key list: version {listed.version}: must be greater than this ECU's version, {self.keys.version}"
+                )
+            for slot in (self.state.active, self.running):
+                standing = SlotState() if slot is None else self.state.slots[slot]
+                if standing.phase != SlotPhase.CONFIRMED:
+                    continue
+                signer = PublicKey(standing.signer)
+                if signer in self.keys.keys - listed.keys:
+                    raise KeyFileError(
+                        f"key list: lacks key {signer.fingerprint}, which signed the confirmed release; confirm a "
+                        "release with another key first"
+                    )
+        self.backing.keep(RecordKind.KEYS, raw)
+        self.keys = listed
 
     def keep_calibration(self, blob: bytes | None) -> None:
-        """Store a calibration for the running release; None removes it.
-
-        Raises:
-            OutOfOrderError: no release runs.
-            ConfigError: the calibration is empty or too long.
-            MediumError: the calibration cannot be stored.
-        """
-        if self._running is None:
+        """Store a calibration for the running release; None removes it. Calibrations of other releases stay only if
+        their release is in a slot. Raises OutOfOrderError if no release runs; ConfigError for a calibration that is
+        empty or too long."""
+        if self.running is None:
             raise OutOfOrderError("no release for the calibration: a release must run")
-        self._remembered.keep_calibration(self.state.slots[self._running].digest, blob)
+        running = self.state.slots[self.running].digest
+        here = {slot.digest for slot in self.state.slots} - {running}
+        kept = {digest: kept for digest, kept in self._calibrations.items() if digest in here}
+        if blob is not None:
+            kept[running] = blob
+        try:
+            record = encode_calibrations(kept)
+        except ValueError as error:
+            raise ConfigError(str(error)) from error
+        self.backing.keep(RecordKind.CALIBRATION, record)
+        self._calibrations = kept
 
     def _writable_slot(self) -> Slot:
-        """Return the slot that may be written. The slot of the running release is protected if this release is
-        confirmed; otherwise the slot of the active release is protected."""
-        running, active = self._running, self.state.active
+        """Return the slot that may be written; protected is the running release if it is confirmed, otherwise the
+        active one."""
+        running, active = self.running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other
         if active is not None and running != active and not self._is_known_bad(active):
@@ -300,21 +268,20 @@ class Store:
         return running.other
 
     def _without(self, slot: Slot) -> StoreState:
-        """Return the state with this slot empty. If the other slot has a confirmed release, that slot is then
-        active."""
+        """Return the state with this slot empty, and the other one active if it has a confirmed release."""
         is_confirmed = self.state.slots[slot.other].phase == SlotPhase.CONFIRMED
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 
     def _is_known_bad(self, slot: Slot) -> bool:
         """Return whether the slot's image was booted and failed, so that it has to be sent again."""
-        found = {} if self._last_boot is None else self._last_boot.verdicts
+        found = {} if self.last_boot is None else self.last_boot.verdicts
         was_booted = self.state.slots[slot].phase in (SlotPhase.TRIAL, SlotPhase.CONFIRMED)
         return was_booted and found.get(slot, Verdict.GOOD) != Verdict.GOOD
 
     def _stays(self, slot: Slot) -> int | None:
         """Return the number of bytes after which the transfer can continue; None if the image has to be sent again."""
         try:
-            return self._remembered.backing.begin_again(slot, self.state.slots[slot].received)
+            return self.backing.begin_again(slot, self.state.slots[slot].received)
         except MediumError:
             return None
 

@@ -1,14 +1,11 @@
-"""The store's verdict on a release: GOOD, or the check that it failed.
-
-In diagnosis the verdict is a byte in the answer to the routine that checks an image (`can_bridge.uds.services`).
-"""
+"""The store's verdict on a release: GOOD, or the check that it failed."""
 
 from enum import IntEnum
 from typing import Self
 
 
-class Verdict(IntEnum):
-    """The checks in their order; the first failed check is the verdict. `in_words` is the verdict's text for people."""
+class InWords(IntEnum):
+    """A byte of diagnosis; `in_words` is its text for people."""
 
     in_words: str
 
@@ -18,10 +15,14 @@ class Verdict(IntEnum):
         made._value_, made.in_words = value, in_words
         return made
 
+
+class Verdict(InWords):
+    """The checks in their order; the first failed check is the verdict."""
+
     GOOD = 0, "in order"
     INCOMPLETE = 1, "bytes of the image are missing"
     WRONG_HASH = 2, "the image is not the announced image: its SHA-256 differs"
-    """The image's SHA-256 is not the announced one: the image was damaged in the transfer or in the memory."""
+    """The image was damaged in the transfer or in the memory."""
     DAMAGED = 3, "the image is not a valid bundle"
     """The image has no bundle, or the bundle's manifest, one of its files or one of its graphs is invalid."""
     UNSIGNED = 4, "the bundle is not signed"

@@ -1,5 +1,4 @@
-"""The control information in a frame's first bytes: it states which part of a message the frame contains (ISO
-15765-2:2016, section 9.6)."""
+"""The first bytes of a frame, which state the part of a message that the frame contains (ISO 15765-2:2016, 9.6)."""
 
 from bisect import bisect_left
 from enum import IntEnum
@@ -38,7 +37,7 @@ class Single(NamedTuple):
 
 
 class First(NamedTuple):
-    """The beginning of a message of `length` bytes; `frame_length` is the data length of the frames that follow."""
+    """The beginning of a message; `frame_length` is the data length of the frames that follow."""
 
     length: int
     data: bytes
@@ -53,8 +52,7 @@ class Consecutive(NamedTuple):
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: number of frames that may be sent before the next answer (0: all), and least time in ns
-    between them."""
+    """The receiver's answer: how many frames may be sent before the next one (0: all), how many ns apart."""
 
     status: FlowStatus | None
     block_size: int
@@ -62,8 +60,8 @@ class FlowControl(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
-    """Return the part of a message that a frame contains; None for a frame that a receiver must ignore according to the
-    standard. Never raises."""
+    """Return the part of a message that a frame contains; None for a frame that a receiver must ignore. Never
+    raises."""
     if not data:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF

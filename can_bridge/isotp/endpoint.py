@@ -5,21 +5,46 @@ The endpoint has no clock and no bus: the caller passes the time and the receive
 """
 
 from collections import deque
+from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
 from can_bridge.isotp import control_info
-from can_bridge.isotp.control_info import SEQUENCE_NUMBERS, Consecutive, First, FlowControl, FlowStatus, Single
-from can_bridge.isotp.settings import IsoTpSettings
+from can_bridge.isotp.control_info import MAX_MESSAGE, Consecutive, First, FlowControl, FlowStatus, Single
 from can_bridge.wire.frame import Frame
 
 
-class _Reception:
-    """The reception of at most one message at a time.
+@dataclass(frozen=True, kw_only=True)
+class IsoTpSettings:
+    """One end of a connection.
 
     Attributes:
-        aborted: number of messages that were begun and not completed.
+        receive_id, send_id: identifiers of the frames from the other end and of the frames of this end.
+        frame_length: largest data length of a sent frame in bytes: 8, or a greater CAN FD length if `is_fd`.
+        is_fd: whether to send CAN FD frames; CAN FD frames and classic frames are received.
+        block_size: number of frames after which the other end must wait for this end's flow control, 0 for never.
+        separation_code: code byte of the least time between the frames that the other end sends.
+        queue: largest number of messages that wait to be sent, or to be taken.
+        burst: largest number of frames of one `poll`, so that a controller's transmit buffers do not overflow.
+        wait_ns: longest wait for the other end's flow control (N_Bs) or next frame (N_Cr), in ns.
+        max_waits: largest number of consecutive WAIT answers of the other end.
     """
+
+    receive_id: int
+    send_id: int
+    is_extended: bool = False
+    frame_length: int = 64
+    is_fd: bool = True
+    block_size: int = 0
+    separation_code: int = 0
+    queue: int = 8
+    burst: int = 8
+    wait_ns: int = 1_000_000_000
+    max_waits: int = 100
+
+
+class _Reception:
+    """The reception of at most one message at a time."""
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
@@ -29,7 +54,6 @@ class _Reception:
         self._left_in_block = 0
         self._deadline_ns = 0
         self._data = bytearray()
-        self.aborted = 0
 
     @property
     def is_running(self) -> bool:
@@ -37,32 +61,29 @@ class _Reception:
 
     def abort(self) -> None:
         """Drop the received part of a message."""
-        if self._wanted:
-            self.aborted += 1
-            self._wanted = 0
-            self._data.clear()
+        self._wanted = 0
+        self._data.clear()
 
     def tick(self, now_ns: int) -> None:
         """Drop a message whose next frame is overdue."""
-        if self._wanted and now_ns > self._deadline_ns:
+        if now_ns > self._deadline_ns:
             self.abort()
 
     def first(self, now_ns: int, part: First) -> FlowStatus:
         """Begin a message, which replaces an incomplete message; return the flow status with which to answer."""
         self.abort()
-        if part.length > self._settings.max_message:
+        if part.length > MAX_MESSAGE:
             return FlowStatus.OVERFLOW
         self._wanted = part.length
         self._frame_length = part.frame_length
         self._data += part.data
         self._next_number = 1
         self._left_in_block = self._settings.block_size
-        self._deadline_ns = now_ns + self._settings.n_cr_ns
+        self._deadline_ns = now_ns + self._settings.wait_ns
         return FlowStatus.CONTINUE
 
     def consecutive(self, now_ns: int, part: Consecutive) -> tuple[bytes | None, FlowStatus | None]:
-        """Add the next part of the message. Return the message if it is complete, and the flow status of an answer if
-        one is due."""
+        """Add the next part. Return the message if it is complete, and the flow status of an answer if one is due."""
         if not self._wanted:
             return None, None
         if part.number != self._next_number:
@@ -75,12 +96,11 @@ class _Reception:
             # it then has an unexpected number and ends the reception.
             return None, None
         self._data += part.data[:missing]
-        self._next_number = (self._next_number + 1) % SEQUENCE_NUMBERS
-        self._deadline_ns = now_ns + self._settings.n_cr_ns
+        self._next_number = (self._next_number + 1) % control_info.SEQUENCE_NUMBERS
+        self._deadline_ns = now_ns + self._settings.wait_ns
         if len(self._data) == self._wanted:
             message = bytes(self._data)
-            self._data.clear()
-            self._wanted = 0
+            self.abort()
             return message, None
         if self._left_in_block:
             self._left_in_block -= 1
@@ -100,16 +120,12 @@ class _State(Enum):
 
 
 class _Transmission:
-    """The transmission of at most one message at a time.
-
-    Attributes:
-        aborted: number of messages that were begun and not completed.
-    """
+    """The transmission of at most one message at a time."""
 
     def __init__(self, settings: IsoTpSettings) -> None:
         self._settings = settings
         self._state = _State.IDLE
-        self._message = b""
+        self.message = b""
         self._sent = 0
         self._number = 0
         self._block_size = 0
@@ -118,26 +134,20 @@ class _Transmission:
         self._not_before_ns = 0
         self._deadline_ns = 0
         self._waits = 0
-        self.aborted = 0
 
     @property
     def is_running(self) -> bool:
         return self._state is not _State.IDLE
 
-    @property
-    def length(self) -> int:
-        """Length in bytes of the message in progress; 0 without a message."""
-        return len(self._message)
-
     def begin(self, message: bytes) -> None:
         """Begin a message; no other message may be in progress."""
-        self._message = message
+        self.message = message
         self._state = _State.READY
 
     def tick(self, now_ns: int) -> None:
         """Give up a message if the receiver's flow control is overdue."""
         if self._state is _State.WAITING and now_ns > self._deadline_ns:
-            self._abort()
+            self._end()
 
     def flow(self, now_ns: int, part: FlowControl) -> None:
         """Process the receiver's flow control; it is ignored if the transmission does not wait for it."""
@@ -151,9 +161,9 @@ class _Transmission:
             self._waits = 0
         elif part.status is FlowStatus.WAIT and self._waits < self._settings.max_waits:
             self._waits += 1
-            self._deadline_ns = now_ns + self._settings.n_bs_ns
+            self._deadline_ns = now_ns + self._settings.wait_ns
         else:
-            self._abort()
+            self._end()
 
     def next_frame(self, now_ns: int) -> bytes | None:
         """Return the data of the frame that may be sent now, or None."""
@@ -161,12 +171,12 @@ class _Transmission:
             return self._beginning(now_ns)
         if self._state is not _State.SENDING or now_ns < self._not_before_ns:
             return None
-        data = self._message[self._sent : self._sent + self._settings.frame_length - 1]
+        data = self.message[self._sent : self._sent + self._settings.frame_length - 1]
         frame = control_info.consecutive(self._number, data)
         self._sent += len(data)
-        self._number = (self._number + 1) % SEQUENCE_NUMBERS
+        self._number = (self._number + 1) % control_info.SEQUENCE_NUMBERS
         self._not_before_ns = now_ns + self._separation_ns
-        if self._sent == len(self._message):
+        if self._sent == len(self.message):
             self._end()
         elif self._left_in_block:
             self._left_in_block -= 1
@@ -176,11 +186,11 @@ class _Transmission:
 
     def _beginning(self, now_ns: int) -> bytes:
         length = self._settings.frame_length
-        if len(self._message) <= control_info.capacity(length):
-            frame = control_info.single(self._message)
+        if len(self.message) <= control_info.capacity(length):
+            frame = control_info.single(self.message)
             self._end()
             return frame
-        frame = control_info.first(self._message, length)
+        frame = control_info.first(self.message, length)
         self._sent, self._number = length - 2, 1
         self._waits = 0
         self._wait(now_ns)
@@ -188,15 +198,11 @@ class _Transmission:
 
     def _wait(self, now_ns: int) -> None:
         self._state = _State.WAITING
-        self._deadline_ns = now_ns + self._settings.n_bs_ns
-
-    def _abort(self) -> None:
-        self.aborted += 1
-        self._end()
+        self._deadline_ns = now_ns + self._settings.wait_ns
 
     def _end(self) -> None:
         self._state = _State.IDLE
-        self._message = b""
+        self.message = b""
 
 
 KEPT_PLACES: Final = 2
@@ -209,8 +215,6 @@ class Endpoint:
 
     Attributes:
         is_held: whether the latest message is still being processed; no message of several frames is then accepted.
-        dropped_received: number of complete messages dropped because earlier messages had not been taken.
-        dropped_sent: number of messages not sent because the queue was full.
     """
 
     def __init__(self, settings: IsoTpSettings) -> None:
@@ -220,18 +224,7 @@ class Endpoint:
         self._answer: FlowStatus | None = None
         self._received = deque[bytes]()
         self._to_send = deque[bytes]()
-        self.dropped_received = self.dropped_sent = 0
         self.is_held = False
-
-    @property
-    def aborted_receptions(self) -> int:
-        """The number of messages that the other end began, and then did not complete or replaced by a new message."""
-        return self._reception.aborted
-
-    @property
-    def aborted_transmissions(self) -> int:
-        """The number of messages that this end began and did not complete."""
-        return self._transmission.aborted
 
     @property
     def is_receiving(self) -> bool:
@@ -246,7 +239,7 @@ class Endpoint:
     @property
     def occupied(self) -> int:
         """The number of bytes of messages that are not yet sent completely."""
-        return self._transmission.length + sum(map(len, self._to_send))
+        return len(self._transmission.message) + sum(map(len, self._to_send))
 
     @property
     def is_full(self) -> bool:
@@ -269,18 +262,16 @@ class Endpoint:
             self._answer = FlowStatus.OVERFLOW if self.is_held else self._reception.first(now_ns, part)
         elif isinstance(part, Single):
             self._reception.abort()
-            if len(part.data) <= self._settings.max_message:
-                self._keep(part.data)
+            self._keep(part.data)
         elif isinstance(part, FlowControl):
             self._transmission.flow(now_ns, part)
 
     def send(self, message: bytes) -> bool:
         """Queue a message for the following calls of `poll`; return False if the queue is full. Raises ValueError for a
         message that is empty or too long."""
-        if not 0 < len(message) <= control_info.MAX_MESSAGE:
-            raise ValueError(f"message of {len(message)} bytes: must have 1..{control_info.MAX_MESSAGE}")
+        if not 0 < len(message) <= MAX_MESSAGE:
+            raise ValueError(f"message of {len(message)} bytes: must have 1..{MAX_MESSAGE}")
         if len(self._to_send) == self._settings.queue:
-            self.dropped_sent += 1
             return False
         self._to_send.append(bytes(message))
         return True
@@ -292,7 +283,9 @@ class Endpoint:
         if self._answer is FlowStatus.CONTINUE and not self._reception.is_running:
             self._answer = None
         if self._answer is not None:
-            frames.append(self._frame(now_ns, self._flow(self._answer)))
+            block_size, separation = self._settings.block_size, self._settings.separation_code
+            flow = control_info.flow(self._answer, block_size=block_size, separation_code=separation)
+            frames.append(self._frame(now_ns, flow))
             self._answer = None
         while len(frames) < self._settings.burst:
             if not self._transmission.is_running:
@@ -316,14 +309,8 @@ class Endpoint:
         self._transmission.tick(now_ns)
 
     def _keep(self, message: bytes) -> None:
-        if len(self._received) == self._settings.queue:
-            self.dropped_received += 1
-        else:
+        if len(self._received) < self._settings.queue:
             self._received.append(message)
-
-    def _flow(self, status: FlowStatus) -> bytes:
-        settings = self._settings
-        return control_info.flow(status, block_size=settings.block_size, separation_code=settings.separation_code)
 
     def _frame(self, now_ns: int, data: bytes) -> Frame:
         settings = self._settings

@@ -45,9 +45,8 @@ def read_key(path: Path) -> Key:
 
 
 def read_secret(path: Path) -> bytes:
-    """Read the bytes of the key in a file, to build them into a firmware: 16 bytes, or 32 hexadecimal digits with an
-    optional end of line. Raises KeyFileError if the file is missing, has other contents, holds a key of zeros, or can
-    be accessed by users other than its owner."""
+    """Read the bytes of the key in a file: 16 bytes, or 32 hexadecimal digits with an optional end of line. Raises
+    KeyFileError if the file is missing, has other contents, or can be accessed by users other than its owner."""
     try:
         with open(path, "rb", opener=_open_without_waiting) as file:
             about = os.fstat(file.fileno())

@@ -18,7 +18,7 @@ class Authentication:
     """The data with which one node secures and verifies frames in one power cycle.
 
     Attributes:
-        trip: number of the node's power cycles, including this one. In virtual time there is only one power cycle.
+        trip: number of the node's power cycles, including this one.
         heard: freshness values accepted in earlier power cycles, by frame identifier.
     """
 
@@ -37,8 +37,8 @@ class Authentication:
 
 
 def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
-    """Return the node's authentication data for these settings, or None if the settings name no key. Both nodes are in
-    their first power cycle, and no file is written. Raises KeyFileError like `read_key`."""
+    """Return the node's authentication data in its first power cycle; None if the settings name no key. Raises
+    KeyFileError like `read_key`."""
     return Authentication(key=read_key(Path(config.key))) if config.key else None
 
 

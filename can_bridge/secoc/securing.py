@@ -24,8 +24,7 @@ LARGEST_FRESHNESS: Final = 0xFFFFFFFFFFFFFFFF
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """The freshness of one sender, in AUTOSAR SecOC's form with a trip counter and a message counter. Raises ValueError
-    for a counter that does not fit 32 bits.
+    """The freshness of one sender, in AUTOSAR SecOC's form; raises ValueError for a counter that does not fit 32 bits.
 
     Attributes:
         trip: number of power cycles, including this one; at least 1, so that every value is greater than 0.
@@ -46,17 +45,14 @@ class Freshness:
         return self.trip << 32 | self.count
 
     def next(self) -> Self:
-        """Return the freshness of the next frame.
-
-        After 2^32 frames, 2.7 years at 20 ms, the count stays constant: receivers then refuse every frame, and the jets
-        stay shut, until the power is switched off and on.
-        """
+        """Return the freshness of the next frame. After 2^32 frames, 2.7 years at 20 ms, the count stays constant:
+        receivers then refuse every frame, and the jets stay shut, until the power is switched off and on."""
         return type(self)(trip=self.trip, count=min(self.count + 1, LARGEST_HALF))
 
 
 def secure(frame: Frame, spec: MessageSpec, key: Key, freshness: Freshness) -> Frame:
-    """Return a message's frame as sent on the bus, built from a frame with the protected part alone. Raises ValueError
-    if the message is not secured, or if the frame is not the message's protected part."""
+    """Return a frame as sent on the bus. Raises ValueError if the message is not secured, or if the given frame is not
+    its protected part alone."""
     if not spec.is_secured:
         raise ValueError(f"{spec.name}: has no room for a MAC")
     if len(frame.data) != spec.protected:
@@ -89,8 +85,7 @@ class VerifierState:
     Attributes:
         freshness: freshness value of the latest accepted frame; 0 before the first accepted frame.
         not_authentic: number of frames refused because of their length or MAC.
-        not_fresh: number of authentic frames whose freshness value is not greater than that of the latest accepted
-            frame, because the frame was repeated or recorded earlier.
+        not_fresh: number of authentic frames that were repeated or recorded earlier, by their freshness value.
     """
 
     freshness: int = 0
@@ -104,12 +99,8 @@ class VerifierState:
 
 
 class Verification(NamedTuple):
-    """The result of one period.
-
-    Attributes:
-        frames: received frames that were not refused.
-        none_authentic: whether frames of the message were received and every one was refused.
-    """
+    """The frames of one period that were not refused. `none_authentic` states that frames of the message were received
+    and every one was refused."""
 
     state: VerifierState
     frames: Sequence[Frame]
@@ -117,12 +108,8 @@ class Verification(NamedTuple):
 
 
 def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec, key: Key | None) -> Verification:
-    """Check the frames of one message.
-
-    Args:
-        frames: frames received in this period, oldest first; frames of other messages are passed on unchecked.
-        key: key of the bus; None without authentication, when every frame is passed on.
-    """
+    """Check the frames of one message in one period, oldest first. Frames of other messages are passed on unchecked,
+    and every frame without a key."""
     if key is None:
         return Verification(state, frames, none_authentic=False)
     freshness, not_authentic, not_fresh = state.freshness, state.not_authentic, state.not_fresh

@@ -5,7 +5,7 @@ The share of the bus that generated messages fill is computed from the longest f
 stuff bits, so the measured load of the bus is about 15 per cent smaller than the share.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,7 @@ from can_bridge.timing.periodic_message import NS_PER_MS, OUR_IDS, PeriodicMessa
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 from can_bridge.wire.message_specs import SPECS
 from can_bridge.wire.network_file import load_network
-from contract.config.vehicle import BackgroundConfig, BusConfig
+from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError
 
 if TYPE_CHECKING:
@@ -28,30 +28,19 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The traffic of other nodes.
-
-    Attributes:
-        messages: messages to be sent, highest priority first.
-        left_out: messages of the traffic's file that are not sent, each as "name (why)".
-    """
+    """The messages of other nodes, highest priority first, and the messages of the traffic's file that are not sent,
+    each as "name (why)"."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
 
 
-def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: int) -> BackgroundTraffic:
-    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases.
+def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
+    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with phases drawn by `seed`.
 
     A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is one of
-    stillwake's messages, which the description of a whole vehicle also contains. Raises BusError if cantools or the
-    file is missing; the file is damaged; no message can be sent; two messages have the same identifier; or a message
-    does not fit this bus.
-
-    Args:
-        path: file of messages; the ending of its name states its format.
-        bus: settings of the bus, which state whether CAN FD is used.
-        taken: 11-bit identifiers, in addition to ours, that these messages may not have.
-        seed: random seed of the phases.
+    stillwake's messages, which the description of a whole vehicle also contains. Raises BusError as `load_network`
+    does, and if no message can be sent, two messages have the same identifier, or a message does not fit this bus.
     """
     database = load_network(path)
     random = Random(seed)
@@ -63,7 +52,7 @@ def read_traffic(path: Path, bus: BusConfig, taken: Collection[int], *, seed: in
             left_out.append(f"{message.name} ({why})")
             continue
         assert message.cycle_time is not None  # or there is a reason to leave it out
-        _check(path, message, bus, taken)
+        _check(path, message, bus)
         period_ns = round(message.cycle_time * NS_PER_MS)
         lengths = FD_LENGTHS if message.is_fd else CLASSIC_LENGTHS
         messages.append(
@@ -109,8 +98,8 @@ def _switches_rate(message: "Message", database: "Database") -> bool:
     return value is None or str(value) in ("1", "")
 
 
-def _check(path: Path, message: "Message", bus: BusConfig, taken: Collection[int]) -> None:
-    if not message.is_extended_frame and (message.frame_id in OUR_IDS or message.frame_id in taken):
+def _check(path: Path, message: "Message", bus: BusConfig) -> None:
+    if not message.is_extended_frame and message.frame_id in OUR_IDS:
         raise BusError(
             f"{path}: {message.name} has identifier {message.frame_id:#x}, which another node sends: two nodes must "
             "not send the same identifier"
@@ -120,10 +109,9 @@ def _check(path: Path, message: "Message", bus: BusConfig, taken: Collection[int
 
 
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
-"""Periods in ms of generated messages, which are usual in vehicles."""
 _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
-"""Relative frequency of each period. Most messages have 10, 20 or 100 ms, as in published benchmarks of buses for body
-and powertrain."""
+"""Periods in ms of generated messages and their relative frequencies, as in published benchmarks of buses for body and
+powertrain."""
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
@@ -131,37 +119,24 @@ _IDS: Final = range(0x010, 0x700)
 diagnostics."""
 
 
-def background(config: BackgroundConfig, bus: BusConfig, taken: Collection[int]) -> BackgroundTraffic:
-    """Return the traffic of other nodes; empty if no background is configured. Raises ConfigError for a share that no
-    set of messages can fill; BusError for a file that cannot be read or does not fit this bus.
-
-    Args:
-        config: settings of the background traffic.
-        bus: settings of the bus, which state the bit rates and whether CAN FD is used.
-        taken: 11-bit identifiers, in addition to ours, that are already in use.
-    """
+def background(bus: BusConfig) -> BackgroundTraffic:
+    """Return the traffic of other nodes; empty if no background is configured. Raises as `read_traffic` and `made_up`
+    do."""
+    config = bus.background
     if config.dbc:
-        return read_traffic(Path(config.dbc), bus, taken, seed=config.seed)
-    return BackgroundTraffic(messages=made_up(config.load, bus, taken, seed=config.seed) if config.load else ())
+        return read_traffic(Path(config.dbc), bus, seed=config.seed)
+    return BackgroundTraffic(messages=made_up(config.load, bus, seed=config.seed) if config.load else ())
 
 
-def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -> tuple[PeriodicMessage, ...]:
-    """Return messages that fill the share `load` of the bus with their longest frames, except for a remainder that is
-    too small for the next message drawn.
-
-    Messages with shorter periods have higher priorities, as designers assign them. Of two or more messages, the first
-    has a higher priority than all taken identifiers and the last a lower priority, if such identifiers are free. Raises
-    ConfigError if the share is smaller than one message needs, or larger than all identifiers can fill.
-    """
+def made_up(load: float, bus: BusConfig, *, seed: int) -> tuple[PeriodicMessage, ...]:
+    """Return messages that fill the share `load` of the bus with their longest frames, but for a remainder too small
+    for the next message drawn. Messages with shorter periods have higher priorities. Of two or more messages, the first
+    has a higher priority than all of our messages and the last a lower one. Raises ConfigError if the share is smaller
+    than one message needs."""
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
     if not drawn:
         raise ConfigError(f"bus.background.load = {load}: must be at least one message per second")
-    ids = _identifiers(len(drawn), taken, random)
-    if len(ids) < len(drawn):
-        raise ConfigError(
-            f"bus.background.load = {load}: needs more than the {len(ids)} free identifiers at these bit rates"
-        )
     return tuple(
         PeriodicMessage(
             name=f"Background{frame_id:03X}",
@@ -171,16 +146,15 @@ def made_up(load: float, bus: BusConfig, taken: Collection[int], *, seed: int) -
             period_ns=period_ns,
             offset_ns=random.randrange(period_ns),
         )
-        for frame_id, (period_ns, length) in zip(ids, drawn, strict=True)
+        for frame_id, (period_ns, length) in zip(_identifiers(len(drawn), random), drawn, strict=True)
     )
 
 
 def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, int]]:
-    """Yield period in ns and length in bytes of each message, until a further message would exceed the share; at most
-    one message more than there are identifiers."""
+    """Yield period in ns and length in bytes of each message, until a further message would exceed the share."""
     lengths = _CLASSIC_LENGTHS if bus.frames == "classic" else _FD_LENGTHS
     left = load
-    for _ in range(len(_IDS) + 1):
+    while True:
         length = random.choice(lengths)
         (asked,) = random.choices(PERIODS_MS, _PERIOD_WEIGHTS)
         probe = PeriodicMessage(name="", frame_id=0, is_fd=bus.frames == "fd", length=length, period_ns=1)
@@ -194,14 +168,11 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
         yield period_ns, length
 
 
-def _identifiers(count: int, taken: Collection[int], random: Random) -> list[int]:
-    """Return `count` free identifiers in rising order, or all free identifiers if there are fewer."""
-    taken = {*taken, *OUR_IDS}
-    free = [frame_id for frame_id in _IDS if frame_id not in taken]
-    if count >= len(free):
-        return free
-    above = [frame_id for frame_id in free if frame_id < min(taken)]
-    below = [frame_id for frame_id in free if frame_id > max(taken)]
-    fixed = [random.choice(part) for part in (above, below) if part] if count > 1 else []
+def _identifiers(count: int, random: Random) -> list[int]:
+    """Return `count` free identifiers in rising order. All loads of all bit rates need fewer than there are."""
+    free = [frame_id for frame_id in _IDS if frame_id not in OUR_IDS]
+    above = [frame_id for frame_id in free if frame_id < min(OUR_IDS)]
+    below = [frame_id for frame_id in free if frame_id > max(OUR_IDS)]
+    fixed = [random.choice(part) for part in (above, below)] if count > 1 else []
     rest = sorted(set(free) - set(fixed))
     return sorted([*fixed, *random.sample(rest, count - len(fixed))])

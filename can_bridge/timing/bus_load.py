@@ -10,7 +10,6 @@ from can_bridge.timing.periodic_message import NS_PER_MS, PeriodicMessage
 from can_bridge.timing.response_time import Response, message_response_times
 from can_bridge.wire.frame_bits import frame_ns
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.message_specs import MessageSpec
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
@@ -25,13 +24,10 @@ class MessageLoad:
     """The load of one message on the bus.
 
     Attributes:
-        message: the message.
         ours: whether the message belongs to the control loop, not to the background.
-        worst_ns: time in ns of the message's longest frame, including the intermission.
-        mean_ns: mean time in ns of the message's frames with random contents.
+        worst_ns, mean_ns: times of the longest frame and, with random contents, of the mean frame, with intermission.
         response: worst-case response time. For the ECU's messages it begins when the ECU's compute time has passed
-            since the sampling of the pressures. So for the command it is the time that the bus adds to the age of the
-            pressures.
+            since the sampling of the pressures; so it is the time that the bus adds to the age of the pressures.
     """
 
     message: PeriodicMessage
@@ -43,12 +39,11 @@ class MessageLoad:
 
 @dataclass(frozen=True, kw_only=True)
 class BusLoad:
-    """The load of all messages of a bus.
+    """The load of all messages of a bus, highest priority first.
 
     Attributes:
-        messages: messages, highest priority first.
         mean, worst: shares of time for which the bus is occupied, with random contents and with the longest frames.
-        left_out: messages of the background's file that are not sent, each as "name (why)".
+        left_out: see `BackgroundTraffic`.
     """
 
     messages: tuple[MessageLoad, ...]
@@ -63,10 +58,9 @@ class BusLoad:
 
 
 def bus_load(config: Config) -> BusLoad:
-    """Return loads and worst-case response times with these settings. Raises ConfigError if the ECU's compute time is a
-    control period or longer, or if no background can fill the configured share; BusError as `read_traffic` does."""
+    """Return loads and worst-case response times with these settings. Raises as `background` and `loop_messages` do."""
     bus = config.bus
-    others = background(bus.background, bus, ())
+    others = background(bus)
     ours = loop_messages(config, others.messages)
     everyone = _by_priority((*ours, *others.messages))
     names = {message.name for message in ours}
@@ -89,12 +83,9 @@ def bus_load(config: Config) -> BusLoad:
 
 
 def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tuple[PeriodicMessage, ...]:
-    """Return the four messages of the control loop, highest priority first.
-
-    The vehicle queues its speed together with the pressures. The ECU sends its messages in answer to a pressure frame,
-    so their jitter is the worst-case response time of the pressures. The command has to arrive within the control
-    period minus the ECU's compute time. Raises ConfigError if the ECU's compute time is a control period or longer.
-    """
+    """Return the four messages of the control loop, highest priority first. The ECU sends its messages in answer to a
+    pressure frame, so their jitter is the worst-case response time of the pressures. The command has to arrive within
+    the control period minus the ECU's compute time; raises ConfigError if no time is left."""
     period_ns = config.period_ns
     if config.ecu.compute_time_ms * NS_PER_MS >= period_ns:
         raise ConfigError(
@@ -102,7 +93,12 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
             f"{period_ns / NS_PER_MS:g} ms"
         )
     compute_ns = round(config.ecu.compute_time_ms * NS_PER_MS)
-    pressure, speed, command, status = (_periodic(spec, period_ns) for spec in message_set(config.bus).specs)
+    pressure, speed, command, status = (
+        PeriodicMessage(
+            name=spec.name, frame_id=spec.frame_id, is_fd=spec.is_fd, length=spec.length, period_ns=period_ns
+        )
+        for spec in message_set(config.bus).specs
+    )
     everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
     # If there is no bound on the response time of the pressures, there is none for the answers, because their priority
@@ -122,12 +118,6 @@ def mean_ns(message: PeriodicMessage, bus: BusConfig) -> float:
     rates = {"nominal_bitrate": bus.nominal_bitrate, "data_bitrate": bus.data_bitrate}
     frames = (message.frame(random.randbytes(message.length)) for _ in range(_CONTENTS))
     return sum(frame_ns(frame, **rates) for frame in frames) / _CONTENTS
-
-
-def _periodic(spec: MessageSpec, period_ns: int) -> PeriodicMessage:
-    return PeriodicMessage(
-        name=spec.name, frame_id=spec.frame_id, is_fd=spec.is_fd, length=spec.length, period_ns=period_ns
-    )
 
 
 def _by_priority(messages: Sequence[PeriodicMessage]) -> list[PeriodicMessage]:

@@ -17,10 +17,9 @@ must not have these identifiers."""
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodicMessage:
-    """A periodic message of a node. Raises ValueError for a frame that no controller can send, or an impossible time.
+    """A periodic message of a node.
 
     Attributes:
-        frame_id: identifier of 11 bits, or of 29 bits if it is extended.
         period_ns: shortest time between two releases.
         offset_ns: time of the first release.
         jitter_ns: largest delay from a release until the frame is queued.
@@ -37,18 +36,8 @@ class PeriodicMessage:
     jitter_ns: int = 0
     deadline_ns: int = 0
 
-    def __post_init__(self) -> None:
-        self.frame(bytes(self.length))
-        if self.period_ns <= 0:
-            raise ValueError(f"{self.name}: period {self.period_ns} ns: must be positive")
-        for what in ("offset", "jitter", "deadline"):
-            value = getattr(self, f"{what}_ns")
-            if value < 0:
-                raise ValueError(f"{self.name}: {what} {value} ns: must not be negative")
-
     @property
     def priority(self) -> Priority:
-        """The priority; the smaller value wins arbitration."""
         return priority(self.frame(bytes(self.length)))
 
     def frame(self, data: bytes) -> Frame:

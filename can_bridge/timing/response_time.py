@@ -31,14 +31,8 @@ loads near 100 % reach this limit."""
 
 @dataclass(frozen=True, kw_only=True)
 class MessageTiming:
-    """A message's parameters in the analysis: the paper's C, T, D and J.
-
-    Attributes:
-        frame_ns: longest time of the message's frame on the bus, C.
-        period_ns: period, T.
-        deadline_ns: longest permitted time from the release to the end of the frame, D.
-        jitter_ns: largest delay from the release until the frame is queued, J.
-    """
+    """A message's parameters in the analysis: the paper's C, T, D and J. `deadline_ns` is the longest permitted time
+    from the release to the end of the frame."""
 
     frame_ns: int
     period_ns: int
@@ -54,13 +48,10 @@ class Response:
         blocking_ns: time of the longest frame of lower priority, B.
         response_ns: longest time from the release to the end of the frame, including the intermission; None if
             unbounded.
-        instance: index of the frame with this response time in the busy period; 0 is the first frame.
-        deadline_ns: longest permitted time from the release to the end of the frame.
     """
 
     blocking_ns: int
     response_ns: int | None
-    instance: int
     deadline_ns: int
 
     @property
@@ -70,12 +61,8 @@ class Response:
 
 
 def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Response]:
-    """Return the response times of all messages.
-
-    Args:
-        timings: parameters of the messages, highest priority first.
-        bit_ns: time of a bit at the nominal bit rate in ns, rounded up.
-    """
+    """Return the response times of messages, highest priority first; `bit_ns` is the time of a bit at the nominal bit
+    rate in ns, rounded up."""
     blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
     higher: _Rhythms = {}
     responses = []
@@ -116,8 +103,8 @@ def _with(rhythms: _Rhythms, one: MessageTiming) -> _Rhythms:
 def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) -> Response:
     busy = _busy_ns(_with(higher, own), blocking)
     if busy is None:
-        return Response(blocking_ns=blocking, response_ns=None, instance=0, deadline_ns=own.deadline_ns)
-    worst, worst_instance = 0, 0
+        return Response(blocking_ns=blocking, response_ns=None, deadline_ns=own.deadline_ns)
+    worst = 0
     # The search for a frame's start begins at the end of the previous frame, because the frames of a message are sent
     # in the order in which they were queued.
     queued = blocking
@@ -127,11 +114,9 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
             if waited == queued:
                 break
             queued = waited
-        response = own.jitter_ns + queued - instance * own.period_ns + own.frame_ns
-        if response > worst:
-            worst, worst_instance = response, instance
+        worst = max(worst, own.jitter_ns + queued - instance * own.period_ns + own.frame_ns)
         queued += own.frame_ns
-    return Response(blocking_ns=blocking, response_ns=worst, instance=worst_instance, deadline_ns=own.deadline_ns)
+    return Response(blocking_ns=blocking, response_ns=worst, deadline_ns=own.deadline_ns)
 
 
 def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:

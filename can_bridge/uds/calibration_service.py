@@ -4,15 +4,16 @@ Stored values belong to the release for which they were stored, and are used onl
 the vehicle's settings no longer allow are not used.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from can_bridge.calibration.segment import Page, Segment
-from can_bridge.flashing.backing import Long, MediumError
+from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.store import OutOfOrderError
 from can_bridge.uds.services import Did, Nrc, Refused
 from contract.controller.calibration import PACKED_BYTES, Calibration
-from contract.errors import ConfigError
+from contract.errors import ConfigError, KeyFileError
 
 DIDS: Final = frozenset({Did.CALIBRATION, Did.CALIBRATION_LIMITS, Did.CALIBRATION_STORED})
 """Identifiers that this service reads and writes."""
@@ -27,9 +28,8 @@ class CalibrationService:
         kept: returns the values stored for the running release, or None.
         keep: stores values, or deletes the stored values (None); may raise MediumError, or OutOfOrderError while the
             slot is written.
-        refusal: returns the reason why nothing may be stored now; None if storing is allowed. For example, storing is
-            refused while jets are enabled, because writing a flash memory can take longer than a control period.
-            Changing the values in force is always possible.
+        refusal: returns the reason why nothing may be stored now, or None; while jets are enabled, writing a flash
+            memory could take longer than a control period. Changing the values in force is always possible.
     """
 
     def __init__(
@@ -59,14 +59,8 @@ class CalibrationService:
         """Store values that are or were in force; raises Refused."""
         self._keep_if_allowed(calibration.pack())
 
-    def revert(self) -> None:
-        """Put the release's own values in force and delete stored values; raises Refused."""
-        if self._kept() is not None:
-            self._keep_if_allowed(None)
-        self._segment.revert()
-
     def read(self, did: Did) -> bytes:
-        """Return the value of one of the identifiers `DIDS`; raises Refused for other identifiers."""
+        """Return the value of an identifier; raises Refused for an identifier that is not in `DIDS`."""
         segment = self._segment
         if did is Did.CALIBRATION:
             return segment.in_force.pack()
@@ -77,28 +71,35 @@ class CalibrationService:
             return _REVERT if self._kept() is None else _STORE
         raise Refused(Nrc.OUT_OF_RANGE)
 
-    def write(self, did: Did, value: bytes) -> Long[None]:
-        """Write the value of one of the identifiers `DIDS`; raises Refused for other identifiers, and for values that
-        are not allowed."""
-        yield from ()
+    def write(self, did: Did, value: bytes) -> None:
+        """Write an identifier; raises Refused for other identifiers, and for values that are not allowed."""
         if did is Did.CALIBRATION:
-            try:
+            with as_refusals():
                 self._segment.set(Calibration.unpack(value))
-            except ConfigError as error:
-                raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error
         elif did is Did.CALIBRATION_STORED and value == _STORE:
             self.store(self._segment.in_force)
         elif did is Did.CALIBRATION_STORED and value == _REVERT:
-            self.revert()
+            if self._kept() is not None:
+                self._keep_if_allowed(None)
+            self._segment.revert()
         else:
             raise Refused(Nrc.OUT_OF_RANGE)
 
     def _keep_if_allowed(self, raw: bytes | None) -> None:
         if (code := self._refusal()) is not None:
             raise Refused(code)
-        try:
+        with as_refusals():
             self._keep(raw)
-        except MediumError as error:
-            raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
-        except OutOfOrderError as error:
-            raise Refused(Nrc.SEQUENCE_ERROR, str(error)) from error
+
+
+@contextmanager
+def as_refusals() -> Iterator[None]:
+    """Raise Refused, with the code of UDS, for an error of the store."""
+    try:
+        yield
+    except MediumError as error:
+        raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
+    except OutOfOrderError as error:
+        raise Refused(Nrc.SEQUENCE_ERROR, str(error)) from error
+    except (ConfigError, KeyFileError) as error:
+        raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error

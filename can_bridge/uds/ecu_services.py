@@ -1,24 +1,23 @@
-"""The ECU's diagnostic services that act on its store of releases: `Diagnostics` for the UDS server.
+"""The ECU's diagnostic services, which act on its store of releases; `can_bridge.uds.server` calls them.
 
 The answer to the routine ERASE has the offset of the first byte to send (4 bytes), the answer to CHECK a `Verdict` (1
 byte); answers to the other routines are empty. If a request is repeated after it was carried out, the first answer is
 sent again, because the tester may not have received it.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from itertools import repeat
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Long, MediumError
+from can_bridge.flashing.backing import Long
 from can_bridge.flashing.report import encode, report_of
 from can_bridge.flashing.state import SlotPhase
-from can_bridge.flashing.store import OutOfOrderError, Store
+from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.calibration_service import DIDS, CalibrationService
+from can_bridge.uds.calibration_service import DIDS, CalibrationService, as_refusals
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
-from contract.errors import ConfigError, KeyFileError, StillwakeError
+from contract.errors import StillwakeError
 
 WRITTEN: Final = 512
 """Number of bytes of an image that are written in one part of a long operation."""
@@ -35,16 +34,15 @@ _DONE: Final = {
 
 
 class EcuServices:
-    """The `Diagnostics` of an ECU after a boot.
+    """The services of an ECU after a boot; each may raise `Refused`. The server has already checked session, security
+    level, and the lengths stated in `services`.
 
     Args:
         identification: values of the constant identifiers.
         calibration: service for the calibration; None without a release.
         self_test: runs the release on test windows; raises StillwakeError. None without a release.
-        refusal: returns the reason why the ECU may not be programmed now; None if programming is allowed.
-        on_reset: called when a reset is due.
+        refusal: returns the reason why the ECU may not be programmed now, or None.
         log: called with an event's name, its text, and its fields.
-        resets_when_left: whether the end of a session resets the ECU after an image was announced.
 
     Attributes:
         is_updating: whether an image was announced since power-on; the jets then stay shut until a reset.
@@ -60,31 +58,31 @@ class EcuServices:
         refusal: Callable[[], Nrc | None],
         on_reset: Callable[[], None],
         log: Callable[..., None],
-        resets_when_left: bool = True,
     ) -> None:
         self._store = store
         self._identification, self._calibration, self._self_test = identification, calibration, self_test
         self._refusal, self._on_reset, self._log = refusal, on_reset, log
-        self._resets_when_left = resets_when_left
         self._announced_length = 0
         self.is_updating = False
         self._has_passed = self._has_confirmed = False
         self._taken_keys = b""
 
     def enter(self, session: Session) -> None:
+        """Prepare for a session."""
         if session is Session.PROGRAMMING:
             self._check_preconditions()
 
     def leave(self) -> None:
+        """Interrupt a transfer in progress, because the session ended; the transfer can be resumed."""
         self._store.drop()
-        if self._resets_when_left and self.is_updating:
-            # If a tester left during a transfer, the jets would stay shut until the next power-on. After a reset the
-            # old release, which is intact, runs again, and the interrupted transfer can be continued.
+        if self.is_updating:
+            # Without a reset, after which the old release runs again, the jets would stay shut until the next power-on.
             self._on_reset()
 
     def read(self, did: Did) -> bytes:
+        """Return the value of an identifier; raises OUT_OF_RANGE if the identifier has no value."""
         if did is Did.CAPACITY:
-            return self._store.capacity.to_bytes(4, "big")
+            return self._store.backing.capacity.to_bytes(4, "big")
         if did is Did.KEY_LIST:
             return (self._store.keys.version if self._store.keys else 0).to_bytes(4, "big")
         if did is Did.STORE:
@@ -93,21 +91,22 @@ class EcuServices:
             return self._identification[did]
         return self._calibrated(did).read(did)
 
-    def write(self, did: Did, value: bytes) -> Long[None]:
+    def write(self, did: Did, value: bytes) -> None:
+        """Write an identifier; raises OUT_OF_RANGE for a value that is not allowed."""
         if did is not Did.KEY_LIST:
-            yield from self._calibrated(did).write(did, value)
+            self._calibrated(did).write(did, value)
             self._log("calibrated", f"a tester wrote {did.name.lower()}", identifier=did.name)
             return
         if value == self._taken_keys:
             return
-        # Verifying a signature takes a large part of a control period. So it is done only while the ECU may be
-        # programmed, here and before a revert.
+        # Verifying a signature takes a large part of a control period: only while the ECU may be programmed.
         self._check_preconditions()
-        with _as_refusals():
+        with as_refusals():
             self._store.take_keys(value)
         self._taken_keys = value
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
+        """Run a routine and return its status record."""
         status = yield from self._run(routine, option)
         if routine is Routine.CHECK:
             verdict = Verdict(status[0])
@@ -117,7 +116,7 @@ class EcuServices:
         return status
 
     def _run(self, routine: Routine, option: bytes) -> Long[bytes]:
-        with _as_refusals():
+        with as_refusals():
             if routine is Routine.PRECONDITIONS:
                 self._check_preconditions()
             elif routine is Routine.ERASE:
@@ -135,35 +134,36 @@ class EcuServices:
         return b""
 
     def download(self, offset: int, length: int) -> None:
+        """Expect `length` bytes of the announced image, beginning at byte `offset`."""
         if self._store.received is None:
             raise Refused(Nrc.SEQUENCE_ERROR, "no image is announced")
         if offset != self._store.received or offset + length != self._announced_length:
             raise Refused(Nrc.OUT_OF_RANGE, f"bytes {offset}..{offset + length} are not the missing bytes")
 
     def transfer(self, data: bytes) -> Long[None]:
-        with _as_refusals():
+        """Write the next bytes of the image."""
+        with as_refusals():
             self._store.append(data)
-        # This store has already written all data. A flash memory needs milliseconds for each part of the data, so this
-        # operation has as many parts as it would have with a flash memory.
+        # All data are written already; the operation has as many parts as it would have with a flash memory.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
-    def exit(self) -> Long[None]:
-        # Nothing is left to do: the server has checked that all bytes came, and CHECK compares them with the announced
-        # hash.
-        yield from ()
-
     def failed_attempts(self, level: Level) -> int:
+        """Return the number of consecutive wrong keys, which survives resets."""
         return self._store.state.failed_attempts[level]
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        with _as_refusals():
-            self._store.records.keep_failed_attempts(level, count)
+        """Store the number of consecutive wrong keys."""
+        with as_refusals():
+            self._store.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
+        """Check that a reset, or the missing messages of a silent ECU, would not interrupt active control, which may
+        have begun after the session began."""
         if not self.is_updating:
             self._check_preconditions()
 
     def reset(self) -> None:
+        """Reset the ECU; called after the request was answered."""
         self._on_reset()
 
     def _calibrated(self, did: Did) -> CalibrationService:
@@ -210,15 +210,3 @@ class EcuServices:
         verdict = yield from self._store.revert()
         if verdict != Verdict.GOOD:
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT, f"the previous release: {verdict.in_words}")
-
-
-@contextmanager
-def _as_refusals() -> Iterator[None]:
-    try:
-        yield
-    except MediumError as error:
-        raise Refused(Nrc.PROGRAMMING_FAILURE, str(error)) from error
-    except OutOfOrderError as error:
-        raise Refused(Nrc.SEQUENCE_ERROR, str(error)) from error
-    except (ConfigError, KeyFileError) as error:
-        raise Refused(Nrc.OUT_OF_RANGE, str(error)) from error

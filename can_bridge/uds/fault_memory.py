@@ -54,7 +54,6 @@ class KeptFault:
     """The stored state of one code.
 
     Attributes:
-        status: status bits of the code.
         age: for a confirmed fault, the number of operation cycles, after its last failure, in which its test passed and
             did not fail.
         snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
@@ -65,12 +64,10 @@ class KeptFault:
     snapshot: bytes = b""
 
     def failed(self, snapshot: bytes) -> "KeptFault":
-        """Return the fault after a failed test."""
         is_first = not self.status & _S.FAILED_THIS_CYCLE
         return KeptFault((self.status | _AT_FAILURE) & ~_UNTESTED, 0, snapshot if is_first else self.snapshot)
 
     def passed(self) -> "KeptFault":
-        """Return the fault after a passed test."""
         return KeptFault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
 
     def next_cycle(self) -> "KeptFault":
@@ -98,7 +95,7 @@ class FaultMemory:
     Args:
         record: the stored record; a damaged record counts as no record.
         keep: stores a record; raises MediumError.
-        refusal: returns the reason why nothing may be written now; None if writing is allowed.
+        refusal: returns the reason why nothing may be written now, or None.
 
     Attributes:
         faults: the state of all codes, in the order of `CODES`.
@@ -119,15 +116,14 @@ class FaultMemory:
         self.is_on = True
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
-        """Note that the test for this reason failed now; None means that all tests passed."""
+        """Note that the test for this reason failed now; None: all tests passed."""
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:
         """Record the noted results, and store the record if this is allowed now. Raises MediumError if storing fails;
         the next call does not repeat the attempt."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays queued: the state of the tests when recording
-            # resumes.
+            # While recording is off, only the latest result stays queued, for when recording resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Final, Self
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.state import MOST_ATTEMPTS
-from can_bridge.secoc.key import Key, read_key
-from can_bridge.uds.diagnostics import Diagnostics
+from can_bridge.secoc.key import Key, read_secret
+from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.services import Nrc, Refused
 
 SEED_LENGTH: Final = 16
@@ -33,32 +32,23 @@ class AccessKey:
     """A 128-bit key for security access. Raises ValueError as `Key` does."""
 
     def __init__(self, secret: bytes) -> None:
-        self._take(Key(secret))
+        shared = Key(secret)
+        self._levels = {level: Key(shared.cmac(LABEL + bytes([level]))) for level in Level}
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a key from a file of `stillwake keygen --secret`; raises KeyFileError as `read_key` does."""
-        made = cls.__new__(cls)
-        made._take(read_key(path))
-        return made
+        """Read a key from a file of `stillwake keygen --secret`; raises KeyFileError as `read_secret` does."""
+        return cls(read_secret(path))
 
     def answer(self, level: Level, seed: bytes) -> bytes:
         """Return the tester's answer that unlocks this level after this seed."""
         return self._levels[level].cmac(seed)
 
-    def _take(self, key: Key) -> None:
-        self._levels = {level: Key(key.cmac(LABEL + bytes([level]))) for level in Level}
-
 
 class SecurityAccess:
-    """The unlocked level, and the procedure to unlock a level.
+    """The unlocked level, and the procedure to unlock a level; `attempts` stores the counts of wrong attempts."""
 
-    Args:
-        random_bytes: returns the given number of unpredictable bytes.
-        attempts: stores the counts of wrong attempts; may raise Refused.
-    """
-
-    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: Diagnostics) -> None:
+    def __init__(self, key: AccessKey, random_bytes: Callable[[int], bytes], attempts: EcuServices) -> None:
         self._key = key
         self._random_bytes = random_bytes
         self._attempts = attempts
@@ -67,7 +57,7 @@ class SecurityAccess:
         self._closed_until_ns: dict[Level, int] = {}
 
     def power_on(self, now_ns: int) -> None:
-        """Restart the delay of each level with too many wrong attempts, because the time without power is unknown."""
+        """Restart the delay of each level with too many wrong attempts: the time without power is unknown."""
         for level in Level:
             if self._attempts.failed_attempts(level) >= MAX_ATTEMPTS:
                 self._closed_until_ns[level] = now_ns + DELAY_NS
@@ -90,12 +80,11 @@ class SecurityAccess:
         return seed
 
     def unlock(self, now_ns: int, level: Level, answer: bytes) -> None:
-        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer, or if no seed was sent
-        for this level."""
+        """Unlock the level for which the last seed was sent. Raises Refused for a wrong answer or another level."""
         if self._asked is None or self._asked[0] is not level:
             raise Refused(Nrc.SEQUENCE_ERROR)
         (_, seed), self._asked = self._asked, None
-        count = min(self._attempts.failed_attempts(level) + 1, MOST_ATTEMPTS)
+        count = self._attempts.failed_attempts(level) + 1
         self._attempts.keep_failed_attempts(level, count)
         if not compare_digest(self._key.answer(level, seed), answer):
             if count < MAX_ATTEMPTS:

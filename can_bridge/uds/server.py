@@ -10,7 +10,7 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
-from can_bridge.uds.diagnostics import Diagnostics
+from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_codes import CODE_BYTES
 from can_bridge.uds.fault_memory import LENGTHS, FaultMemory, FaultReport, cleared, report
 from can_bridge.uds.security import ANSWER_LENGTH, AccessKey, SecurityAccess
@@ -19,7 +19,10 @@ from can_bridge.uds.services import (
     LONGEST_ANSWER,
     MAX_BLOCK,
     MAX_REQUEST,
+    P2_EXTENDED_MS,
+    P2_MS,
     ROUTINES,
+    S3_MS,
     SERVICES,
     UNSENT_TO_ALL,
     WRITABLE,
@@ -31,10 +34,13 @@ from can_bridge.uds.services import (
     Service,
     Session,
 )
-from can_bridge.uds.under_way import Download, Job, SessionTimer, negative, timing_record
+from can_bridge.uds.under_way import Download, Job, negative
 
 MAX_DIDS: Final = 16
 """Largest number of identifiers that one request may read."""
+_S3_NS: Final = S3_MS * 1_000_000
+_TIMING: Final = P2_MS.to_bytes(2, "big") + (P2_EXTENDED_MS // 10).to_bytes(2, "big")
+"""P2 in ms and P2* in units of 10 ms, as in the answer to DiagnosticSessionControl."""
 _SUPPRESS: Final = 0x80
 _HARD_RESET: Final = 1
 _START: Final = 1
@@ -69,9 +75,8 @@ class UdsServer:
     """A server after power-on. It accepts any bytes, and raises only the exceptions of `diagnostics`.
 
     Args:
-        diagnostics: the ECU's services.
         random_bytes: returns the given number of unpredictable bytes, for seeds.
-        faults: the ECU's fault memory; None for a memory whose faults do not survive a reset.
+        faults: None for a memory whose faults do not survive a reset.
 
     Attributes:
         is_silent: whether a tester has switched off JetCommand and EcuStatus; only possible while no jet can run.
@@ -79,7 +84,7 @@ class UdsServer:
 
     def __init__(
         self,
-        diagnostics: Diagnostics,
+        diagnostics: EcuServices,
         key: AccessKey,
         random_bytes: Callable[[int], bytes],
         *,
@@ -89,15 +94,12 @@ class UdsServer:
         self._faults = FaultMemory() if faults is None else faults
         self.is_silent = False
         self._security = SecurityAccess(key, random_bytes, diagnostics)
-        self._timer = SessionTimer()
+        self.session = Session.DEFAULT
+        self._heard_ns = 0
         self._transfer: Download | None = None
         self._job: Job | None = None
         self._reset_is_due = False
         self._now_ns: int | None = None
-
-    @property
-    def session(self) -> Session:
-        return self._timer.session
 
     @property
     def unlocked(self) -> Level | None:
@@ -119,15 +121,15 @@ class UdsServer:
         """
         now_ns = self._at(now_ns)
         if in_transit:
-            self._timer.hear(now_ns)
+            self._heard_ns = now_ns
         self._end_silent_session(now_ns)
 
     def request(
         self, now_ns: int, payload: bytes, *, is_functional: bool = False, is_occupied: bool = False
     ) -> list[bytes]:
-        """Process a complete request and return its answers; return an empty list if the answer is suppressed or not
-        ready. With `is_occupied`, a long answer to an earlier request is still being sent, so this request is refused
-        as busy, and the tester has to repeat it. A functional request (`is_functional`) addresses every ECU."""
+        """Process a complete request and return its answers: none if the answer is suppressed or not ready. With
+        `is_occupied`, a long answer to an earlier request is still being sent, so this request is refused as busy. A
+        functional request addresses every ECU."""
         now_ns = self._at(now_ns)
         if not payload:
             return []
@@ -142,10 +144,8 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Execute the next part of the request in progress, or the reset whose request an earlier call answered.
-
-        Call this method whenever there is time for a part, at least every 20 ms while `is_busy`.
-        """
+        """Execute the next part of the request in progress, or the reset whose request an earlier call answered. While
+        `is_busy`, call this at least every 20 ms."""
         now_ns = self._at(now_ns)
         if self._reset_is_due:
             self._reset_is_due = False
@@ -166,23 +166,24 @@ class UdsServer:
             return []
         answers = job.go_on(now_ns)
         if job.is_done:
-            self._timer.hear(now_ns)
+            self._heard_ns = now_ns
         else:
             self._job = job
         return answers
 
     def _end_silent_session(self, now_ns: int) -> None:
-        if self._job is None and self._timer.is_over(now_ns):
+        is_over = self.session is not Session.DEFAULT and now_ns - self._heard_ns >= _S3_NS
+        if self._job is None and is_over:
             self._change_session(now_ns, Session.DEFAULT)
 
     def _change_session(self, now_ns: int, session: Session) -> None:
-        if self._timer.session is not Session.DEFAULT:
+        if self.session is not Session.DEFAULT:
             self._diagnostics.leave()
         if session is Session.DEFAULT:
             self.is_silent, self._faults.is_on = False, True
         self._security.lock()
         self._transfer = None
-        self._timer.begin(now_ns, session)
+        self.session, self._heard_ns = session, now_ns
 
     def _answer(self, payload: bytes) -> Long[bytes]:
         """Return the positive answer's bytes after the first byte."""
@@ -206,7 +207,7 @@ class UdsServer:
         session = Session(body[0])
         self._diagnostics.enter(session)
         self._change_session(self._now(), session)
-        return body + timing_record()
+        return body + _TIMING
 
     def _reset(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
@@ -278,7 +279,7 @@ class UdsServer:
         self._security.unlock(self._now(), level, body[1:])
         return body[:1]
 
-    def _write(self, body: bytes) -> Long[bytes]:
+    def _write(self, body: bytes) -> bytes:
         _check_length(len(body) > 2)
         number, value = int.from_bytes(body[:2], "big"), body[2:]
         permission = WRITABLE.get(number)
@@ -286,7 +287,7 @@ class UdsServer:
             raise Refused(Nrc.OUT_OF_RANGE)
         self._check_unlocked(permission)
         _check_length(permission.length in (None, len(value)))
-        yield from self._diagnostics.write(Did(number), value)
+        self._diagnostics.write(Did(number), value)
         return body[:2]
 
     def _routine(self, body: bytes) -> Long[bytes]:
@@ -331,15 +332,13 @@ class UdsServer:
             self._transfer = transfer
         return body[:1]
 
-    def _exit(self, body: bytes) -> Long[bytes]:
+    def _exit(self, body: bytes) -> bytes:
         _check_length(not body)
         self._check_unlocked(SERVICES[Service.EXIT])
-        if self._transfer is None:
+        if self._transfer is None or self._transfer.missing:
             raise Refused(Nrc.SEQUENCE_ERROR)
-        self._transfer.check_complete()
-        if not self._transfer.is_closed:
-            yield from self._diagnostics.exit()
-            self._transfer.is_closed = True
+        # CHECK compares the bytes with the announced hash.
+        self._transfer.is_closed = True
         return b""
 
     def _check_unlocked(self, permission: Permission) -> None:
@@ -356,20 +355,20 @@ def _check_length(is_right: bool) -> None:
 
 
 _HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], bytes | Long[bytes]]]] = {
-    Service.SESSION: lambda server, body: server._control_session(body),
-    Service.RESET: lambda server, body: server._reset(body),
-    Service.CLEAR_FAULTS: lambda server, body: server._clear_faults(body),
-    Service.REPORT_FAULTS: lambda server, body: server._report_faults(body),
-    Service.READ: lambda server, body: server._read(body),
-    Service.SECURITY: lambda server, body: server._access(body),
-    Service.COMMUNICATION: lambda server, body: server._control_communication(body),
-    Service.WRITE: lambda server, body: server._write(body),
-    Service.ROUTINE: lambda server, body: server._routine(body),
-    Service.DOWNLOAD: lambda server, body: server._download(body),
-    Service.TRANSFER: lambda server, body: server._take_block(body),
-    Service.EXIT: lambda server, body: server._exit(body),
-    Service.TESTER_PRESENT: lambda server, body: server._hear_tester(body),
-    Service.FAULT_SETTING: lambda server, body: server._set_faults(body),
+    Service.SESSION: UdsServer._control_session,
+    Service.RESET: UdsServer._reset,
+    Service.CLEAR_FAULTS: UdsServer._clear_faults,
+    Service.REPORT_FAULTS: UdsServer._report_faults,
+    Service.READ: UdsServer._read,
+    Service.SECURITY: UdsServer._access,
+    Service.COMMUNICATION: UdsServer._control_communication,
+    Service.WRITE: UdsServer._write,
+    Service.ROUTINE: UdsServer._routine,
+    Service.DOWNLOAD: UdsServer._download,
+    Service.TRANSFER: UdsServer._take_block,
+    Service.EXIT: UdsServer._exit,
+    Service.TESTER_PRESENT: UdsServer._hear_tester,
+    Service.FAULT_SETTING: UdsServer._set_faults,
 }
 """Handlers of the services. They are functions, not methods bound to a server, because only the garbage collector could
 free a server that holds its own bound methods."""

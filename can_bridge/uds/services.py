@@ -19,8 +19,7 @@ MAX_REQUEST: Final = 4095
 LONGEST_ANSWER: Final = 768
 """Largest length in bytes of an answer with several identifiers; a single identifier is always answered."""
 BESIDE: Final = 24
-"""Largest total length in bytes of unsent answers with which a new request is still accepted. If the answers are
-longer, the request is refused as busy."""
+"""Largest total length in bytes of unsent answers with which a new request is not refused as busy."""
 POSITIVE: Final = 0x40
 """Difference between a positive response's first byte and the service's identifier."""
 NEGATIVE: Final = 0x7F
@@ -96,7 +95,7 @@ class Routine(IntEnum):
     """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
-    """Check whether the ECU may be programmed now; the answer is CONDITIONS_NOT_CORRECT if it may not."""
+    """Check whether the ECU may be programmed now."""
     SELF_TEST = 0x0204
     """Run the running release's controller on input that must give a finite plan."""
     ACTIVATE = 0x0205
@@ -132,8 +131,8 @@ class Did(IntEnum):
     PERIOD_NS = 0xFD04
     """Control period in ns, 8 bytes."""
     CALIBRATION = 0xFD10
-    """All values of the calibration, packed by `contract.controller.calibration`. Reading returns the values in force;
-    writing changes them from the next control period until a reset."""
+    """All values of the calibration in force, packed by `contract.controller.calibration`; writing changes them from
+    the next control period until a reset."""
     CALIBRATION_LIMITS = 0xFD11
     """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
@@ -157,36 +156,24 @@ _EXTENDED: Final = frozenset({Session.EXTENDED})
 
 @dataclass(frozen=True)
 class Permission:
-    """The conditions for a request.
-
-    Attributes:
-        sessions: sessions in which the request is allowed.
-        level: security level that must be unlocked; None if the request needs no level.
-        length: length of the value or option record in bytes; None for any length.
-    """
+    """The conditions for a request: its sessions, the security level that must be unlocked, and the length in bytes of
+    the value or option record; None for any."""
 
     sessions: frozenset[Session] = _ALL
     level: Level | None = None
     length: int | None = None
 
 
+_FLASHING: Final = Permission(_PROGRAMMING, Level.PROGRAMMING)
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The programming session begins only while the jets are shut; `Diagnostics.before_reset` checks again that the jets
+    # The programming session begins only while the jets are shut; `EcuServices.before_reset` checks again that the jets
     # are shut.
     Service.RESET: Permission(_PROGRAMMING),
-    Service.CLEAR_FAULTS: Permission(),
-    Service.REPORT_FAULTS: Permission(),
-    Service.READ: Permission(),
-    Service.SECURITY: Permission(_BEYOND_DEFAULT),
-    Service.COMMUNICATION: Permission(_BEYOND_DEFAULT),
-    Service.WRITE: Permission(_BEYOND_DEFAULT),
-    Service.ROUTINE: Permission(_BEYOND_DEFAULT),
-    Service.DOWNLOAD: Permission(_PROGRAMMING, Level.PROGRAMMING),
-    Service.TRANSFER: Permission(_PROGRAMMING, Level.PROGRAMMING),
-    Service.EXIT: Permission(_PROGRAMMING, Level.PROGRAMMING),
-    Service.TESTER_PRESENT: Permission(),
-    Service.FAULT_SETTING: Permission(_BEYOND_DEFAULT),
+    **dict.fromkeys((Service.CLEAR_FAULTS, Service.REPORT_FAULTS, Service.READ, Service.TESTER_PRESENT), Permission()),
+    **dict.fromkeys((Service.SECURITY, Service.COMMUNICATION, Service.FAULT_SETTING), Permission(_BEYOND_DEFAULT)),
+    **dict.fromkeys((Service.WRITE, Service.ROUTINE), Permission(_BEYOND_DEFAULT)),
+    **dict.fromkeys((Service.DOWNLOAD, Service.TRANSFER, Service.EXIT), _FLASHING),
 }
 LEVELS: Final[Mapping[int, Permission]] = {
     Level.PROGRAMMING: Permission(_PROGRAMMING),
@@ -194,16 +181,12 @@ LEVELS: Final[Mapping[int, Permission]] = {
 }
 """The sessions in which each level can be unlocked."""
 WRITABLE: Final[Mapping[int, Permission]] = {
-    Did.KEY_LIST: Permission(_PROGRAMMING, Level.PROGRAMMING),
+    Did.KEY_LIST: _FLASHING,
     Did.CALIBRATION: Permission(_EXTENDED, Level.CALIBRATION, length=PACKED_BYTES),
     Did.CALIBRATION_STORED: Permission(_EXTENDED, Level.CALIBRATION, length=1),
 }
 ROUTINES: Final[Mapping[int, Permission]] = {
+    **dict.fromkeys(Routine, Permission(_PROGRAMMING, Level.PROGRAMMING, length=0)),
     Routine.PRECONDITIONS: Permission(_BEYOND_DEFAULT, length=0),
-    Routine.SELF_TEST: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
-    Routine.ACTIVATE: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
-    Routine.CONFIRM: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
-    Routine.REVERT: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
     Routine.ERASE: Permission(_PROGRAMMING, Level.PROGRAMMING, length=4 + 32),
-    Routine.CHECK: Permission(_PROGRAMMING, Level.PROGRAMMING, length=0),
 }

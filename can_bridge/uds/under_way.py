@@ -1,41 +1,16 @@
-"""A tester's session, the request being processed, and a download (ISO 14229-1 and -2)."""
+"""The request being processed, and a download (ISO 14229-1 and -2)."""
 
 from collections.abc import Collection
 from typing import Final
 
 from can_bridge.flashing.backing import Long
-from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, S3_MS, Nrc, Refused, Session
+from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, Nrc, Refused
 
 _MS: Final = 1_000_000
-_S3_NS: Final = S3_MS * _MS
-_P2_EXTENDED_UNIT_MS: Final = 10
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
 """Times after which a response-pending is sent. These times are half of the permitted times, because a permitted time
 ends with the last bit of the response on the bus."""
-
-
-class SessionTimer:
-    """The session, and the time since the tester was last active."""
-
-    def __init__(self) -> None:
-        self.session = Session.DEFAULT
-        self._heard_ns = 0
-
-    def begin(self, now_ns: int, session: Session) -> None:
-        self.session, self._heard_ns = session, now_ns
-
-    def hear(self, now_ns: int) -> None:
-        """Note that the tester is active: a request was answered or needs no answer, or a message is in transit."""
-        self._heard_ns = now_ns
-
-    def is_over(self, now_ns: int) -> bool:
-        return self.session is not Session.DEFAULT and now_ns - self._heard_ns >= _S3_NS
-
-
-def timing_record() -> bytes:
-    """Return P2 in ms and P2* in units of 10 ms, as in the answer to DiagnosticSessionControl."""
-    return P2_MS.to_bytes(2, "big") + (P2_EXTENDED_MS // _P2_EXTENDED_UNIT_MS).to_bytes(2, "big")
 
 
 def negative(service: int, code: Nrc) -> bytes:
@@ -44,8 +19,8 @@ def negative(service: int, code: Nrc) -> bytes:
 
 
 class Job:
-    """A request being processed. The return value of its work is the answer after the first byte. `is_quiet` states
-    that no positive answer is sent; `passed_over` has the negative response codes that are not sent either."""
+    """A request being processed. Its work returns the answer after the first byte. With `is_quiet` no positive answer
+    is sent; `passed_over` has the negative response codes that are not sent either."""
 
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
@@ -79,20 +54,17 @@ class Job:
 
 
 class Download:
-    """A requested download.
-
-    Args:
-        offset: offset of the download's first byte in the image.
-        length: number of bytes in all blocks of the download.
+    """A requested download of `length` bytes, of which the first is at byte `offset` of the image.
 
     Attributes:
+        missing: number of bytes that have not come yet.
         is_closed: whether the tester has ended the download; only a repeated request to end it is then answered.
     """
 
     def __init__(self, offset: int, length: int) -> None:
         self.offset = offset
         self.length = length
-        self._missing = length
+        self.missing = length
         self._expected = 1
         self._last: tuple[int, bytes] | None = None
         self.is_closed = False
@@ -102,24 +74,19 @@ class Download:
         return self._last is not None
 
     def is_new(self, counter: int, data: bytes) -> bool:
-        """Return whether to write this block; False if it repeats the last block. Raises Refused for a wrong block."""
+        """Return whether to write this block; False if it repeats the last one. Raises Refused for a wrong block."""
         if self._last == (counter, data) and not self.is_closed:
             return False
-        if self._missing == 0:
+        if self.missing == 0:
             raise Refused(Nrc.SEQUENCE_ERROR)
         if counter != self._expected:
             raise Refused(Nrc.WRONG_BLOCK_COUNTER)
-        if len(data) > self._missing:
+        if len(data) > self.missing:
             raise Refused(Nrc.TRANSFER_SUSPENDED)
         return True
 
     def taken(self, counter: int, data: bytes) -> None:
         """Note that this block was written."""
-        self._missing -= len(data)
+        self.missing -= len(data)
         self._expected = (counter + 1) % 256
         self._last = counter, data
-
-    def check_complete(self) -> None:
-        """Raise Refused if bytes of the download are missing."""
-        if self._missing:
-            raise Refused(Nrc.SEQUENCE_ERROR)

@@ -67,8 +67,7 @@ _AGES_NS: Final = (*(step * CLASSIC_AGE_RESOLUTION_NS for step in range(_AGE_LIM
 
 
 def emit_pressure(message: Pressure) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a wrong number of pressures, or a value that is not finite
-    or out of range."""
+    """Return the message as 8 bytes; raises ValueError also for a wrong number of pressures."""
     pressure_pa, valid, enable_request, age_ns = message
     try:
         p0, p1, p2, p3 = pressure_pa
@@ -94,7 +93,7 @@ def emit_pressure(message: Pressure) -> bytes:
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
-    """Return the message in 8 bytes, or None for another length. The pressure of a sensor that is not valid is 0."""
+    """Return the message in 8 bytes. The pressure of a sensor that is not valid is 0."""
     if len(data) != _LENGTH:
         return None
     head, a, b, c = _PRESSURE.unpack(data)
@@ -128,8 +127,7 @@ def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a flow that is not finite or out of range, or an invalid
-    counter."""
+    """Return the message as 8 bytes."""
     flow, mode, enable, counter, next_period = message
     try:
         head = mode_of(mode) << 4 | (0x80 if enable else 0)
@@ -154,8 +152,7 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
-    """Return the message as 8 bytes; a count above its field's largest value is sent as this value. Raises ValueError
-    for a negative count or too large a hash."""
+    """Return the message as 8 bytes; a count above its field's largest value is sent as this value."""
     state, reason, overruns, missed, crc_errors, bus_off, bundle_hash, refused, *_ = message
     if min(overruns, missed, crc_errors, refused, bus_off) < 0:
         counts = ("overruns", "missed", "crc_errors", "bus_off", "refused")
@@ -173,30 +170,15 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Return the message in 8 bytes, or None for another length, or a state or reason outside the DBC's table.
-
-    The lower half of the bundle's hash is 0, because it is not sent.
-    """
+    """Return the message in 8 bytes; the lower half of the bundle's hash, which is not sent, is 0."""
     if len(data) != _LENGTH:
         return None
     head, why, low, high, bundle_hash = _ECU_STATUS.unpack(data)
     state, reason = MODES[head >> 4 & 0b111], REASONS[head >> 7 | (why & 0xF) << 1]
     if state is None or reason is None:
         return None
+    overruns, missed = low & 0x3F, low >> 6 & 0x3F
+    crc_errors, refused, bus_off = low >> 12 | (high & 0b11) << 4, high >> 2, why >> 4
     return made(
-        EcuStatus,
-        (
-            state,
-            reason,
-            low & 0x3F,
-            low >> 6 & 0x3F,
-            low >> 12 | (high & 0b11) << 4,
-            why >> 4,
-            bundle_hash << 16,
-            high >> 2,
-            0,
-            0,
-            0,
-            0,
-        ),
+        EcuStatus, (state, reason, overruns, missed, crc_errors, bus_off, bundle_hash << 16, refused, 0, 0, 0, 0)
     )

@@ -1,9 +1,9 @@
 """Conversion of the CAN FD set's messages to data bytes and back, as defined in `contract/stillwake.dbc`.
 
 `emit_*` returns the protected part of a message with an empty E2E header, which `can_bridge.e2e` fills, and raises
-ValueError for a value out of range. `parse_*` reads the values, not the header. It returns None for data of another
-length, or with a value outside the DBC's table for this value; it never raises. Values are rounded to the nearest
-multiple of the resolution; bits without a signal are sent as zero and ignored when received.
+ValueError for a value that is not finite or out of range. `parse_*` reads the values, not the header. It returns None
+for data of another length, or with a value outside the DBC's table for this value; it never raises. Values are rounded
+to the nearest multiple of the resolution; bits without a signal are sent as zero and ignored when received.
 
 These functions run for every frame, so `emit_*` searches for the invalid value only after packing has failed.
 """
@@ -63,8 +63,7 @@ _STATE_MASK: Final = 0b1111
 
 
 def emit_pressure(message: Pressure) -> bytes:
-    """Return the message as 16 bytes. Raises ValueError for a wrong number of pressures, or a value that is not finite
-    or out of range."""
+    """Return the message as 16 bytes; raises ValueError also for a wrong number of pressures."""
     pressure_pa, valid, enable_request, age_ns = message
     try:
         p0, p1, p2, p3 = pressure_pa
@@ -86,19 +85,15 @@ def emit_pressure(message: Pressure) -> bytes:
 
 
 def parse_pressure(data: bytes) -> Pressure | None:
-    """Return the message in 16 bytes, or None for another length."""
+    """Return the message in 16 bytes."""
     if len(data) != 16:
         return None
     flags, p0, p1, p2, p3, age = _PRESSURE.unpack(data)
+    scale = PRESSURE_RESOLUTION_PA
     return made(
         Pressure,
         (
-            (
-                p0 * PRESSURE_RESOLUTION_PA,
-                p1 * PRESSURE_RESOLUTION_PA,
-                p2 * PRESSURE_RESOLUTION_PA,
-                p3 * PRESSURE_RESOLUTION_PA,
-            ),
+            (p0 * scale, p1 * scale, p2 * scale, p3 * scale),
             VALIDITIES[flags & _VALID],
             flags & _ENABLE_REQUEST != 0,
             age * AGE_RESOLUTION_NS,
@@ -107,7 +102,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a value that is not finite or out of range."""
+    """Return the message as 8 bytes."""
     density, speed = speed_steps(message)
     try:
         return _VEHICLE_SPEED.pack(density, speed, _age_steps(message.age_ns))
@@ -116,7 +111,7 @@ def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
 
 
 def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
-    """Return the message in 8 bytes, or None for another length."""
+    """Return the message in 8 bytes."""
     if len(data) != 8:
         return None
     density, speed, age = _VEHICLE_SPEED.unpack(data)
@@ -124,8 +119,7 @@ def parse_vehicle_speed(data: bytes) -> VehicleSpeed | None:
 
 
 def emit_jet_command(message: JetCommand) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a flow that is not finite or out of range, or an invalid
-    counter."""
+    """Return the message as 8 bytes."""
     flow, mode, enable, counter, next_period = message
     try:
         flags = mode_of(mode) | (_ENABLE if enable else 0) | (_NEXT_PERIOD if next_period else 0)
@@ -139,30 +133,22 @@ def emit_jet_command(message: JetCommand) -> bytes:
 
 
 def parse_jet_command(data: bytes) -> JetCommand | None:
-    """Return the message in 8 bytes, or None for another length or a mode outside the DBC's table."""
+    """Return the message in 8 bytes."""
     if len(data) != 8:
         return None
     flags, flow, counter = _JET_COMMAND.unpack(data)
     mode = MODES[flags & _MODE_MASK]
     if mode is None:
         return None
-    return made(
-        JetCommand,
-        (
-            flow * FLOW_RESOLUTION_M2_PER_S,
-            mode,
-            flags & _ENABLE != 0,
-            counter if flags & _COUNTER_VALID else None,
-            flags & _NEXT_PERIOD != 0,
-        ),
-    )
+    echoed, enable, next_period = counter if flags & _COUNTER_VALID else None, flags & _ENABLE, flags & _NEXT_PERIOD
+    return made(JetCommand, (flow * FLOW_RESOLUTION_M2_PER_S, mode, enable != 0, echoed, next_period != 0))
 
 
 def emit_ecu_status(message: EcuStatus) -> bytes:
-    """Return the message as 24 bytes. Raises ValueError for a count or a hash that does not fit into its field."""
-    state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, not_authentic, tx_errors, rx_errors, aside = (
-        message
-    )
+    """Return the message as 24 bytes."""
+    state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx, aside = message
+    if not 0 <= aside <= SET_ASIDE_LIMIT:
+        aside = -1  # which no byte takes
     try:
         return _ECU_STATUS.pack(
             mode_of(state),
@@ -173,10 +159,10 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
             crc,
             bundle_hash,
             refused,
-            not_authentic,
-            tx_errors,
-            rx_errors,
-            aside if 0 <= aside <= SET_ASIDE_LIMIT else -1,  # which no byte takes
+            forged,
+            tx,
+            rx,
+            aside,
         )
     except UNPACKABLE:
         limits = {
@@ -192,7 +178,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Return the message in 24 bytes, or None for another length, or a state or reason outside the DBC's table."""
+    """Return the message in 24 bytes."""
     if len(data) != 24:
         return None
     state, reason, bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside = _ECU_STATUS.unpack(

@@ -21,10 +21,9 @@ class Frame:
     time.
 
     Attributes:
-        frame_id: 0 to 0x7FF, or 0 to 0x1FFFFFFF if the identifier is extended; the smaller identifier wins arbitration.
+        frame_id: 11 bits, or 29 bits if the identifier is extended; the smaller identifier wins arbitration.
         data: 0 to 8 bytes, or, in a CAN FD frame, one of `FD_LENGTHS`.
         timestamp_ns: time of sending or reception in ns, on the clock of the sender or receiver.
-        is_extended: whether the identifier has 29 bits rather than 11.
     """
 
     frame_id: int

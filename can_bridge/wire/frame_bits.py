@@ -10,6 +10,7 @@ stuff bit always follows the data, so five equal bits at the end of the data nee
 import re
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import Final
 
 from can_bridge.wire.frame import FD_LENGTHS, Frame
@@ -21,11 +22,6 @@ _CRC15: Final = 0x4599
 TAIL: Final = 13
 """Number of bits after the CRC, which have no stuff bits: CRC delimiter, acknowledge, acknowledge delimiter, end of
 frame (7), intermission (3)."""
-FD_CRC_SHORT: Final = 4 + 17 + 6
-"""Number of bits of the stuff count with parity, the CRC-17 and their fixed stuff bits, for up to 16 data bytes."""
-FD_CRC_LONG: Final = 4 + 21 + 7
-"""Number of bits of the stuff count with parity, the CRC-21 and their fixed stuff bits, for more than 16 data bytes."""
-FD_LONGEST_SHORT: Final = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +41,11 @@ class SentBits:
 
     @property
     def total(self) -> tuple[int, int]:
-        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission."""
+        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission.
+
+        A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; here both bits are counted
+        completely at the nominal rate, as in `worst_case_bits`.
+        """
         return self.nominal + TAIL, self.data
 
     def through(self, position: int) -> tuple[int, int]:
@@ -69,19 +69,10 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
     return SentBits(stuffed=sent, nominal=nominal, data=len(sent) - nominal + _fd_crc_bits(frame))
 
 
-def frame_bits(frame: Frame) -> tuple[int, int]:
-    """Return the number of bits at the nominal and at the data rate, from the start of frame through the intermission.
-
-    A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; here both bits are counted
-    completely at the nominal rate, as in `worst_case_bits`.
-    """
-    return sent_bits(frame).total
-
-
 def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
     """Return the time in ns for which a frame occupies the bus, rounded up. Bit rates are in bit/s; classic frames
     ignore the data bit rate."""
-    nominal, data = frame_bits(frame)
+    nominal, data = sent_bits(frame).total
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 
 
@@ -108,7 +99,9 @@ def stuffed(bits: str, *, at_end: bool = True) -> str:
 
 def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
     """Return whether the bit at a position is a stuff bit of the identifier, which ends before RTR or RRS."""
-    return position in _stuff_positions(_identifier_bits(frame))
+    bits = _identifier_bits(frame)
+    ends = [len(stuffed(bits[:count])) for count in range(len(bits) + 1)]
+    return any(end == position + 1 and end == before + 2 for before, end in pairwise(ends))
 
 
 def is_arbitration_bit(frame: Frame, position: int) -> bool:
@@ -135,17 +128,6 @@ def _crc15_table() -> tuple[int, ...]:
             crc = (crc << 1 & 0x7FFF) ^ (_CRC15 if crc >> 14 else 0)
         table.append(crc)
     return tuple(table)
-
-
-def _stuff_positions(bits: str) -> list[int]:
-    positions, run, last, sent = [], 0, "", 0
-    for bit in bits:
-        run = run + 1 if bit == last else 1
-        last, sent = bit, sent + 1
-        if run == 5:
-            positions.append(sent)
-            last, run, sent = ("1" if bit == "0" else "0"), 1, sent + 1
-    return positions
 
 
 def _identifier_bits(frame: Frame) -> str:
@@ -184,7 +166,6 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
 
     For classic CAN this is the bound of Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability
     analysis: refuted, revisited and revised", Real-Time Systems 35 (2007), equation 1. CAN FD has an equivalent bound.
-    The CRC delimiter, during which a CAN FD frame switches back, is counted completely at the nominal rate.
     """
     payload = 8 * len(frame.data)
     if not frame.is_fd:
@@ -198,8 +179,7 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
 
 
 def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the longest time in ns for which a frame of this length occupies the bus, rounded up. Bit rates are in
-    bit/s; classic frames ignore the data bit rate. Raises ValueError for a bit rate that is not positive."""
+    """Return the longest time in ns for which a frame of this length occupies the bus, as `frame_ns` does."""
     nominal, data = worst_case_bits(frame)
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 
@@ -211,4 +191,5 @@ def _most_stuff_bits(bits: int) -> int:
 
 
 def _fd_crc_bits(frame: Frame) -> int:
-    return FD_CRC_SHORT if len(frame.data) <= FD_LONGEST_SHORT else FD_CRC_LONG
+    """Return the number of bits of the stuff count with parity, the CRC-17 or CRC-21, and their fixed stuff bits."""
+    return 4 + 17 + 6 if len(frame.data) <= 16 else 4 + 21 + 7

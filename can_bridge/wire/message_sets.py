@@ -20,13 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Message(Generic[T]):
-    """One message of a set.
-
-    Attributes:
-        spec: specification of the message.
-        emit: converts a value to the protected bytes with an empty E2E header; raises ValueError for an invalid value.
-        parse: converts protected bytes to a value, or to None if they are invalid; never raises.
-    """
+    """One message of a set, with its functions `emit_*` and `parse_*` of `codec`."""
 
     spec: MessageSpec
     emit: Callable[[T], bytes]
@@ -57,8 +51,7 @@ class MessageSet:
 
 
 def _set(name: str, by: ModuleType, named: Sequence[MessageSpec], resolution_pa: float, most_steps: int) -> MessageSet:
-    """Return the set whose messages are converted by the codec `by`. The specifications are in the order of
-    `MessageSet.specs`."""
+    """Return the set whose messages, in the order of `MessageSet.specs`, are converted by the codec `by`."""
     pressure, speed, command, status = named
     return MessageSet(
         name=name,
@@ -71,18 +64,13 @@ def _set(name: str, by: ModuleType, named: Sequence[MessageSpec], resolution_pa:
     )
 
 
-_PLAIN: Final = (specs.PRESSURE, specs.VEHICLE_SPEED, specs.JET_COMMAND, specs.ECU_STATUS)
-_SECURED: Final = (
-    *(specs.PRESSURE_SECURED, specs.VEHICLE_SPEED_SECURED),
-    *(specs.JET_COMMAND_SECURED, specs.ECU_STATUS_SECURED),
+FD: Final = _set("CAN FD", codec, specs.FD_SPECS, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX)
+SECURED: Final = _set(
+    "CAN FD, authenticated", codec, specs.SECURED_SPECS, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX
 )
-_CLASSIC: Final = (
-    *(specs.PRESSURE_CLASSIC, specs.VEHICLE_SPEED_CLASSIC),
-    *(specs.JET_COMMAND_CLASSIC, specs.ECU_STATUS_CLASSIC),
+CLASSIC: Final = _set(
+    "classic CAN", classic_codec, specs.CLASSIC_SPECS, specs.CLASSIC_PRESSURE_RESOLUTION_PA, specs.INT12_MAX
 )
-FD: Final = _set("CAN FD", codec, _PLAIN, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX)
-SECURED: Final = _set("CAN FD, authenticated", codec, _SECURED, specs.PRESSURE_RESOLUTION_PA, specs.INT16_MAX)
-CLASSIC: Final = _set("classic CAN", classic_codec, _CLASSIC, specs.CLASSIC_PRESSURE_RESOLUTION_PA, specs.INT12_MAX)
 SETS: Final = (FD, CLASSIC, SECURED)
 
 

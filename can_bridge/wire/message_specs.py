@@ -52,8 +52,8 @@ def _classic(plain: MessageSpec, data_id: int) -> MessageSpec:
 
 
 def _secured(plain: MessageSpec, data_id: int) -> MessageSpec:
-    """Return the secured form of a message, in the shortest frame that also holds freshness and MAC, with the
-    identifier increased by two."""
+    """Return the secured form of a message, in the shortest frame that holds it, with the identifier increased by
+    two."""
     name, frame_id = f"{plain.name}Secured", plain.frame_id + 2
     length = min(one for one in FD_LENGTHS if one >= plain.protected + FRESHNESS_LENGTH + MAC_LENGTH)
     return replace(plain, name=name, frame_id=frame_id, length=length, data_id=data_id, is_secured=True)
@@ -64,26 +64,16 @@ VEHICLE_SPEED: Final = _fd("VehicleSpeed", 0x128, length=8, data_id=0x5707)
 JET_COMMAND: Final = _fd("JetCommand", 0x130, length=8, data_id=0x5702)
 ECU_STATUS: Final = _fd("EcuStatus", 0x140, length=24, data_id=0x5703)
 
-PRESSURE_CLASSIC: Final = _classic(PRESSURE, data_id=0x71)
-VEHICLE_SPEED_CLASSIC: Final = _classic(VEHICLE_SPEED, data_id=0x74)
-JET_COMMAND_CLASSIC: Final = _classic(JET_COMMAND, data_id=0x72)
-ECU_STATUS_CLASSIC: Final = _classic(ECU_STATUS, data_id=0x73)
-
-PRESSURE_SECURED: Final = _secured(PRESSURE, data_id=0x5704)
-VEHICLE_SPEED_SECURED: Final = _secured(VEHICLE_SPEED, data_id=0x5708)
-JET_COMMAND_SECURED: Final = _secured(JET_COMMAND, data_id=0x5705)
-ECU_STATUS_SECURED: Final = _secured(ECU_STATUS, data_id=0x5706)
-
-SPECS: Final = (
-    *(PRESSURE, PRESSURE_CLASSIC, PRESSURE_SECURED),
-    *(VEHICLE_SPEED, VEHICLE_SPEED_CLASSIC, VEHICLE_SPEED_SECURED),
-    *(JET_COMMAND, JET_COMMAND_CLASSIC, JET_COMMAND_SECURED),
-    *(ECU_STATUS, ECU_STATUS_CLASSIC, ECU_STATUS_SECURED),
-)
+FD_SPECS: Final = (PRESSURE, VEHICLE_SPEED, JET_COMMAND, ECU_STATUS)
+CLASSIC_SPECS: Final = tuple(map(_classic, FD_SPECS, (0x71, 0x74, 0x72, 0x73)))
+SECURED_SPECS: Final = tuple(map(_secured, FD_SPECS, (0x5704, 0x5708, 0x5705, 0x5706)))
+"""The messages of each set, in the order of their priority; each number is a data ID."""
+PRESSURE_CLASSIC: Final = CLASSIC_SPECS[0]
+PRESSURE_SECURED, _, JET_COMMAND_SECURED, _ = SECURED_SPECS
+SPECS: Final = tuple(spec for forms in zip(FD_SPECS, CLASSIC_SPECS, SECURED_SPECS, strict=True) for spec in forms)
 
 FLOW_RESOLUTION_M2_PER_S: Final = 0.0002
-"""Resolution of the flow in m2/s, which is equal in all message sets, so that the command gate does not depend on the
-set."""
+"""Resolution of the flow in all message sets, so that the command gate does not depend on the set."""
 
 SPEED_RESOLUTION_M_PER_S: Final = 0.005
 DENSITY_RESOLUTION_KG_PER_M3: Final = 0.01

@@ -1,7 +1,7 @@
 """The four messages in engineering units. `contract/stillwake.dbc` defines each signal.
 
 The messages are named tuples, because a message is built for every frame, and building a frozen dataclass takes several
-times longer. Use the names of the fields when you build a message.
+times longer.
 """
 
 from enum import IntEnum
@@ -11,15 +11,11 @@ SENSORS: Final = 4
 """Number of pressures in a Pressure message, one for each sensor."""
 
 COUNT_LIMIT: Final = 0xFFFF
-"""Largest value of the 16-bit event counts of EcuStatus. A count that has reached this value does not rise further."""
-
 BUS_OFF_LIMIT: Final = 0xFF
-"""Largest value of the bus-off count of EcuStatus. A count that has reached this value does not rise further."""
+"""Largest values of the event counts and of the bus-off count of EcuStatus, which do not rise further."""
 
 ERROR_LIMIT: Final = 0xFF
-"""Largest value that is sent for the CAN controller's error counters. It is also sent for 256, the count at which the
-controller goes bus-off."""
-
+"""Largest value that is sent for the CAN controller's error counters, also for 256, at which it goes bus-off."""
 
 SET_ASIDE_LIMIT: Final = 0b1111
 """Largest value of `EcuStatus.set_aside`, with the bits of all four pressures."""
@@ -81,9 +77,9 @@ class VehicleSpeed(NamedTuple):
     """The vehicle's speed and the density of the air around it.
 
     Attributes:
-        speed_m_per_s: speed of the vehicle, at least 0; None if the vehicle does not know it.
+        speed_m_per_s: at least 0; None if the vehicle does not know it.
         age_ns: time in ns from the measurement of the speed until the frame is passed to the bus.
-        density_kg_per_m3: density of the air, above 0; None if unknown.
+        density_kg_per_m3: above 0; None if unknown.
     """
 
     speed_m_per_s: float | None
@@ -112,8 +108,8 @@ class EcuStatus(NamedTuple):
     """Health of the controller, and numbers of events since power-on.
 
     Attributes:
-        overruns, missed, crc_errors: numbers of events, up to COUNT_LIMIT; the sender limits them.
-        bus_off: number of times that the CAN controller went bus-off, up to BUS_OFF_LIMIT; the sender limits it.
+        overruns, missed, crc_errors: numbers of events, up to COUNT_LIMIT; the sender limits all counts.
+        bus_off: number of times that the CAN controller went bus-off, up to BUS_OFF_LIMIT.
         bundle_hash: first 32 bits of the bundle's hash, `contract.release.bundle.Bundle.short_hash`.
         refused: number of pressure frames with a valid CRC that were repeated or out of sequence, up to COUNT_LIMIT.
         not_authentic: number of pressure frames that were rejected for their MAC or freshness, up to COUNT_LIMIT.

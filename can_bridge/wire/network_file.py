@@ -32,7 +32,10 @@ def load_network(path: Path) -> "Database":
     if path.exists() and not path.is_file():
         raise BusError(f"{path}: is a {'directory' if path.is_dir() else 'device or pipe'}, must be a file")
     try:
-        _check_lengths(path)
+        for found in _LENGTH.finditer(path.read_bytes()):
+            if len(found[1]) > 9 or int(found[1]) > LONGEST_MESSAGE:
+                stated = shown(found[0].decode())
+                raise ValueError(f"{stated} is the length of a message: must be at most {LONGEST_MESSAGE}")
         # The file may be of any age and encoding. It is not checked strictly, because its author has better tools to
         # find mistakes.
         database = load_file(path, strict=False)
@@ -45,11 +48,3 @@ def load_network(path: Path) -> "Database":
     if not isinstance(database, Database):
         raise BusError(f"{path}: describes diagnostics, not the messages of a bus")
     return database
-
-
-def _check_lengths(path: Path) -> None:
-    for found in _LENGTH.finditer(path.read_bytes()):
-        if len(found[1]) > 9 or int(found[1]) > LONGEST_MESSAGE:
-            raise ValueError(
-                f"{shown(found[0].decode())} is the length of a message: must be at most {LONGEST_MESSAGE}"
-            )

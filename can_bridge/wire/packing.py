@@ -18,26 +18,25 @@ UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
 """Exceptions of packing or rounding for a value out of range."""
 
 made: Final = tuple.__new__
-"""A function that builds a named tuple from all of its values in order. It avoids a call of the tuple's constructor in
-Python, which takes a sixth of a parser's time. The types of the values are checked only in the parsers' tests."""
+"""A function that builds a named tuple from all of its values in order. A call of the tuple's constructor in Python
+would take a sixth of a parser's time."""
 
 _BYTE: Final = range(256)
 MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
 REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
-"""Members of `Reason` by their raw value; None for a value outside the DBC's table. This lookup is faster than a call
-of the enum."""
+"""Members by their raw value, None for a value outside the DBC's table: faster than a call of the enum."""
 
 VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
 """Validity flags of the sensors, by the raw value of their bits."""
 
 
 def mode_of(mode: Mode) -> Mode:
-    """Return the mode; raises ValueError if the number is not a mode."""
+    """Return the mode; raises ValueError for another number."""
     return mode if mode.__class__ is Mode else Mode(mode)
 
 
 def reason_of(reason: Reason) -> Reason:
-    """Return the reason; raises ValueError if the number is not a reason."""
+    """Return the reason; raises ValueError for another number."""
     return reason if reason.__class__ is Reason else Reason(reason)
 
 
@@ -49,8 +48,7 @@ def check_pressure_counts(message: Pressure) -> None:
 
 
 def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
-    """Return the raw values of density and speed; raises ValueError for a density or speed that is not finite or out of
-    range."""
+    """Return the raw values of density and speed; raises ValueError as `signed` does."""
     speed, _, density = message
     most = SPEED_UNKNOWN - 1
     return (
@@ -76,8 +74,7 @@ def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
 
 
 def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:
-    """Return the raw value nearest to `value`; raises ValueError if the raw value is not within `low` to `high`, or if
-    `value` is not finite."""
+    """Return the raw value nearest to `value`; raises ValueError if it is not finite or not in `low` to `high`."""
     if not math.isfinite(value):
         raise ValueError(f"{name} = {value}: must be finite")
     # The quotient of a very large value is infinite, and cannot be rounded to an integer.

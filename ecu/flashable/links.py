@@ -12,8 +12,7 @@ from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
 from can_bridge.flashing.store import Store
 from can_bridge.isotp import control_info
-from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings, classic
+from can_bridge.isotp.endpoint import Endpoint, IsoTpSettings
 from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import BESIDE, Nrc, Refused
@@ -39,8 +38,10 @@ def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettin
     own, other = config.diagnosis.response, config.diagnosis.request
     if is_tester:
         own, other = other, own
-    make = classic if config.frames == "classic" else IsoTpSettings
-    return make(receive_id=other.number, send_id=own.number, is_extended=own.is_extended)
+    is_fd, length = (True, 64) if config.frames == "fd" else (False, 8)
+    return IsoTpSettings(
+        receive_id=other.number, send_id=own.number, is_extended=own.is_extended, is_fd=is_fd, frame_length=length
+    )
 
 
 class DiagnosticLink:
@@ -138,7 +139,7 @@ class CalibrationLink:
         self.is_sending = False
         self.service = CalibrationService(
             self._segment,
-            kept=lambda: store.records.calibration(bundle.digest),
+            kept=lambda: store.calibration(bundle.digest),
             keep=store.keep_calibration,
             refusal=refusal,
         )

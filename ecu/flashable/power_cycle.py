@@ -75,8 +75,8 @@ class PowerCycle:
             on_reset=on_reset,
             log=equipment.log,
         )
-        records, self._log = self.store.records, equipment.log
-        self._faults = FaultMemory(records.faults, keep=records.keep_faults, refusal=jets)
+        self._log = equipment.log
+        self._faults = FaultMemory(self.store.faults, keep=self.store.keep_faults, refusal=jets)
         self.watch = FaultWatch(self._faults)
         self._server = UdsServer(self._services, equipment.access, equipment.random_bytes, faults=self._faults)
         self.link = DiagnosticLink(config.bus, self._server)

@@ -56,7 +56,7 @@ def uds_settings() -> bytes:
     }
     texts = {
         "ISOTP_BURST": _ISOTP.burst,
-        "ISOTP_WAIT_NS": f"INT64_C({_ISOTP.n_bs_ns})",
+        "ISOTP_WAIT_NS": f"INT64_C({_ISOTP.wait_ns})",
         "ACCESS_DELAY_NS": f"INT64_C({security.DELAY_NS})",
         "REMEMBERED_NS": f"INT64_C({REMEMBERED_NS})",
         "FAULT_CODES": _pairs(fault_codes.CODES),

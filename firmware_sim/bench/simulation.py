@@ -15,7 +15,6 @@ from can_bridge.bus.faults.text import text_of
 from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.timing.background import background
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import message_set
 from contract.config.body import layout_of
 from contract.config.tree import Config
 from contract.config.vehicle import SIMULATED
@@ -92,7 +91,7 @@ class Simulation:
         self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
         # The background traffic is checked first, so that no ECU is created if the bus cannot carry this traffic.
-        background(config.bus.background, config.bus, [spec.frame_id for spec in message_set(config.bus).specs])
+        background(config.bus)
         if ecu is None:
             controller = OnnxController.of(bundle) if controller is None else controller
             controller.warm_up(WARM_UP_PLANS)

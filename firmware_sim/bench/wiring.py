@@ -124,7 +124,7 @@ def wire(
         observer: sees the frames that the nodes send and receive, and the plant, but no state of the nodes.
     """
     messages = message_set(config.bus)
-    others = background(config.bus.background, config.bus, [spec.frame_id for spec in messages.specs]).messages
+    others = background(config.bus).messages
     waits = WaitingTimes(messages=messages)
 
     def seen(transmission: Transmission) -> None:

@@ -4,18 +4,20 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.command_gate import GatedCommand, GateLimits, Intervention, gate
 from can_bridge.wire import codec
-from can_bridge.wire.messages import JetCommand, Mode
+from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError
+from tests.can_bridge.wire.described import jet
 
 LIMITS = GateLimits(flow_m2_per_s=4.0, step_m2_per_s=1.0, period_ns=100, fresh_age_ns=100, held_age_ns=300)
 PASSED = Intervention(0)
@@ -36,7 +38,9 @@ def passing(flow: float, **changes: Any) -> GatedCommand:
 
 def test_command_within_all_bounds_passes_untouched():
     for flow in [0.0, 0.5, -0.5, 1.0, -1.0]:
-        assert passing(flow) == GatedCommand(flow_m2_per_s=flow, enable=True, interventions=PASSED), flow
+        for now in [1000, 1050, 1100]:  # the bounds of the age are inclusive
+            untouched = GatedCommand(flow_m2_per_s=flow, enable=True, interventions=PASSED)
+            assert passing(flow, now_ns=now) == untouched, (flow, now)
 
 
 def test_without_permission_clock_or_pressure_the_jets_shut_at_once():
@@ -58,17 +62,9 @@ def test_without_permission_clock_or_pressure_the_jets_shut_at_once():
             expected = GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=why)
             assert shut == expected, (changes, why, previous)
             assert math.copysign(1.0, shut.flow_m2_per_s) == 1.0, (changes, previous)
-
-
-def test_what_is_no_number_shuts_the_jets():
     for flow in [math.nan, math.inf, -math.inf]:
         expected = GatedCommand(flow_m2_per_s=0.0, enable=False, interventions=Intervention.NOT_FINITE)
         assert passing(flow, previous_m2_per_s=4.0) == expected, flow
-
-
-def test_age_bounds_are_inclusive():
-    for now in [1000, 1100]:
-        assert passing(0.5, now_ns=now).interventions == PASSED, now
 
 
 def test_old_pressures_bear_a_command_that_leads_to_zero_and_no_other():
@@ -84,13 +80,9 @@ def test_old_pressures_bear_a_command_that_leads_to_zero_and_no_other():
                 assert passing(new, previous_m2_per_s=previous, now_ns=now) == stale, (previous, now)
                 # The same on fresh pressures is a matter of range and rate alone.
                 assert passing(new, previous_m2_per_s=previous, now_ns=1100).enable, (previous, now)
-
-
-def test_old_pressures_bear_no_movement_away_from_zero():
-    for flow in [0.0, -0.0]:
-        assert passing(flow, now_ns=1300).enable, flow
-        for moving in (1e-9, -1e-9):
-            assert passing(moving, now_ns=1300).interventions == Intervention.STALE, flow
+    assert passing(0.0, now_ns=1300).enable and passing(-0.0, now_ns=1300).enable
+    for moving in (1e-9, -1e-9):
+        assert passing(moving, now_ns=1300).interventions == Intervention.STALE, moving
 
 
 def test_the_step_is_as_large_as_the_time_since_the_one_before():
@@ -172,30 +164,18 @@ def test_limits_of_the_default_truck():
     assert limits.held_age_ns == 80_000_000
 
 
-@given(limit=st.floats(0.001, 0.1))
-def test_rounding_on_the_wire_cannot_lead_out_of_the_action_limit(limit):
-    config = Config(flow=FlowConfig(action_limit=limit))
-    limits = GateLimits.from_config(config)
-    result = gate(
-        1e9,
-        enable=True,
-        previous_m2_per_s=limits.flow_m2_per_s,
-        previous_ns=None,
-        pressure_ns=0,
-        now_ns=0,
-        limits=limits,
-    )
-    command = JetCommand(flow_m2_per_s=result.flow_m2_per_s, mode=Mode.CONTROL, enable=True, pressure_counter=None)
-    received = codec.parse_jet_command(codec.emit_jet_command(command))
-    assert received is not None
-    wanted = limit * config.operating_point.flow_rate_scale
-    assert wanted - 0.0002 < received.flow_m2_per_s <= wanted + 1e-9
-
-
-def test_limit_that_is_a_step_of_the_wire_is_kept_up_to_its_very_end():
-    for limit in (4.0, 6.5534):
-        config = Config(flow=FlowConfig(action_limit=limit / 62.5))
-        assert GateLimits.from_config(config).flow_m2_per_s == pytest.approx(limit, abs=1e-12)
+def test_rounding_on_the_wire_cannot_lead_out_of_the_action_limit():
+    for limit in (*np.linspace(0.001, 0.1, 200), 4.0 / 62.5, 6.5534 / 62.5):
+        config = Config(flow=FlowConfig(action_limit=float(limit)))
+        flow = GateLimits.from_config(config).flow_m2_per_s
+        sent = codec.emit_jet_command(jet(flow_m2_per_s=flow, mode=Mode.CONTROL, enable=True))
+        received = codec.parse_jet_command(sent)
+        assert received is not None
+        wanted = limit * config.operating_point.flow_rate_scale
+        assert received.flow_m2_per_s == pytest.approx(flow, abs=1e-12), limit
+        assert wanted - 0.0002 < received.flow_m2_per_s <= wanted + 1e-9, limit
+    # A limit that is a step of the wire is kept up to its very end.
+    assert flow == pytest.approx(6.5534, abs=1e-12)
 
 
 def test_fail_safe_settings_move_the_age():
@@ -206,9 +186,7 @@ def test_fail_safe_settings_move_the_age():
     config = Config(ecu=EcuConfig(hold_periods=3, decay_periods=5, pressure_age=2.25))
     limits = GateLimits.from_config(config)
     assert (limits.fresh_age_ns, limits.held_age_ns) == (45_000_000, 180_000_000)
-
-
-def test_speed_the_wire_cannot_carry_is_refused():
+    # At this speed the wire cannot carry the limit.
     with pytest.raises(ConfigError, match=r"action_limit is 7\.5 m2/s .* ends at 6\.5534"):
         GateLimits.from_config(Config(operating_point=OperatingPoint(speed=40.0)))
 

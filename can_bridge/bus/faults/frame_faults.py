@@ -16,7 +16,7 @@ from typing import Annotated, Final
 from can_bridge.bus.faults.fault import NS, Change, FrameFault, Injector, Probability, Receive, Send, SidedFault, Span
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.frame_bits import frame_bits
+from can_bridge.wire.frame_bits import sent_bits
 from can_bridge.wire.message_specs import SPECS, MessageSpec
 from contract.config.rules import AtLeastOne, Fraction, NonNegative, at_least, require
 from contract.errors import BusError
@@ -268,6 +268,6 @@ class WireErrors(Span, section="wire_errors"):
             # The index of the first wrong bit is distributed geometrically, because the bits are independent.
             draw = random.random()
             place = 0 if rate == 1.0 else int(log1p(-draw) / log1p(-rate))
-            return place if place < sum(frame_bits(frame)) - _INTERMISSION else None
+            return place if place < sum(sent_bits(frame).total) - _INTERMISSION else None
 
         return first_wrong_bit

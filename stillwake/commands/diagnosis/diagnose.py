@@ -108,7 +108,7 @@ def _from_folder(slots: Path) -> "tuple[dict[str, str | int], StoreReport]":
         "serial_number": folder.serial,
         "hardware": folder.hardware,
         "root_key": folder.root.fingerprint,
-        "capacity": store.capacity,
+        "capacity": store.backing.capacity,
     }
     return found, report_of(store)
 

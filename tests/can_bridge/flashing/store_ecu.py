@@ -72,7 +72,6 @@ class StoreEcu:
             refusal=lambda: Nrc.CONDITIONS_NOT_CORRECT if self.is_wanted else None,
             on_reset=self.reset,
             log=lambda *_, **fields: None,
-            resets_when_left=False,
         )
         self.services.routines = self.routines
         self.server = UdsServer(self.services, KEY, self._random_bytes)
@@ -90,6 +89,10 @@ class StoreEcu:
 
 class _Noted(EcuServices):
     routines: list[Routine]
+
+    def leave(self) -> None:
+        """End the transfer alone: the tests of a power-on do without the reset."""
+        self._store.drop()
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
         status = yield from super().routine(routine, option)

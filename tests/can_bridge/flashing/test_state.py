@@ -38,9 +38,7 @@ def test_what_goes_in_comes_out():
     ):
         raw = state.encode(value)
         assert (state.decode(raw), len(raw) < MAX_RECORD) == (value, True)
-
-
-def test_the_layout_is_as_described():
+    # The layout is as described.
     first = bytes([4, 0]) + struct.pack(">III", 97_000, 97_000, 7) + bytes(range(32)) + b"\xab" * 32 + b"s" * 32
     second = bytes([1, 0]) + struct.pack(">III", 5, 3, 0) + b"h" * 32 + bytes(64)
     body = b"SWS1" + first + b"\0\x05truck" + second + b"\0\0" + b"\0" + struct.pack(">I", 1) + b"\0\0"

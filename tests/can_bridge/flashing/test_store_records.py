@@ -181,47 +181,44 @@ def test_a_calibration_belongs_to_one_release_and_goes_with_it():
     store.keep_calibration(b"of one")
     flash(store, TWO)
     store, boot = booted(backing)
-    assert (store.records.calibration(one), store.records.calibration(digest_of(boot))) == (b"of one", None)
+    assert (store.calibration(one), store.calibration(digest_of(boot))) == (b"of one", None)
     store.keep_calibration(b"of two")
     assert at_once(store.revert()) == Verdict.GOOD
     store, boot = booted(backing)
-    assert (digest_of(boot), store.records.calibration(one)) == (one, b"of one")
+    assert (digest_of(boot), store.calibration(one)) == (one, b"of one")
     store.keep_calibration(None)
-    assert booted(backing)[0].records.calibration(one) is None
+    assert booted(backing)[0].calibration(one) is None
     store.keep_calibration(b"x" * 1024)
     for name in "abc":
         flash(store, image(name))
         store, boot = booted(backing)
         store.confirm()
         store.keep_calibration(b"y" * 1024)
-        assert store.records.calibration(digest_of(boot)) == b"y" * 1024, name
-    assert store.records.calibration(one) is None
+        assert store.calibration(digest_of(boot)) == b"y" * 1024, name
+    assert store.calibration(one) is None
 
 
 def test_failed_attempts_and_faults_outlive_a_reset():
     backing = provisioned()
     store, _ = booted(backing)
-    store.records.keep_failed_attempts(Level.PROGRAMMING, 2)
-    store.records.keep_failed_attempts(Level.CALIBRATION, 400)
-    store.records.keep_faults(b"faults")
+    store.keep_failed_attempts(Level.PROGRAMMING, 2)
+    store.keep_failed_attempts(Level.CALIBRATION, 400)
+    store.keep_faults(b"faults")
     calls = backing.calls
-    store.records.keep_failed_attempts(Level.PROGRAMMING, 2)
+    store.keep_failed_attempts(Level.PROGRAMMING, 2)
     assert backing.calls == calls, "the memory wears out by writing what is there"
     store = store_on(backing.after_power_on())
     for _ in range(2):
         assert [store.state.failed_attempts[level] for level in Level] == [2, 255]
-        assert store.records.faults == b"faults"
+        assert store.faults == b"faults"
         store.boot()
         flash(store, TWO)
 
 
-def test_what_goes_in_comes_out():
+def test_a_record_of_calibrations_comes_back_and_what_is_no_record_is_refused():
     for kept in ({}, {"ab" * 32: bytes(1024), "cd" * 32: bytes(range(256)) * 4}):
         raw = remembered.encode_calibrations(kept)
         assert (remembered.decode_calibrations(raw), len(raw) <= MAX_RECORD) == (kept, True)
-
-
-def test_what_is_no_record_is_refused():
     raw = remembered.encode_calibrations({"ab" * 32: b"one", "cd" * 32: b"two"})
     assert raw == b"SWC1\2" + b"\xab" * 32 + b"\0\3one" + b"\xcd" * 32 + b"\0\3two"
     cut = (raw[:length] for length in range(len(raw)))

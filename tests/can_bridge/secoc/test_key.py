@@ -36,14 +36,10 @@ def written(path, content: bytes, mode: int = 0o600):
     return path
 
 
-def test_every_form_of_a_key_file_is_read(tmp_path):
+def test_every_form_of_a_key_file_is_read_and_what_is_no_key_is_refused_without_showing_it(tmp_path):
     digits = SECRET.hex().encode()
     for content in (SECRET, digits, digits + b"\n", digits + b"\r\n", digits.upper()):
         assert read_key(written(tmp_path / "key", content)).cmac(b"") == Key(SECRET).cmac(b""), content
-
-
-def test_what_is_no_key_is_refused_without_showing_it(tmp_path):
-    digits = SECRET.hex().encode()
     wrong = [b"", SECRET[:-1], SECRET + b"\n", SECRET * 4, b"\xff" * 32, b"2b 7e 15 16 28 ae d2 a6 abf7158809"]
     wrong += [digits[:-1], digits + b"\n\n", digits + b"0", b" " + digits, digits[:-2] + b"0x"]
     zeros = (bytes(16), b"0" * 32)
@@ -82,14 +78,10 @@ def test_key_files_are_their_owners_and_never_overwritten(tmp_path):
 def test_a_key_shows_itself_nowhere():
     key = Key(SECRET)
     for text in (repr(key), str(key), repr(vars(key))):
-        assert SECRET.hex() not in text
-        assert repr(SECRET)[2:-1] not in text
+        assert SECRET.hex() not in text and repr(SECRET)[2:-1] not in text
     for leak in (pickle.dumps, copy.deepcopy):
         with pytest.raises(TypeError):
             leak(key)
-
-
-def test_what_is_no_key_makes_none():
     for secret in (b"", bytes(15), bytes(17), bytes(16)):
         with refused(ValueError, "a key of"):
             Key(secret)

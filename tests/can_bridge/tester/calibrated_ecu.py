@@ -54,8 +54,8 @@ class Ecu:
             raise Refused(Nrc.OUT_OF_RANGE)
         return self.service.read(did)
 
-    def write(self, did: Did, value: bytes):
-        return self.service.write(did, value)
+    def write(self, did: Did, value: bytes) -> None:
+        self.service.write(did, value)
 
     def failed_attempts(self, level) -> int:
         return self.attempts

@@ -36,7 +36,7 @@ def test_a_value_is_refused_before_anything_is_sent_and_another_tools_values_are
     serve = ecu.service.write
 
     def write(did, value):
-        yield from serve(did, value)
+        serve(did, value)
         ecu.segment.set(replace(OWN, delay_steps=3))
 
     monkeypatch.setattr(ecu.service, "write", write)

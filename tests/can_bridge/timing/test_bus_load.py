@@ -48,10 +48,10 @@ def test_settings_choose_the_set():
         assert all(one.ours and one.message.period_ns == PERIOD_NS for one in loaded.messages), bus
         assert 0.02 < loaded.mean < loaded.worst < 0.06, bus
         # Background traffic makes nothing of ours earlier.
-        busy = bus_load(config(load=0.6, seed=3, **bus))
+        busy = bus_load(config(load=0.3, seed=3, **bus))
         before, after = ([one.response.response_ns or 10**12 for one in a.messages if one.ours] for a in (loaded, busy))
         assert all(late >= early for early, late in zip(before, after, strict=True)), bus
-        assert busy.mean < busy.worst <= loaded.worst + 0.6 + 1e-9, bus  # sums of floats
+        assert busy.mean < busy.worst <= loaded.worst + 0.3 + 1e-9, bus  # sums of floats
     for compute_ms in [PERIOD_NS / 1e6, 1e12]:
         with refused(ConfigError, r"ecu\.compute_time_ms = .*: must be less than a control period, 20 ms"):
             bus_load(config(compute_ms=compute_ms))

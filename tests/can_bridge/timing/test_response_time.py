@@ -28,7 +28,6 @@ def test_the_counterexample_to_the_first_analysis():
     bounds = message_response_times(messages, bus)
     assert [one.response_ns for one in bounds] == [2000 * US, 3000 * US, 3500 * US]
     assert [one.blocking_ns for one in bounds] == [1000 * US, 1000 * US, 0]
-    assert [one.instance for one in bounds] == [0, 0, 1]
     assert [one.in_time for one in bounds] == [True, True, False]
     a, b, _ = messages
     for wrong in ([b, a], [a, a]):
@@ -62,10 +61,7 @@ def test_a_bus_that_cannot_keep_up_has_no_bound():
         bounds = response_times(timings(*rows), bit_ns=1)
         assert [one.response_ns is not None for one in bounds] == bounded, (rows, bounded)
         assert [one.in_time for one in bounds][-1] == bounded[-1], (rows, bounded)
-
-
-def test_a_load_of_nearly_all_comes_to_an_end():
-    """Its busy period would last for years."""
+    # A busy period would last for years.
     almost = [MessageTiming(frame_ns=999_999_999, period_ns=10**9, deadline_ns=10**9)]
     small = MessageTiming(frame_ns=1, period_ns=2 * 10**9, deadline_ns=2 * 10**9)
     assert response_times([*almost, small, *almost], bit_ns=1)[1].response_ns is None
@@ -79,11 +75,11 @@ def test_a_frame_that_comes_within_a_bit_still_wins():
 
 
 def test_thousands_of_messages_with_one_rhythm_are_counted_not_listed():
-    """All at once, 3,000 frames of a tenth of a millisecond: each waits for those above it and one from below.
+    """All at once, 2,000 frames of a tenth of a millisecond: each waits for those above it and one from below.
 
     Two sums over all messages of higher priority for every message would take minutes.
     """
-    count, frame = 3000, 100 * US
+    count, frame = 2000, 100 * US
     bounds = response_times(timings(*[(frame, 10_000 * count * US, 0)] * count), bit_ns=2 * US)
     below = [frame] * (count - 1) + [0]
     assert [one.response_ns for one in bounds] == [below[k] + (k + 1) * frame for k in range(count)]

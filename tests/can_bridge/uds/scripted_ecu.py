@@ -5,6 +5,7 @@ from typing import Any
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
+from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Did, Nrc, Refused, Routine, Session
@@ -14,7 +15,7 @@ MS = 1_000_000
 S = 1000 * MS
 
 
-class ScriptedEcu:
+class ScriptedEcu(EcuServices):
     """Notes calls as tuples of name and arguments; refuses those that `refusals` names; works in `pieces` pieces."""
 
     def __init__(self) -> None:
@@ -37,8 +38,8 @@ class ScriptedEcu:
             raise Refused(Nrc.OUT_OF_RANGE)
         return self.values[did]
 
-    def write(self, did: Did, value: bytes) -> Long[None]:
-        return self._work("write", did, value)
+    def write(self, did: Did, value: bytes) -> None:
+        self._note("write", did, value)
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
         yield from self._work("routine", routine, option)
@@ -49,9 +50,6 @@ class ScriptedEcu:
 
     def transfer(self, data: bytes) -> Long[None]:
         return self._work("transfer", data)
-
-    def exit(self) -> Long[None]:
-        return self._work("exit")
 
     def failed_attempts(self, level: Level) -> int:
         return self.attempts[level]

@@ -7,7 +7,7 @@ import pytest
 
 from can_bridge.calibration.segment import Page, Segment
 from can_bridge.flashing.backing import MediumError
-from can_bridge.uds.calibration_service import DIDS, CalibrationService
+from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.services import Did, Nrc, Refused
 from tests.can_bridge.calibration.conftest import LIMITS
 from tests.can_bridge.calibration.conftest import REFERENCE as OWN
@@ -35,14 +35,9 @@ def service_of(kept: Kept, refusal: Nrc | None = None) -> tuple[CalibrationServi
     return CalibrationService(segment, kept=lambda: kept.raw, keep=kept.keep, refusal=lambda: refusal), segment
 
 
-def write(service: CalibrationService, did: Did, value: bytes) -> None:
-    for _ in service.write(did, value):
-        pass
-
-
 def refused(service: CalibrationService, did: Did, value: bytes) -> Nrc:
     with pytest.raises(Refused) as refusal:
-        write(service, did, value)
+        service.write(did, value)
     return refusal.value.code
 
 
@@ -58,7 +53,7 @@ def values(**changes: float) -> bytes:
 
 def test_the_limits_come_with_the_releases_own_values():
     service, _ = service_of(Kept())
-    write(service, Did.CALIBRATION, values(lift=0.5))
+    service.write(Did.CALIBRATION, values(lift=0.5))
     raw = service.read(Did.CALIBRATION_LIMITS)
     least, greatest, own = (WIRE.unpack(raw[start : start + WIRE.size]) for start in (0, 44, 88))
     assert len(raw) == 132
@@ -82,15 +77,15 @@ def test_what_is_stored():
     """The page in force is; going back where nothing is stored writes nothing; a memory that fails is reported."""
     kept = Kept()
     service, segment = service_of(kept)
-    write(service, Did.CALIBRATION, values(lift=0.5))
+    service.write(Did.CALIBRATION, values(lift=0.5))
     segment.page = Page.REFERENCE
     assert service.read(Did.CALIBRATION) == values()
     service.store(segment.in_force)
     assert kept.raw == values()
     service, _ = service_of(empty := Kept(), Nrc.CONDITIONS_NOT_CORRECT)
-    write(service, Did.CALIBRATION, values(lift=0.7))
+    service.write(Did.CALIBRATION, values(lift=0.7))
     assert refused(service, Did.CALIBRATION_STORED, b"\x01") is Nrc.CONDITIONS_NOT_CORRECT
-    write(service, Did.CALIBRATION_STORED, b"\x00")
+    service.write(Did.CALIBRATION_STORED, b"\x00")
     assert (service.read(Did.CALIBRATION), empty.writes) == (values(), 0)
     service, _ = service_of(kept := Kept(values(lift=0.5)))
     service.restore()
@@ -103,12 +98,3 @@ def test_what_is_stored():
         service, segment = service_of(kept := Kept(raw))
         assert "calibration" in str(service.restore())
         assert (segment.take(), kept.raw) == (None, raw)
-
-
-def test_other_identifiers_are_not_its_own():
-    service, _ = service_of(Kept())
-    for did in set(Did) - DIDS:
-        assert refused(service, did, bytes(44)) is Nrc.OUT_OF_RANGE
-        with pytest.raises(Refused):
-            service.read(did)
-    assert refused(service, Did.CALIBRATION_LIMITS, bytes(120)) is Nrc.OUT_OF_RANGE

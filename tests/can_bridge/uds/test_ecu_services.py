@@ -1,16 +1,16 @@
 """How the store's answers come over the wire, request by request.
 
 What the store itself decides is tested in `tests/can_bridge/flashing`, the whole sequence in `tests/can_bridge/tester`,
-and hostile requests in `tests/proofs/loader_in_c`.
+hostile requests, and that a self-test comes before a confirmation, in `tests/proofs/loader_in_c`.
 """
 
 import pytest
 
 from can_bridge.flashing.access_level import Level
-from can_bridge.flashing.backing import Long, MediumError, RecordKind
+from can_bridge.flashing.backing import MediumError, RecordKind
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.uds.services import Nrc, Refused
+from can_bridge.uds.services import Nrc
 from tests.can_bridge.flashing.releases import RELEASE, SECOND, image, keys, name_of, phases, provisioned
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps, StoreEcu
 from tests.can_bridge.uds.scripted_ecu import MS, refused, talk
@@ -61,41 +61,6 @@ def test_a_release_is_flashed_and_confirmed(client):
     # A tester whose release was given up must not take the one before for its own.
     client.programming()
     client.talk("31 01 02 06 > SEQUENCE_ERROR")
-
-
-def test_a_release_is_confirmed_after_a_self_test_that_passed_since_this_boot(client, monkeypatch):
-    def fails(*_: object) -> Long[bytes]:
-        raise Refused(Nrc.PROGRAMMING_FAILURE)
-        yield
-
-    def booted() -> None:
-        client.ecu.power_on()
-        client.programming()
-
-    passes, refused_alike = client.ecu.self_test, "31 01 02 06 > SEQUENCE_ERROR\n"
-    client.write(NEWER)
-    client.talk("31 01 02 05 > ok\n31 01 02 04 > ok\n" + refused_alike)  # that of the release before
-    booted()
-    client.talk(refused_alike)
-    # The latest test counts, unless it was not begun; none outlives the supply, or another announcement.
-    client.talk("31 01 02 04 > ok")
-    monkeypatch.setattr(client.ecu, "self_test", fails)
-    client.talk("31 01 02 04 > PROGRAMMING_FAILURE\n" + refused_alike)
-    monkeypatch.setattr(client.ecu, "self_test", passes)
-    client.talk("31 01 02 04 00 > INCORRECT_LENGTH\n" + refused_alike + "31 01 02 04 > ok")
-    booted()
-    client.talk(refused_alike + "31 01 02 04 > ok")
-    client.announce(image("another", version=2))
-    client.talk(refused_alike)
-    assert client.ecu.store.state.least_security_version == 1
-    assert client.write(NEWER) == Verdict.GOOD
-    client.talk("31 01 02 05 > ok")
-    booted()
-    # Another session of the same power-on is still the same boot.
-    client.talk("31 01 02 04 > ok\n10 01 > ok")
-    client.programming()
-    client.talk("31 01 02 06 > ok")
-    assert phases(client.ecu.store)[1] is SlotPhase.CONFIRMED and client.ecu.store.state.least_security_version == 2
 
 
 def test_only_the_bytes_that_are_missing_are_taken(client):

@@ -6,17 +6,18 @@ message.
 
 import math
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.wire import classic_codec, codec
 from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.message_sets import CLASSIC, FD
 from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
-from tests.can_bridge.wire.described import decoded, jet, pressure, speed, status
+from tests.can_bridge.wire.described import jet, pressure, speed, status
 from tests.refused import refused
 
 PARSERS: list[tuple[Callable[[bytes], Any], Callable[[Any], bytes], int]] = [
@@ -31,90 +32,39 @@ PARSERS: list[tuple[Callable[[bytes], Any], Callable[[Any], bytes], int]] = [
 ]
 
 
-def pressures(largest: float) -> st.SearchStrategy[Pressure]:
-    """Half a step beyond the last step still rounds to it; these stay clear of the ties."""
-    return st.builds(
-        Pressure,
-        pressure_pa=st.tuples(*[st.floats(-largest, largest)] * 4),
-        valid=st.tuples(*[st.booleans()] * 4),
-        enable_request=st.booleans(),
-        age_ns=st.integers(0, 655_354_999),
-    )
+def received(module: Any, name: str, message: Any) -> Any:
+    found = getattr(module, f"parse_{name}")(getattr(module, f"emit_{name}")(message))
+    assert found is not None
+    return found
 
 
-@given(pressures(3276.74))
-@example(pressure(pressure_pa=(-3276.8, 3276.7, 0.05, -0.0), enable_request=True, age_ns=655_350_000))
-def test_emitted_pressure_is_rounded_to_the_nearest_step(message):
-    signals = decoded("Pressure", codec.emit_pressure(message))
-    for i in range(4):
-        assert signals[f"Pressure{i}"] == pytest.approx(message.pressure_pa[i], abs=0.05 + 1e-9)
-        assert signals[f"Valid{i}"] == message.valid[i]
-    assert signals["EnableRequest"] == message.enable_request
-    assert signals["Age"] == pytest.approx(message.age_ns / 1e6, abs=0.005 + 1e-9)
+def test_values_are_rounded_to_the_nearest_step():
+    """The command gate works in steps of the flow and need not know the set; so both sets have the same."""
+    message: Any
+    for module, resolution, most in ((codec, 0.1, 32767), (classic_codec, 1.0, 2047)):
+        for steps, part in product((-most, -1, 0, 1, 1234, most), (-0.49, 0.0, 0.49)):
+            close = pytest.approx(steps * resolution)
+            message = pressure(pressure_pa=((steps + part) * resolution, 0.0, 0.0, 0.0), enable_request=True)
+            assert received(module, "pressure", message) == message._replace(pressure_pa=(close, 0.0, 0.0, 0.0))
+        for steps, part in product((-32768, -1, 0, 1, 32767), (-0.49, 0.0, 0.49)):
+            message = jet(flow_m2_per_s=(steps + part) * 0.0002, mode=Mode.HOLD, pressure_counter=15, next_period=True)
+            found = received(module, "jet_command", message)
+            assert found == message._replace(flow_m2_per_s=pytest.approx(steps * 0.0002)), steps
+        for steps, part in product((0, 1, 65534), (-0.49, 0.0, 0.49)):
+            message = speed(speed_m_per_s=max(0.0, (steps + part) * 0.005), density_kg_per_m3=(123 + part) * 0.01)
+            found = received(module, "vehicle_speed", message)
+            assert found == (pytest.approx(steps * 0.005), 0, pytest.approx(1.23)), steps
+        assert received(module, "vehicle_speed", speed(speed_m_per_s=None)) == (None, 0, None)
 
 
-@given(pressures(2047.49))
-def test_emitted_classic_pressure_is_rounded_and_looks_no_fresher_than_it_is(message):
-    data = classic_codec.emit_pressure(message)
-    signals = decoded("PressureClassic", data)
-    for i in range(4):
-        wanted = message.pressure_pa[i] if message.valid[i] else -2048
-        assert signals[f"Pressure{i}"] == pytest.approx(wanted, abs=0.5)
-    assert signals["EnableRequest"] == message.enable_request
-    assert signals["Age"] == min(70, 10 * math.ceil(message.age_ns / 10**7))
-    parsed = classic_codec.parse_pressure(data)
-    assert parsed is not None
-    assert parsed.age_ns >= min(message.age_ns, STALE_NS)
-    assert parsed.valid == message.valid
-
-
-@given(
-    message=st.builds(
-        VehicleSpeed,
-        speed_m_per_s=st.none() | st.floats(0, 327.6724),
-        age_ns=st.integers(0, 655_354_999) | st.integers(0, 10**12),
-        density_kg_per_m3=st.none() | st.floats(0.0051, 2.5549),
-    )
-)
-@example(speed(speed_m_per_s=327.67, age_ns=655_350_000, density_kg_per_m3=2.55))
-@example(speed(speed_m_per_s=None, age_ns=2_540_000_001))
-def test_a_speed_is_rounded_and_unknown_is_no_speed(message):
-    """The classic set saturates an age and rounds it up; the other one refuses an age beyond its field."""
-    steps = 655_350_000 if message.age_ns > 655_354_999 else message.age_ns
-    for name, data, age_ms, half_ms in (
-        ("VehicleSpeed", codec.emit_vehicle_speed(message._replace(age_ns=steps)), steps / 1e6, 0.005),
-        ("VehicleSpeedClassic", classic_codec.emit_vehicle_speed(message),
-         min(2550, 10 * math.ceil(message.age_ns / 10**7)), 0.0),
-    ):  # fmt: skip
-        signals = decoded(name, data)
-        wanted = 327.675 if message.speed_m_per_s is None else message.speed_m_per_s
-        assert signals["Speed"] == pytest.approx(wanted, abs=0.0025 + 1e-9)
-        assert signals["AirDensity"] == pytest.approx(message.density_kg_per_m3 or 0.0, abs=0.005 + 1e-9)
-        assert signals["Age"] == pytest.approx(age_ms, abs=half_ms + 1e-9)
-        parsed = (codec if name == "VehicleSpeed" else classic_codec).parse_vehicle_speed(data)
-        assert parsed is not None
-        assert (parsed.speed_m_per_s is None) == (message.speed_m_per_s is None)
-        assert (parsed.density_kg_per_m3 is None) == (message.density_kg_per_m3 is None)
-
-
-@given(
-    message=st.builds(
-        JetCommand,
-        flow_m2_per_s=st.floats(-6.55368, 6.55348),
-        mode=st.sampled_from(Mode),
-        enable=st.booleans(),
-        pressure_counter=st.none() | st.integers(0, 15),
-        next_period=st.booleans(),
-    )
-)
-def test_a_command_has_the_same_rounded_flow_in_both_sets(message):
-    """The command gate works in steps of the wire and need not know the set."""
-    signals = decoded("JetCommand", codec.emit_jet_command(message))
-    assert signals["Flow"] == pytest.approx(message.flow_m2_per_s, abs=0.0001 + 1e-12)
-    classic = classic_codec.parse_jet_command(classic_codec.emit_jet_command(message))
-    assert classic == codec.parse_jet_command(codec.emit_jet_command(message))
-    assert classic is not None
-    assert classic[1:] == message[1:]
+def test_an_age_is_rounded_and_in_the_classic_set_looks_no_fresher_than_it_is():
+    for name, message in (("pressure", pressure()), ("vehicle_speed", speed())):
+        for age, wanted in ((4_999, 0), (5_000, 10_000), (655_354_999, 655_350_000)):
+            assert received(codec, name, message._replace(age_ns=age)).age_ns == wanted, age
+        most = 60_000_000 if name == "pressure" else 2_550_000_000
+        beyond = STALE_NS if name == "pressure" else most
+        for age, wanted in ((0, 0), (1, 10_000_000), (most, most), (most + 1, beyond), (10**12, beyond)):
+            assert received(classic_codec, name, message._replace(age_ns=age)).age_ns == wanted, age
 
 
 @given(data=st.binary(max_size=70) | st.sampled_from([8, 16, 24]).flatmap(lambda n: st.binary(min_size=n, max_size=n)))
@@ -142,21 +92,15 @@ def test_values_outside_a_table_are_malformed():
         assert not [value for value in bad if parse((value << shift).to_bytes(size, "little")) is not None], parse
 
 
-def test_a_sensor_that_is_not_valid_loses_its_value_and_no_other_does():
+def test_what_eight_bytes_leave_out():
+    """A sensor that is not valid loses its value, a count stays at its largest value, the hash loses its lower half."""
     message = pressure(pressure_pa=(-2047.0, 1.0, 2047.0, 5.0), valid=(True, False, True, True), age_ns=10_000_000)
-    parsed = classic_codec.parse_pressure(classic_codec.emit_pressure(message))
-    assert parsed == message._replace(pressure_pa=(-2047.0, 0.0, 2047.0, 5.0))
-    whole = message._replace(valid=(True,) * 4)
-    assert classic_codec.parse_pressure(classic_codec.emit_pressure(whole)) == whole
-
-
-def test_classic_counts_stay_at_their_largest_values_and_the_hash_loses_its_lower_half():
+    assert received(classic_codec, "pressure", message) == message._replace(pressure_pa=(-2047.0, 0.0, 2047.0, 5.0))
     full = EcuStatus(
         state=Mode.FAULT, reason=Reason.CLOCK, overruns=65535, missed=64, crc_errors=1000, refused=63, bus_off=255,
         bundle_hash=0xD3061D50, not_authentic=5, tx_errors=255, rx_errors=127, set_aside=0b1010,
     )  # fmt: skip
-    parsed = classic_codec.parse_ecu_status(classic_codec.emit_ecu_status(full))
-    assert parsed == EcuStatus(
+    assert received(classic_codec, "ecu_status", full) == EcuStatus(
         state=Mode.FAULT, reason=Reason.CLOCK, overruns=63, missed=63, crc_errors=63, refused=63, bus_off=15,
         bundle_hash=0xD3060000,
     )  # fmt: skip

@@ -37,9 +37,6 @@ def test_message_is_the_dbcs():
         assert (crc.start, crc.length, crc.byte_order, crc.is_signed) == (0, widths[0], "little_endian", False), spec
         assert (counter.start, counter.length) == widths, spec
         assert message.comment, spec
-
-
-def test_every_message_is_specified_once():
     assert {message.name for message in DBC.messages} == {spec.name for spec in specs.SPECS}
     assert len({spec.frame_id for spec in specs.SPECS}) == len({spec.data_id for spec in specs.SPECS}) == 12
 

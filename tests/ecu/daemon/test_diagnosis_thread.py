@@ -12,8 +12,7 @@ from can_bridge.flashing.backing import RecordKind
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.report import decode
-from can_bridge.isotp.endpoint import Endpoint
-from can_bridge.isotp.settings import IsoTpSettings
+from can_bridge.isotp.endpoint import Endpoint, IsoTpSettings
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from ecu.daemon.store_service import DiagnosisThread

@@ -1,7 +1,7 @@
-"""python -m tests.proofs.flash: see `proof`, which its processes import."""
+"""python -m tests.proofs.flash: see `cuts`, which its processes import."""
 
 from tests.proofs.command_line import main
-from tests.proofs.flash import proof
+from tests.proofs.flash import cuts
 
 if __name__ == "__main__":
-    main(proof.main)
+    main(cuts.main)

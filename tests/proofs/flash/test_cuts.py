@@ -11,7 +11,7 @@ from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from contract.errors import StillwakeError
-from tests.proofs.flash import cuts, proof
+from tests.proofs.flash import cuts
 from tests.proofs.flash.cuts import Case, Tally, walk
 from tests.proofs.flash.places import FolderPlace
 
@@ -58,7 +58,7 @@ def test_planted_defects_are_found(monkeypatch, operations):
 
     def rising(self):
         activate(self)
-        self._remembered.keep(dataclasses.replace(self.state, least_security_version=2))
+        self.keep(dataclasses.replace(self.state, least_security_version=2))
 
     def uncounted(self, slot, changed):
         if not (changed.phase is SlotPhase.TRIAL and changed.boots_left < self.state.slots[slot].boots_left):
@@ -94,7 +94,7 @@ def test_a_case_has_one_name():
 
 
 def test_a_sample_of_the_whole_writes_the_figures(tmp_path):
-    proof.main(file := tmp_path / "flash.json", every=50, seeds=1, second_cuts=0.0, workers=1)
+    cuts.main(file := tmp_path / "flash.json", every=50, seeds=1, second_cuts=0.0, workers=1)
     figures = json.loads(file.read_text(encoding="utf-8"))["figures"]
     assert figures["cuts_depth_1"] == 6 and all(figures[kind] == 0 for kind in cuts.KINDS)
     written = json.loads((ROOT / "results" / "flash.json").read_text(encoding="utf-8"))["figures"]

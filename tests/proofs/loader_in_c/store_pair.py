@@ -211,7 +211,7 @@ class Pair:
         """Whether the C store takes no record of so many bytes now; what it takes is taken by Python's as well."""
         if self._c.sw_store_keep_faults(self._own, bytes(length), length):
             return True
-        self.flash.kept[RecordKind.FAULTS] = self.store.records.faults = bytes(length)
+        self.flash.kept[RecordKind.FAULTS] = self.store.faults = bytes(length)
         return False
 
     def plant(self, kind: RecordKind, record: bytes, tails: bytes = bytes(2 * WORD)) -> None:
@@ -307,9 +307,8 @@ class Pair:
     def _python(self, name: str, arguments: tuple[Any, ...], is_abandoned: bool) -> tuple[int, Any]:
         if name == "keep_calibration":
             arguments = (arguments[0] or None,)
-        owner = self.store if hasattr(self.store, name) else self.store.records
         try:
-            work = getattr(owner, name)(*arguments)
+            work = getattr(self.store, name)(*arguments)
             if is_abandoned:
                 next(work, None)
             return DONE, at_once(work) if isinstance(work, Generator) and not is_abandoned else None
@@ -332,7 +331,7 @@ class Pair:
             raise PowerCut
         store, c, own = self.store, self._c, self._own
         running = None if store.running is None else store.state.slots[store.running]
-        calibration = None if running is None else store.records.calibration(running.digest)
+        calibration = None if running is None else store.calibration(running.digest)
         image = c.sw_store_image(own)
         attempts = [(store.state.failed_attempts[level], c.sw_store_failed_attempts(own, level)) for level in Level]
         seen = {
@@ -344,7 +343,7 @@ class Pair:
             **{f"attempts {level}": both for level, both in zip(Level, attempts, strict=True)},
             "calibration's length": (len(calibration or b""), c.sw_store_calibration(own, self._ffi.NULL, 0)),
             "faults without room": (0, c.sw_store_faults(own, self._ffi.NULL, 0)),
-            "faults": (store.records.faults, self._text(lambda to: c.sw_store_faults(own, to, 8192))),
+            "faults": (store.faults, self._text(lambda to: c.sw_store_faults(own, to, 8192))),
             "words written twice": (0, c.twin_twice(self._twin)),
             "whether an image runs": (running is not None, image != self._ffi.NULL),
         }

@@ -138,7 +138,7 @@ def worn(library: Library) -> None:
         pair.call("keep_faults", b"lost")
         provision(pair)
         pair.spoil(Slot.A, FIRST_RECORD, readable=False)
-        pair.store.records.faults = pair.flash.kept.pop(RecordKind.FAULTS)[:0]
+        pair.store.faults = pair.flash.kept.pop(RecordKind.FAULTS)[:0]
         pair.wear(after)
         for count in range(1, 40):
             pair.call("keep_failed_attempts", Level.PROGRAMMING, count)

@@ -45,7 +45,7 @@ PLANTED_IN_PYTHON = (
     (SecurityAccess, "lock", lambda self: None),
     (SecurityAccess, "power_on", lambda self, now_ns: None),
     (Remembered, "keep_failed_attempts", lambda self, level, count: None),
-    (Remembered, "take_keys", lambda self, raw, needed: self.backing.keep(RecordKind.KEYS, raw)),
+    (Store, "take_keys", lambda self, raw: self.backing.keep(RecordKind.KEYS, raw)),
     (remembered, "Rules", lambda rules=Rules, **given: rules(**{**given, "least_security_version": 0})),
     (Store, "_writable_slot", lambda self: self.state.active or Slot.A),
     (EcuServices, "_confirm", confirm_without_a_trial),

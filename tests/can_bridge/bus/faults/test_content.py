@@ -8,14 +8,14 @@ from can_bridge.bus.faults.frame_faults import FlipBits, StuckAt, WireErrors, pa
 from can_bridge.e2e.profiles import PROFILE_5, profile_of
 from can_bridge.e2e.sender import E2eSender, SenderState, protected_frame
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.frame_bits import frame_bits
+from can_bridge.wire.frame_bits import sent_bits
 from can_bridge.wire.message_specs import PRESSURE, PRESSURE_SECURED, SPECS
 from contract.errors import BusError
 from tests.can_bridge.bus.faults.links import PERIOD_S, number_of, numbered, simulated_link
 from tests.refused import refused
 
 FRAME = Frame(frame_id=0x555, data=bytes([0x55] * 8), is_fd=False)
-BITS = sum(frame_bits(FRAME)) - 3
+BITS = sum(sent_bits(FRAME).total) - 3
 OURS = [spec for spec in SPECS if not spec.is_secured]
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.frame_bits import frame_bits
+from can_bridge.wire.frame_bits import sent_bits
 from contract.config.vehicle import BusConfig
 
 RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=500_000)
@@ -13,7 +13,7 @@ RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=500_000)
 BIT = 2000
 FLAGS, FLAG, DELIMITER, INTERMISSION, SUSPEND = 12, 6, 8, 3, 8
 SENT = Frame(frame_id=0x155, data=b"\x55" * 4, is_fd=False)
-LENGTH = frame_bits(SENT)[0]
+LENGTH = sent_bits(SENT).total[0]
 TO_ACKNOWLEDGE = LENGTH - INTERMISSION - 7 - 1
 """Bits up to and including the acknowledge slot."""
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.frame_bits import frame_bits, worst_case_ns
+from can_bridge.wire.frame_bits import sent_bits, worst_case_ns
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from tests.can_bridge.bus.simulated.disturbing import BIT, INTERMISSION, RATES, SENT, bus_of, counts
@@ -192,7 +192,7 @@ def test_whatever_is_disturbed_every_frame_arrives_once_in_order_or_is_counted(s
     random = Random(seed)
 
     def wrong(frame: Frame, name: str, begin_ns: int) -> int | None:
-        return random.randrange(sum(frame_bits(frame)) - INTERMISSION - 1) if random.random() < share else None
+        return random.randrange(sum(sent_bits(frame).total) - INTERMISSION - 1) if random.random() < share else None
 
     seen: list[Transmission] = []
     bus = SimulatedBus(rates, observe=seen.append, corrupts=wrong, mishears=wrong)
