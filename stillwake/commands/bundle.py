@@ -49,14 +49,12 @@ DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a 
 SecurityVersion = Annotated[
     int | None, typer.Option(help="An ECU that has confirmed a greater version refuses this bundle.", min=0)
 ]
-Hardware = Annotated[str | None, typer.Option(help="Name of the only ECU hardware that accepts the bundle.")]
 Speeds = Annotated[
     str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of speeds, in design speeds: 0.7:1.3.")
 ]
 BillOfMaterials = Annotated[
     Path | None, typer.Option(help="Write the bill of materials, CycloneDX 1.6.", metavar="FILE")
 ]
-Allowed = Annotated[list[Path], typer.Option("--allow", help="Public key that may sign (repeatable).", metavar="PUB")]
 Revoked = Annotated[
     list[Path], typer.Option("--revoke", help="Public key that may no longer sign (repeatable).", metavar="PUB")
 ]
@@ -103,7 +101,7 @@ def renew(
     trust: shared.Trust = None,
     dataset: DataSet = None,
     security_version: SecurityVersion = None,
-    hardware: Hardware = None,
+    hardware: Annotated[str | None, typer.Option(help="Name of the only ECU hardware that accepts the bundle.")] = None,
     speeds: Speeds = None,
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
@@ -256,7 +254,7 @@ def keylist(
     path: Annotated[Path, typer.Argument(help="Key list to write; an existing file is never overwritten.")],
     key: shared.PrivateKey,
     version: Annotated[int, typer.Option(help="Version of the list; an ECU accepts only greater ones.")],
-    allow: Allowed,
+    allow: Annotated[list[Path], typer.Option("--allow", help="Public key that may sign (repeatable).", metavar="PUB")],
     revoke: Revoked = [],  # noqa: B006
 ) -> None:
     """Make the list of the keys that may sign releases for an ECU, and sign the list with the root key.

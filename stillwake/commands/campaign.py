@@ -16,7 +16,6 @@ from contract.release.checks import Bundle
 from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.numbers import workers_of
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
@@ -38,9 +37,7 @@ _MOST_PHASES: Final = 25
 
 Scenarios = Annotated[list[Path], typer.Option(help="TOML file with your own scenarios (repeatable).", metavar="FILE")]
 Only = Annotated[list[str], typer.Option(help="Only these scenarios, e.g. 'noise_*' (repeatable).", metavar="GLOB")]
-ListThem = Annotated[bool, typer.Option("--list", help="Print the test plan, and run nothing.")]
 Phases = Annotated[int, typer.Option(help="Number of starts, spread over a shedding cycle.", min=1, max=_MOST_PHASES)]
-Controlled = Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2, max=_LONGEST)]
 Settle = Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0, max=_LONGEST)]
 
 
@@ -50,9 +47,9 @@ def campaign(
     ] = None,
     scenarios: Scenarios = [],  # noqa: B006  (typer reads it, nothing writes it)
     only: Only = [],  # noqa: B006
-    list_them: ListThem = False,
+    list_them: Annotated[bool, typer.Option("--list", help="Print the test plan, and run nothing.")] = False,
     phases: Phases = 3,
-    controlled: Controlled = 60.0,
+    controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2, max=_LONGEST)] = 60.0,
     settle: Settle = 20.0,
     seed: shared.Seed = 0,
     workers: shared.Workers = None,
@@ -77,7 +74,7 @@ def campaign(
     if output is None and not list_them:
         raise StillwakeError("name the folder to write, or give --list to see the test plan")
     check_json(json_file)
-    spread = workers_of(workers)
+    spread = shared.workers_of(workers)
     config = settings("campaign", given, uses=_USES).config
     release = open_release(bundle)
     spans = {"phases": phases, "controlled": controlled, "settle": settle}

@@ -56,9 +56,6 @@ USES_FOR_TESTERS: Final = (
 )
 """Settings that the files for testers depend on."""
 
-Precision = Annotated[str, typer.Option(help="int8 (weights) or float32.")]
-Name = Annotated[str, typer.Option(help="Name of the release.")]
-CFolder = Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")]
 Fmu = Annotated[
     str | None,
     typer.Option(
@@ -67,11 +64,9 @@ Fmu = Annotated[
         "triggered (its clock, for fixed steps), fmi2 (FMI 2.0), windows (for Windows too; needs ziglang).",
     ),
 ]
-Image = Annotated[Path | None, typer.Option(help="Also write the release as an image (.swi, .hex, .s19).")]
 ForTesters = Annotated[
     Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and rule of seed and key here.")
 ]
-Estimator = Annotated[bool, typer.Option("--estimator", help="Fit a sensor estimator, too; takes minutes.")]
 Key = Annotated[Path | None, typer.Option(help="Private key file (PEM) to sign bundle and image with (`keygen`).")]
 
 
@@ -85,14 +80,14 @@ def export(
             metavar="BUNDLE", help="Bundle directory to write; without it the files are of the shipped bundle."
         ),
     ] = None,
-    precision: Precision = "int8",
-    name: Name = "truck-wake",
+    precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
+    name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: shared.DataSet = None,
-    c: CFolder = None,
+    c: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
     fmu: Fmu = None,
-    image: Image = None,
+    image: Annotated[Path | None, typer.Option(help="Also write the release as an image (.swi, .hex, .s19).")] = None,
     for_testers: ForTesters = None,
-    estimator: Estimator = False,
+    estimator: Annotated[bool, typer.Option("--estimator", help="Fit a sensor estimator, too; takes minutes.")] = False,
     key: Key = None,
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006

@@ -55,7 +55,6 @@ class Subject:
     library: Path | None = None
 
 
-Both = Annotated[bool, typer.Option("--both", help="Measure ONNX Runtime, then the C library; see above.")]
 Periods = Annotated[int, typer.Option(help="Number of control periods with a plan to measure.", min=100, max=150_000)]
 Budget = Annotated[Path | None, typer.Option(help="File of limits; exit status 3 if one is exceeded.", metavar="FILE")]
 
@@ -64,7 +63,7 @@ def latency(
     output: Annotated[Path, typer.Argument(help="Report folder to write.")],
     bundle: shared.Bundle = None,
     library: shared.Library = None,
-    both: Both = False,
+    both: Annotated[bool, typer.Option("--both", help="Measure ONNX Runtime, then the C library; see above.")] = False,
     periods: Periods = 3000,
     budget: Budget = None,
     overwrite: shared.Overwrite = False,

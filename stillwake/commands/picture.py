@@ -12,7 +12,6 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.numbers import steps_of
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.terminal import console
@@ -37,25 +36,20 @@ FORCINGS: Final = {
 _FREQUENCY: Final = 0.2
 """Default frequency in 1/t_c, about the frequency of the shedding."""
 
-Output = Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")]
-Field = Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")]
 Duration = Annotated[float | None, typer.Option(help="How long to run, t_c; default: 25, or all of a run.", min=0.2)]
-Settle = Annotated[float, typer.Option(help="Time that runs before the picture begins, t_c.", min=0.0)]
 Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="Actions of the jets, or a run folder to replay.")]
-Every = Annotated[int, typer.Option(help="Control steps between frames.", min=1)]
-Width = Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)]
 
 
 def picture(
-    output: Output,
-    field: Field = "vorticity",
+    output: Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")],
+    field: Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")] = "vorticity",
     state: shared.State = None,
     sensors: shared.Sensors = "",
     duration: Duration = None,
-    settle: Settle = 0.0,
+    settle: Annotated[float, typer.Option(help="Time that runs before the picture begins, t_c.", min=0.0)] = 0.0,
     forcing: Forcing = "none",
-    every: Every = 1,
-    width: Width = 800,
+    every: Annotated[int, typer.Option(help="Control steps between frames.", min=1)] = 1,
+    width: Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)] = 800,
     given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
     """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or the mean flow with
@@ -84,7 +78,7 @@ def picture(
         _draw_still(output, field, config, state, sensors)
         return
     actions = actions_of(config, duration, forcing)
-    skip = steps_of("--settle", settle, config.flow.control_period, least=0)
+    skip = shared.steps_of("--settle", settle, config.flow.control_period, least=0)
     if skip >= len(actions):
         raise ConfigError(f"--settle {settle}: must be shorter than the run of {_time(config, len(actions)):g} t_c")
     wake = _start(config, state)
@@ -168,7 +162,7 @@ def _time(config: Config, steps: int) -> float:
 def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDArray[np.float64]:
     """Return the actions to command, one per control period: from a forcing, or from a run folder. Raises
     StillwakeError for a forcing that does not exist, or a run that is shorter than `duration` in t_c."""
-    asked = None if duration is None else steps_of("--duration", duration, config.flow.control_period)
+    asked = None if duration is None else shared.steps_of("--duration", duration, config.flow.control_period)
     if forcing.partition(":")[0] in FORCINGS:
         usual = round(_USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)

@@ -12,7 +12,6 @@ from contract.errors import ConfigError
 from contract.results import versions
 from firmware_sim.fmu.kinds import kind_and_path
 from stillwake.console import options as shared
-from stillwake.console.numbers import steps_of
 from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
@@ -24,14 +23,11 @@ USES: Final = ("flow", "body")
 _USUAL_DURATION: Final = 200.0
 """Default duration in t_c, forty shedding cycles."""
 
-Duration = Annotated[float | None, typer.Option(help="Settling time, t_c (200).")]
-Steady = Annotated[bool, typer.Option("--steady", help="The steady symmetric wake instead; see above.")]
-
 
 def develop(
     output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
-    duration: Duration = None,
-    steady: Steady = False,
+    duration: Annotated[float | None, typer.Option(help="Settling time, t_c (200).")] = None,
+    steady: Annotated[bool, typer.Option("--steady", help="The steady symmetric wake instead; see above.")] = False,
     overwrite: shared.Overwrite = False,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
@@ -52,7 +48,7 @@ def develop(
     if json_file is not None and not steady:
         raise ConfigError("--json: goes with --steady; a developed wake is a state and no figure")
     duration = _USUAL_DURATION if duration is None else duration
-    steps_of("--duration", duration, config.flow.control_period)
+    shared.steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)
     check_json(json_file)
     if steady:

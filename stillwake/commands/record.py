@@ -15,7 +15,6 @@ from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.numbers import workers_of
 from stillwake.console.outputs import check_dataset_name, check_output
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
@@ -35,15 +34,12 @@ Lengths = Annotated[
     list[str] | None,
     typer.Argument(metavar="KIND=STEPS", help="Number of control steps for a kind of episode.", show_default=False),
 ]
-Paper = Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")]
-Under = Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets instead.")]
 FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake, to begin there instead.")]
 Amplitudes = Annotated[
     tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
 ]
 Episodes = Annotated[int | None, typer.Option(help="Number of episodes: --under (2), --from-steady (8).", min=1)]
 Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on commands, in action limits (0.15).")]
-Role = Annotated[str | None, typer.Option(help="Role of the round: training, or held out.")]
 
 
 def record(
@@ -51,13 +47,13 @@ def record(
         Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under or --from-steady, to add to.")
     ],
     lengths: Lengths = None,
-    paper: Paper = False,
-    under: Under = None,
+    paper: Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")] = False,
+    under: Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets instead.")] = None,
     from_steady: FromSteady = None,
     amplitudes: Amplitudes = None,
     episodes: Episodes = None,
     exploration: Exploration = None,
-    role: Role = None,
+    role: Annotated[str | None, typer.Option(help="Role of the round: training, or held out.")] = None,
     seed: shared.Seed = 1,
     state: shared.State = None,
     overwrite: shared.Overwrite = False,
@@ -93,7 +89,7 @@ def record(
     claim(output)
     check_dataset_name(output)
     options = {"amplitudes": amplitudes, "exploration": exploration, "episodes": episodes, "role": role, "state": state}
-    how = {**workers_of(workers), "start": state}
+    how = {**shared.workers_of(workers), "start": state}
     if is_forced:
         _check_forced(steps, options, paper=paper)
         _record_forced(output, config, None if paper else {**_STEPS, **steps}, seed, {**how, "overwrite": overwrite})

@@ -25,18 +25,14 @@ _SENSORS: Final = 4
 USES: Final = ("refine", "mpc", "train.seed")
 
 
-Model = Annotated[Path | None, typer.Option(help="Model directory to refine; default: the shipped one.")]
-Processes = Annotated[int, typer.Option("--workers", min=1, help="Processes that share refine.batch.")]
-
-
 def refine(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
-    model: Model = None,
+    model: Annotated[Path | None, typer.Option(help="Model directory to refine; default: the shipped one.")] = None,
     sensors: shared.Sensors = "",
     dataset: shared.DataSet = None,
     state: shared.State = None,
     threads: shared.Threads = 1,
-    workers: Processes = 1,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes that share refine.batch.")] = 1,
     restart: shared.Restart = False,
     overwrite: shared.Overwrite = False,
     json_file: shared.JsonFile = None,

@@ -2,11 +2,12 @@
 
 import shlex
 import sys
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict
 from datetime import date
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -23,11 +24,7 @@ from stillwake.parts.driven import driven_at
 from stillwake.parts.releases import asked_calibration, describe, open_release
 
 if TYPE_CHECKING:
-    from contract.controller.calibration import Calibration
     from ecu.stepped import LoopEcu
-    from firmware_sim.bench.disturbances import Disturbance
-    from firmware_sim.bench.spans import Spans
-    from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row, RunLog
     from wake.plant.drive import Drive
 
@@ -48,7 +45,6 @@ EcuName = Annotated[
     str, typer.Option("--ecu", help="python, c (on this machine), mcu (emulated), or mcu@MHZ.", metavar="ECU")
 ]
 Controlled = Annotated[float | None, typer.Option(help="Time with control, t_c (100, or the drive).", min=0.2)]
-Settle = Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0)]
 NoAverages = Annotated[bool, typer.Option("--no-averages", help="Series only: a run of any length, for a quick check.")]
 RequireReduction = Annotated[
     float | None, typer.Option(help="Exit with status 4 unless drag falls by this percentage.")
@@ -64,7 +60,7 @@ def run(
     ecu: EcuName = PYTHON,
     lead_in: shared.LeadIn = 25.0,
     controlled: Controlled = None,
-    settle: Settle = 40.0,
+    settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0)] = 40.0,
     no_averages: NoAverages = False,
     require_reduction: RequireReduction = None,
     plant: PlantName = shared.WAKE,
@@ -100,6 +96,7 @@ def run(
     """
     from firmware_sim.bench.disturbances import parse_disturbance
     from firmware_sim.runs.run_folder import RunFolder
+    from firmware_sim.runs.run_page.measurement import write_run
     from firmware_sim.runs.summary import summary
 
     _check_reduction(require_reduction, averages=not no_averages)
@@ -115,35 +112,24 @@ def run(
     loaded = settings("run", given, uses=(*_USES, *(["openfoam"] if plant == "openfoam" else [])))
     release = open_release(bundle)
     driven, config = driven_at(drive, loaded.config)
-    loop = _Loop(
-        output=output,
-        release=release,
-        config=config,
-        calibration=asked_calibration(loaded, release),
-        spans=_spans(config, driven, lead_in, controlled, settle, averages=not no_averages),
-        drive=driven,
-        disturbances=disturbances,
-        seed=seed,
-        plant=plant,
-        state=state,
-    )
+    chosen = {
+        "calibration": asked_calibration(loaded, release),
+        **_spans(config, driven, lead_in, controlled, settle, averages=not no_averages),
+        "drive": driven,
+        "faults": disturbances,
+        "fault_seed": seed,
+    }
     console.print(*describe(release), sep="\n")
     if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
         console.print("sensor check: off, this bundle has no sensor estimator")
     in_c = None if kind == PYTHON else _ecu_in_c(kind, clock_mhz, library, release, config)
-    log = loop.closed(in_c, library)
+    log = _closed(output, release, config, plant, state, in_c, library, chosen)
     save_json(json_file, figures=summary(log), facts=log.metadata.to_tree())
     _print(log)
-    _write_frames(frames, folder)
+    if frames is not None:
+        print_written(frames, write_run(frames, folder))
     console.print(f"wrote {folder.report} and {folder.summary}")
     exit_with(log, require_reduction)
-
-
-def _write_frames(path: Path | None, folder: "RunFolder") -> None:
-    from firmware_sim.runs.run_page.measurement import write_run
-
-    if path is not None:
-        print_written(path, write_run(path, folder))
 
 
 def ecu_of(text: str) -> tuple[str, float]:
@@ -177,82 +163,73 @@ def _spans(
     settle: float,
     *,
     averages: bool,
-) -> "Spans":
-    """Return the times of a run's phases; an error in these times is raised before a C library is made."""
+) -> dict[str, Any]:
+    """Return the fields of the run's `Spans`; an error in these times is raised before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
         controlled = 100.0 if drive is None else drive.duration_s / config.operating_point.convective_time
     spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages)
     spans.periods(config.flow.control_period)
-    return spans
+    return asdict(spans)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Loop:
-    """A requested run, checked as far as possible before the simulation starts."""
+def _closed(
+    output: Path,
+    release: Bundle,
+    config: Config,
+    plant: Literal["wake", "openfoam"],
+    state: Path | None,
+    ecu: "LoopEcu | None",
+    library: Path | None,
+    chosen: Mapping[str, Any],
+) -> "RunLog":
+    """Run the loop with the ECU in C, or with the ECU in Python if `ecu` is None. The controller of the ECU in Python
+    is the C library; without a library, ONNX Runtime computes the controller's steps. `chosen` are further arguments of
+    `run_closed_loop`."""
+    from can_bridge.wire.messages import Mode
+    from ecu.in_c.library_controller import open_library
+    from firmware_sim.bench.closed_loop import run_closed_loop
+    from firmware_sim.bench.disturbances import Disturbances
+    from firmware_sim.runs.metadata import RunOrigin
+    from firmware_sim.runs.run_page.report import write_report
+    from wake.plants import open_plant
 
-    output: Path
-    release: Bundle
-    config: Config
-    calibration: "Calibration"
-    spans: "Spans"
-    drive: "Drive | None"
-    disturbances: "list[Disturbance]"
-    seed: int
-    plant: Literal["wake", "openfoam"]
-    state: Path | None
+    controller = None
+    if ecu is not None:
+        console.print(f"ECU {ecu.kind}: {ecu.computed_by}")
+    elif library is not None:
+        controller = open_library(library, release)
+        console.print(f"library {library}: {controller.description}")
+    command = ("stillwake", *(visible(shlex.quote(word)) for word in sys.argv[1:]))
+    start = None if state is None else visible(str(state))
+    with progress("periods") as report:
+        flow = open_plant(
+            plant,
+            output,
+            Disturbances(items=tuple(chosen["faults"])).plant(config),
+            chosen["lead_in"] + chosen["controlled"],
+            lambda t, total: report("the wake's start", round(t, 1), total, unit="t_c"),
+            start=state,
+        )
 
-    def closed(self, ecu: "LoopEcu | None", library: Path | None) -> "RunLog":
-        """Run the loop with the ECU in C, or with the ECU in Python if `ecu` is None. The controller of the ECU in
-        Python is the C library; without a library, ONNX Runtime computes the controller's steps."""
-        from can_bridge.wire.messages import Mode
-        from ecu.in_c.library_controller import open_library
-        from firmware_sim.bench.closed_loop import run_closed_loop
-        from firmware_sim.bench.disturbances import Disturbances
-        from firmware_sim.runs.metadata import RunOrigin
-        from firmware_sim.runs.run_page.report import write_report
-        from wake.plants import open_plant
+        def show_period(row: "Row", done: int, total: int) -> None:
+            report("closed loop", done, total, f"{Mode(row.mode).name} Cd {row.sample.Cd:.3f}")
 
-        controller = None
-        if ecu is not None:
-            console.print(f"ECU {ecu.kind}: {ecu.computed_by}")
-        elif library is not None:
-            controller = open_library(library, self.release)
-            console.print(f"library {library}: {controller.description}")
-        command = ("stillwake", *(visible(shlex.quote(word)) for word in sys.argv[1:]))
-        start = None if self.state is None else visible(str(self.state))
-        with progress("periods") as report:
-            flow = open_plant(
-                self.plant,
-                self.output,
-                Disturbances(items=tuple(self.disturbances)).plant(self.config),
-                self.spans.lead_in + self.spans.controlled,
-                lambda t, total: report("the wake's start", round(t, 1), total, unit="t_c"),
-                start=self.state,
-            )
-
-            def show_period(row: "Row", done: int, total: int) -> None:
-                report("closed loop", done, total, f"{Mode(row.mode).name} Cd {row.sample.Cd:.3f}")
-
-            return run_closed_loop(
-                self.output,
-                self.release,
-                self.config,
-                **asdict(self.spans),
-                drive=self.drive,
-                progress_without=lambda done, total: report("without control", done, total),
-                calibration=self.calibration,
-                origin=RunOrigin.on(date.today(), command=command, start=start),
-                ready=lambda total: report("closed loop", 0, total, "starting (first run: compiles)"),
-                progress=show_period,
-                plant=flow,
-                controller=controller,
-                faults=self.disturbances,
-                fault_seed=self.seed,
-                ecu=ecu,
-                report=write_report,
-            )
+        return run_closed_loop(
+            output,
+            release,
+            config,
+            **chosen,
+            progress_without=lambda done, total: report("without control", done, total),
+            origin=RunOrigin.on(date.today(), command=command, start=start),
+            ready=lambda total: report("closed loop", 0, total, "starting (first run: compiles)"),
+            progress=show_period,
+            plant=flow,
+            controller=controller,
+            ecu=ecu,
+            report=write_report,
+        )
 
 
 def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle, config: Config) -> "LoopEcu":

@@ -31,16 +31,12 @@ USES: Final = ("model", "train", "mpc", "flow", "operating_point", "ecu.compute_
 """Settings that the training uses, or that the model stores for its export."""
 
 
-Device = Annotated[str, typer.Option(help="cpu or cuda.")]
-Quick = Annotated[bool, typer.Option("--quick", help="Train in a third of the time, less accurately.")]
-
-
 def train(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
     dataset: shared.DataSet = None,
-    device: Device = "cpu",
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     sensors: shared.Sensors = "",
-    quick: Quick = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Train in a third of the time, less accurately.")] = False,
     threads: shared.Threads = 1,
     restart: shared.Restart = False,
     overwrite: shared.Overwrite = False,

@@ -13,7 +13,6 @@ from contract.release.checks import Bundle
 from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
-from stillwake.console.numbers import steps_of
 from stillwake.console.outputs import check_frames, check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings, with_bus
@@ -35,7 +34,6 @@ NO_COMMANDS: Final = 3
 _RECORDING: Final = "recording"
 _USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
 
-Episode = Annotated[str | None, typer.Option(help="Episode of the recording; see above.")]
 PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help="The wake responds to the jets.")]
 
 
@@ -43,7 +41,7 @@ def vehicle(
     bundle: shared.Bundle = None,
     plant: PlantName = _RECORDING,
     dataset: shared.DataSet = None,
-    episode: Episode = None,
+    episode: Annotated[str | None, typer.Option(help="Episode of the recording; see above.")] = None,
     state: shared.State = None,
     drive: shared.Drive = None,
     lead_in: shared.LeadIn = 20.0,
@@ -82,7 +80,7 @@ def vehicle(
     live = plant == shared.WAKE
     loaded = settings("vehicle", with_bus(bus, given), uses=_USES)
     _check_plant(live=live, dataset=dataset, episode=episode, state=state, drive=drive)
-    steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
+    shared.steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
     before_s = lead_in * loaded.config.operating_point.convective_time
     driven, config = driven_at(drive, loaded.config, after_s=before_s)
     release = open_release(bundle)

@@ -9,8 +9,7 @@ from typing import Any, Final
 from contract.errors import OutputError
 from contract.results import write_result
 from stillwake.console.claims import claim
-from stillwake.console.numbers import listed
-from stillwake.console.terminal import console
+from stillwake.console.terminal import console, listed
 
 DATASET_SUFFIXES: Final = (".h5", ".hdf5")
 """Endings of a data set's name."""

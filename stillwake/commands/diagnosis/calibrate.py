@@ -10,11 +10,11 @@ from rich.text import Text
 from contract.controller.calibration import CALIBRATION_NAMES
 from contract.errors import ConfigError
 from contract.results import versions
+from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.terminal import console
-from stillwake.parts.conversation import asking
 
 if TYPE_CHECKING:
     from can_bridge.tester.calibration import Calibrated

@@ -10,11 +10,11 @@ from rich.table import Table
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.results import versions
+from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.terminal import console, print_table, visible
-from stillwake.parts.conversation import asking
 
 if TYPE_CHECKING:
     from can_bridge.flashing.report import StoreReport
@@ -31,13 +31,11 @@ _FACTS: Final = {
 }
 """Labels of the values of an ECU's report that are shown, by the names of these values in JSON."""
 
-Clear = Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")]
-
 
 def diagnose(
     bus: shared.Bus = None,
     slots: shared.Slots = None,
-    clear: Clear = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")] = False,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:

@@ -9,12 +9,12 @@ from rich.table import Table
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError, KeyFileError
 from contract.release.checks import Bundle
+from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
 from stillwake.console.progress import Report, progress, span
 from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
-from stillwake.parts.conversation import asking
 from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ MOST_KEY_BYTES: Final = 4092
 """Largest size of a key list in bytes: the 4,095 bytes of a UDS request minus 3 bytes for service and identifier."""
 Keys = Annotated[Path | None, typer.Option(help="Key list to send first (`bundle keylist`).", metavar="LIST")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")]
-NoConfirm = Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")]
 
 
 def flash(
@@ -38,7 +37,7 @@ def flash(
     access: shared.Access = None,
     trust: shared.Trust = None,
     dry_run: DryRun = False,
-    no_confirm: NoConfirm = False,
+    no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")] = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Transfer a release to an ECU over UDS, start the release on trial, test it, and confirm it.
