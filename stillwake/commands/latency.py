@@ -18,12 +18,12 @@ from contract.config.listing import as_toml, sections
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
-from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import console, print_table
+from stillwake.parts.c_release import library_folder
 from stillwake.parts.releases import locate, open_release
 
 if TYPE_CHECKING:
@@ -103,9 +103,9 @@ def latency(
         "command": shlex.join(("stillwake", *sys.argv[1:])),
         "interface": loaded.config.bus.interface,
         "frames": loaded.config.bus.frames,
-        "versions": versions("stillwake", "numpy", "onnxruntime", "python-can"),
     }
-    save_json(json_file, figures=figures(runs), facts=facts)
+    packages = ("stillwake", "numpy", "onnxruntime", "python-can")
+    save_json(json_file, figures=figures(runs), facts=facts, packages=packages)
     console.print(f"wrote {output / PAGE}")
     uncontrolled = [run.name for run in runs if run.left_control]
     if uncontrolled:
@@ -227,8 +227,6 @@ def _subjects(
         return [onnx]
     if bundle is not None:
         raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
-    from stillwake.parts.c_release import library_folder
-
     console.print("making the C library of the shipped model, as `stillwake export --c` does")
     made = stack.enter_context(library_folder(None))
     return [onnx, replace(onnx, name="c", about=f"{name}, C library", library=made)]

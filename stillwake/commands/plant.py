@@ -9,7 +9,6 @@ import typer
 from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.results import versions
 from firmware_sim.fmu.kinds import kind_and_path
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, check_output, save_json
@@ -70,13 +69,8 @@ def develop(
 def _steady(output: Path, config: Config, json_file: Path | None) -> None:
     settled, grid = settle_into(output, config)
     figures = settled.figures()
-    facts = {
-        "config": asdict(config.flow),
-        "body": asdict(config.body),
-        "grid": list(grid),
-        "versions": versions("numpy", "numba", "scipy"),
-    }
-    save_json(json_file, figures=figures, facts=facts)
+    facts = {"config": asdict(config.flow), "body": asdict(config.body), "grid": list(grid)}
+    save_json(json_file, figures=figures, facts=facts, packages=("numpy", "numba", "scipy"))
     console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
 
 

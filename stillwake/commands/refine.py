@@ -10,7 +10,6 @@ import typer
 
 from contract.config.loading import load_config, to_tree
 from contract.errors import ConfigError
-from contract.results import versions
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
 from stillwake.console import options as shared
@@ -95,11 +94,8 @@ def refine(
     save_json(
         json_file,
         figures={"phases": show.watch.figures(), "periods": periods, "sensors": refined.sensors},
-        facts={
-            "dataset_sha256": refined.dataset_sha256,
-            "config": to_tree(refined.config),
-            "versions": versions("stillwake", "torch", "numpy", "numba"),
-        },
+        facts={"dataset_sha256": refined.dataset_sha256, "config": to_tree(refined.config)},
+        packages=("stillwake", "torch", "numpy", "numba"),
     )
     console.print(f"{periods} control periods of the plant")
     console.print(f"wrote {output}")

@@ -20,6 +20,7 @@ from stillwake.console.outputs import check_frames, check_json, print_written, s
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
+from stillwake.parts.c_release import library_folder
 from stillwake.parts.driven import driven_at
 from stillwake.parts.releases import asked_calibration, describe, open_release
 
@@ -239,7 +240,6 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
     from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
-    from stillwake.parts.c_release import library_folder
 
     # Invalid settings raise an error before the library is made.
     secret = read_secret(Path(config.bus.key)) if config.bus.key else None

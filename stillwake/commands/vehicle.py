@@ -10,7 +10,6 @@ from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
-from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.claims import claim
 from stillwake.console.outputs import check_frames, check_json, save_json
@@ -103,13 +102,8 @@ def vehicle(
 
     figures, described, is_stopped = _run(release, config, course, pressures)
     _print_figures(figures, "a live wake, which responds to the jets" if live else "recorded (open loop)")
-    facts = {
-        "bundle": release.digest,
-        "pressures": described,
-        "config": to_tree(config),
-        "versions": versions("stillwake", "numpy", "python-can"),
-    }
-    save_json(json_file, figures=figures.as_dict(), facts=facts)
+    facts = {"bundle": release.digest, "pressures": described, "config": to_tree(config)}
+    save_json(json_file, figures=figures.as_dict(), facts=facts, packages=("stillwake", "numpy", "python-can"))
     ended = "stopped" if is_stopped else "done"
     console.print(f"{ended}: the request for control is withdrawn, also on the bus, and the jets are shut")
     if is_stopped and periods is not None and figures.periods < periods:

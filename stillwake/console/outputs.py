@@ -1,13 +1,13 @@
 """Checks of outputs before a command's work: their paths are locked, and a file is replaced only on request."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Any, Final
 
 from contract.errors import OutputError
-from contract.results import write_result
+from contract.results import versions, write_result
 from stillwake.console.claims import claim
 from stillwake.console.terminal import console, listed
 
@@ -68,7 +68,8 @@ def print_written(path: Path, result: object) -> None:
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 
 
-def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any]) -> None:
-    """Write figures, the facts on which they depend, and today's date, if a file was given."""
+def save_json(path: Path | None, *, figures: Any, facts: Mapping[str, Any], packages: Sequence[str] = ()) -> None:
+    """Write figures, the facts on which they depend, the versions of packages and today's date, if a file was given."""
     if path is not None:
-        write_result(path, figures=figures, facts=facts, on=date.today())
+        own = {"versions": versions(*packages)} if packages else {}
+        write_result(path, figures=figures, facts={**facts, **own}, on=date.today())

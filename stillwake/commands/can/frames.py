@@ -15,7 +15,6 @@ from rich.table import Table
 
 from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
-from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import progress
@@ -185,8 +184,8 @@ def decode(
         if found.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
     used = {name: value for name, value in asdict(config).items() if name in ("nominal_bitrate", "data_bitrate", "e2e")}
-    facts = {"log": file.name, "config": used, "versions": versions("python-can")}
-    save_json(json_file, figures={**found.figures(), "events": dict(log.events)}, facts=facts)
+    figures = {**found.figures(), "events": dict(log.events)}
+    save_json(json_file, figures=figures, facts={"log": file.name, "config": used}, packages=("python-can",))
     _print_summary(found, log)
     for path in (csv_file, json_file):
         if path is not None:

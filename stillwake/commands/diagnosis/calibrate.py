@@ -9,7 +9,6 @@ from rich.text import Text
 
 from contract.controller.calibration import CALIBRATION_NAMES
 from contract.errors import ConfigError
-from contract.results import versions
 from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
@@ -68,8 +67,8 @@ def calibrate(
             after = calibration.read(ecu)
     console.print(table(found, after))
     console.print(after_power_on(after))
-    facts = {"changed": changes, "store": store, "revert": revert, "versions": versions("stillwake")}
-    save_json(json_file, figures=figures(found, after), facts=facts)
+    facts = {"changed": changes, "store": store, "revert": revert}
+    save_json(json_file, figures=figures(found, after), facts=facts, packages=("stillwake",))
 
 
 def parsed(texts: list[str]) -> dict[str, float]:

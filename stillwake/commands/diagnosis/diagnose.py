@@ -9,7 +9,6 @@ from rich.table import Table
 
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.results import versions
 from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
@@ -68,7 +67,7 @@ def diagnose(
     from can_bridge.flashing.report import tree
 
     figures = {**facts, "store": tree(store), "faults": [_figures(one) for one in found]}
-    save_json(json_file, figures=figures, facts={"cleared": clear, "versions": versions("stillwake")})
+    save_json(json_file, figures=figures, facts={"cleared": clear}, packages=("stillwake",))
 
 
 def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str) -> None:
