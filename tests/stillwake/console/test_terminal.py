@@ -53,8 +53,8 @@ def test_bar_count_and_time_left_stay_and_the_note_gives_way():
     ):
         for width in (80, 100, 200):
             console, clock = terminal(width), Clock()
-            bar = ProgressBar(unit, console=console, estimate_over=30.0, clock=clock)
-            number = bar.add_task(task, total=total, note=note)
+            bar = ProgressBar(console=console, estimate_over=30.0, clock=clock)
+            number = bar.add_task(task, total=total, note=note, unit=unit)
             for clock.now in (0.0, 10.0, 20.0):
                 # Not through `update`, which would show the bar from a thread of its own.
                 Progress.update(bar, number, completed=total * clock.now / 100.0, note=note)
@@ -137,8 +137,8 @@ def test_a_task_may_count_in_a_unit_of_its_own():
 def test_one_long_step_is_no_silence():
     for is_begun in (True, False):
         console = log()
-        with ProgressLines("steps", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.1) as bar:
-            task = bar.add_task("compiling", total=3, note="")
+        with ProgressLines(console=console, estimate_over=30.0, clock=time.monotonic, interval=0.1) as bar:
+            task = bar.add_task("compiling", total=3, note="", unit="steps")
             if is_begun:
                 bar.update(task, completed=0)
             deadline = time.monotonic() + 20.0
