@@ -218,13 +218,7 @@ def _run_store(
     key = AccessKey.read(access)
     with until_stopped() as is_stopped:
         counters = serve_store(
-            folder,
-            key,
-            config,
-            options,
-            software=version("stillwake"),
-            is_stopped=is_stopped,
-            write=_to_stderr,
+            folder, key, config, options, software=version("stillwake"), is_stopped=is_stopped, write=_to_stderr
         )
     if options.periods is not None and counters.steps < options.periods:
         raise KeyboardInterrupt

@@ -258,13 +258,13 @@ def _print_remarks(done: "Gated", config: Config) -> None:
     point = config.operating_point
     console.print(
         f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "
-        f"--set operating_point.width and operating_point.speed change it",
+        f"--set operating_point.width and operating_point.speed change it"
     )
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
             f"{count} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
-            f"the control step in C and the ONNX graph work with any number",
+            f"the control step in C and the ONNX graph work with any number"
         )
 
 

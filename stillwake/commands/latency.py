@@ -208,12 +208,7 @@ def _given(loaded: Loaded) -> list[Any]:
 
 
 def _subjects(
-    release: Bundle,
-    bundle: Path | None,
-    library: Path | None,
-    *,
-    both: bool,
-    stack: ExitStack,
+    release: Bundle, bundle: Path | None, library: Path | None, *, both: bool, stack: ExitStack
 ) -> list[Subject]:
     """Return the controllers to time. A C library that is made here is deleted when `stack` is closed. Raises
     LibraryError if both controllers are requested for a user's bundle and its C library is not given."""

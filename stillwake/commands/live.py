@@ -84,13 +84,7 @@ def live(
     with until_stopped() as is_stopped:
         asyncio.run(
             server.serve(
-                make,
-                address=host,
-                port=port,
-                fast=fast,
-                is_stopped=is_stopped,
-                ready=ready,
-                report=console.print,
+                make, address=host, port=port, fast=fast, is_stopped=is_stopped, ready=ready, report=console.print
             )
         )
     console.print("stopped")

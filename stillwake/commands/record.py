@@ -130,12 +130,7 @@ def _check_forced(steps: Mapping[str, int], options: Mapping[str, object], *, pa
 
 
 def _check_round(
-    steps: Mapping[str, int],
-    options: Mapping[str, object],
-    steady: Path | None,
-    *,
-    paper: bool,
-    overwrite: bool,
+    steps: Mapping[str, int], options: Mapping[str, object], steady: Path | None, *, paper: bool, overwrite: bool
 ) -> None:
     """Raise an error for options that do not belong to the requested round (--under or --from-steady)."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")

@@ -157,13 +157,7 @@ def _check_reduction(percent: float | None, *, averages: bool) -> None:
 
 
 def _spans(
-    config: Config,
-    drive: "Drive | None",
-    lead_in: float,
-    controlled: float | None,
-    settle: float,
-    *,
-    averages: bool,
+    config: Config, drive: "Drive | None", lead_in: float, controlled: float | None, settle: float, *, averages: bool
 ) -> dict[str, Any]:
     """Return the fields of the run's `Spans`; an error in these times is raised before a C library is made."""
     from firmware_sim.bench.spans import Spans

@@ -90,10 +90,7 @@ def _read(summary: "Summary", log: Path, channel: str | None) -> None:
 
 
 def _follow(
-    bus: "RawBus",
-    summary: "Summary",
-    table: "Callable[[float], RenderableType]",
-    is_over: Callable[[], bool],
+    bus: "RawBus", summary: "Summary", table: "Callable[[float], RenderableType]", is_over: Callable[[], bool]
 ) -> None:
     """Show the table on a terminal; without a terminal print a line per second, and the table at the end."""
     from rich.live import Live

@@ -47,8 +47,7 @@ Files = Annotated[
 ]
 Asymmetric = Annotated[bool, typer.Option("--asymmetric", help="Body or jets are not symmetric about y = 0.")]
 References = Annotated[
-    list[str],
-    typer.Option(help="Value of 1 in the files (repeatable); see above.", metavar="NAME=NUMBER[UNIT]"),
+    list[str], typer.Option(help="Value of 1 in the files (repeatable); see above.", metavar="NAME=NUMBER[UNIT]")
 ]
 Renamed = Annotated[list[str], typer.Option("--map", help="NAME=COLUMN for another name, e.g. Cd=drag (repeatable).")]
 Forces = Annotated[list[str], typer.Option(help="Cd and Cl of logs: a table (repeatable).", metavar="[LOG=]FILE")]
