@@ -3,6 +3,7 @@ columns and with what fails in red."""
 
 import csv
 import json
+import sys
 from io import StringIO
 
 import can
@@ -13,7 +14,7 @@ from rich.text import Text
 from can_bridge.bus.conversion import to_message
 from can_bridge.tools.summary import Summary
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import SPECS
+from can_bridge.wire.message_specs import JET_COMMAND, SPECS
 from contract.config.vehicle import BusConfig
 from stillwake.commands.can.monitor_screen import STALE_S, line, screen
 from tests.can_bridge.logs.log_texts import asc, candump_l, frames
@@ -94,6 +95,19 @@ def test_monitor_of_a_log_shows_its_end(cli, tmp_path):
     only = cli("can", "monitor", tmp_path / "a.asc", "--filter", "flow").out
     assert "Flow 1.9 m2/s" in flat(only)
     assert "Missed" not in only
+
+
+def test_monitor_on_a_terminal_draws_over_its_picture_and_puts_the_cursor_back(cli, peer, monkeypatch):
+    terminal = Console(file=StringIO(), width=100, height=40, force_terminal=True, force_interactive=True)
+    # The package has the function under the module's name.
+    monkeypatch.setattr(sys.modules["stillwake.commands.can.monitor"], "console", terminal)
+    for counter in range(8):
+        peer.send(to_message(frame(JET_COMMAND, counter)))
+    assert cli("can", "monitor", "--filter", "flow", "--for", 0.5, *VIRTUAL).code == 0
+    out = terminal.file.getvalue()
+    assert "filter: flow" in out and "Flow" in out and "Enable" not in out
+    assert "\x1b[1A" in out
+    assert out.endswith("\n\x1b[?25h")
 
 
 def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_itself(cli, tmp_path):
