@@ -172,13 +172,13 @@ def inspect(
     control step that it runs; if a check fails, nothing else is shown and the exit status is 1. A key list may have any
     signer, unless --trust names the root key.
     """
-    if path is not None and key_list.is_list(path):
-        _refuse_sbom(sbom)
-        _show(*_opened_list(path, locate(path, trust)[1]))
-        return
-    if path is not None and is_image(path):
-        _refuse_sbom(sbom)
-        print_table("image", _folded(""), rows=list(described(opened(*locate(path, trust))).items()))
+    if path is not None and (key_list.is_list(path) or is_image(path)):
+        if sbom is not None:
+            raise BundleError("--sbom: needs a bundle, and this is another file")
+        if key_list.is_list(path):
+            _show(*_opened_list(path, locate(path, trust)[1]))
+        else:
+            print_table("image", _folded(""), rows=list(described(opened(*locate(path, trust))).items()))
         return
     if sbom is not None:
         check_output(sbom, overwrite=None)
@@ -192,11 +192,6 @@ def inspect(
         with replacing(sbom) as temporary:
             temporary.write_bytes(content)
         console.print(f"wrote {sbom}")
-
-
-def _refuse_sbom(sbom: Path | None) -> None:
-    if sbom is not None:
-        raise BundleError("--sbom: needs a bundle, and this is another file")
 
 
 def _verify(where: Path, trusted: PublicKey | None) -> None:

@@ -15,8 +15,7 @@ from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.results import versions
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.outputs import check_json, save_json
+from stillwake.console.outputs import check_json, claim, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
@@ -145,20 +144,18 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
     """Run the missing runs of a campaign and show their progress. If the command is stopped, print how to continue."""
     from firmware_sim.campaign.conduct import conduct
 
+    def advice() -> str:
+        found = folder.finished
+        return f"{folder.path} holds {found} finished runs; the same command continues" if found else ""
+
     # A run takes half a minute, so the rate of finished runs is averaged over the last hour.
-    with progress("runs", estimate_over=3600.0) as report:
+    with go_on_with(advice), progress("runs", estimate_over=3600.0) as report:
         report("the starts", 0)
 
         def show(done: int, total: int, name: str) -> None:
             report("campaign" if total else "the starts", done, total or None, name)
 
-        try:
-            return conduct(planned, folder, **spread, progress=show)
-        except KeyboardInterrupt:
-            if not folder.finished:
-                raise
-            with go_on_with(f"{folder.path} holds {folder.finished} finished runs; the same command continues"):
-                raise
+        return conduct(planned, folder, **spread, progress=show)
 
 
 def _print(result: "Result") -> None:

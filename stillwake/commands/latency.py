@@ -215,16 +215,15 @@ def _subjects(
     path, _ = locate(bundle, None)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())
-    if library is not None:
-        c = replace(onnx, name="c", about=f"{name}, C library", library=library.absolute())
-        return [onnx, c] if both else [c]
-    if not both:
-        return [onnx]
-    if bundle is not None:
-        raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
-    console.print("making the C library of the shipped model, as `stillwake export --c` does")
-    made = stack.enter_context(library_folder(None))
-    return [onnx, replace(onnx, name="c", about=f"{name}, C library", library=made)]
+    if library is None:
+        if not both:
+            return [onnx]
+        if bundle is not None:
+            raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
+        console.print("making the C library of the shipped model, as `stillwake export --c` does")
+        library = stack.enter_context(library_folder(None))
+    c = replace(onnx, name="c", about=f"{name}, C library", library=library.absolute())
+    return [onnx, c] if both else [c]
 
 
 def _print(run: "MeasuredRun", verdicts: "Sequence[KeptLimit]") -> None:

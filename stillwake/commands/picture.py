@@ -11,7 +11,7 @@ import typer
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
+from stillwake.console.outputs import claim
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.terminal import console
@@ -62,7 +62,7 @@ def picture(
     forces. The sensors of --sensors are coloured by Cp; by default they are the run's sensors, or all sensors.
     """
     from wake.pictures.animation import check_target
-    from wake.pictures.drawing import check_suffix
+    from wake.pictures.drawing import WakePicture, check_suffix, save_figure
 
     moves = output.suffix.lower() in _MOVING
     if moves and field == "mean":
@@ -75,7 +75,8 @@ def picture(
     if field != "mean" and not moves:
         if duration is not None or settle or forcing != "none":
             raise ConfigError("--duration, --settle and --forcing go with --field mean or a moving picture")
-        _draw_still(output, field, config, state, sensors)
+        save_figure(output, WakePicture(_start(config, state), field, shared.names_in(sensors)).update())
+        console.print(f"wrote {output}")
         return
     actions = actions_of(config, duration, forcing)
     skip = shared.steps_of("--settle", settle, config.flow.control_period, least=0)
@@ -89,16 +90,6 @@ def picture(
     if coloured is None and forcing.partition(":")[0] not in FORCINGS:
         coloured = _run_log(Path(forcing)).metadata.sensors
     _draw_moving(output, wake, field, coloured, actions, skip, every=every, width=width)
-
-
-def _draw_still(
-    output: Path, field: Literal["vorticity", "pressure"], config: Config, state: Path | None, sensors: str
-) -> None:
-    from wake.pictures.drawing import WakePicture, save_figure
-
-    wake = _start(config, state)
-    save_figure(output, WakePicture(wake, field, shared.names_in(sensors)).update())
-    console.print(f"wrote {output}")
 
 
 def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDArray[np.float64], skip: int) -> None:

@@ -7,7 +7,6 @@ from typing import Annotated, Final
 import typer
 
 from contract.atomic import replacing
-from contract.config.tree import Config
 from contract.errors import ConfigError
 from firmware_sim.fmu.kinds import kind_and_path
 from stillwake.console import options as shared
@@ -51,7 +50,11 @@ def develop(
     check_output(output, overwrite=overwrite)
     check_json(json_file)
     if steady:
-        _steady(output, config, json_file)
+        settled, grid = settle_into(output, config)
+        facts = {"config": asdict(config.flow), "body": asdict(config.body), "grid": list(grid)}
+        figures = settled.figures()
+        save_json(json_file, figures=figures, facts=facts, packages=("numpy", "numba", "scipy"))
+        console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
         return
 
     from wake.truck.develop import develop as develop_wake
@@ -64,14 +67,6 @@ def develop(
         state = develop_wake(wake, duration, lambda t, _: report("developing", round(t, 1), duration))
     save_state(output, state)
     console.print(f"wrote {output}")
-
-
-def _steady(output: Path, config: Config, json_file: Path | None) -> None:
-    settled, grid = settle_into(output, config)
-    figures = settled.figures()
-    facts = {"config": asdict(config.flow), "body": asdict(config.body), "grid": list(grid)}
-    save_json(json_file, figures=figures, facts=facts, packages=("numpy", "numba", "scipy"))
-    console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
 
 
 def plant_fmu(

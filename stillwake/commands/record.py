@@ -14,8 +14,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.outputs import check_dataset_name, check_output
+from stillwake.console.outputs import check_dataset_name, check_output, claim
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
@@ -104,7 +103,8 @@ def record(
     }
     if amplitudes is not None:
         of_plan |= dict(zip(("smallest", "largest"), amplitudes, strict=True))
-    _record_round(output, config, from_steady, under, _given(of_plan), how)
+    given_of_plan = {name: value for name, value in of_plan.items() if value is not None}
+    _record_round(output, config, from_steady, under, given_of_plan, how)
 
 
 def lengths_of(texts: list[str]) -> dict[str, int]:
@@ -166,7 +166,7 @@ def _record_forced(
     plans = tuple(plan for plan in plans if plan.steps > 0)
     if not plans:
         raise StillwakeError(f"nothing to record: give steps for at least one of {', '.join(_STEPS)}")
-    with _continued(output), _progress(len(plans)) as shown:
+    with go_on_with(lambda: _advice(output)), _progress(len(plans)) as shown:
         written = record_dataset(output, plans, config, **how, **shown)
     total = sum(plan.steps for plan in plans)
     done = "wrote" if written else "already complete, nothing to record:"
@@ -197,7 +197,7 @@ def _record_round(
         how = {**how, "start": steady}
         by = "" if planned.bundle is None else f" and the controller of {planned.bundle}"
         acting = f"from the steady wake under random actions{by}"
-    with _continued(output), _progress(planned.episodes) as shown:
+    with go_on_with(lambda: _advice(output)), _progress(planned.episodes) as shown:
         number = record_round(output, planned, config, policy, **how, **shown)
     console.print(
         f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps {acting} for "
@@ -234,19 +234,13 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
     return release, policy
 
 
-@contextmanager
-def _continued(output: Path) -> Iterator[None]:
-    """Print how to continue if the recording is stopped after a part of it was stored."""
+def _advice(output: Path) -> str:
+    """Return how to continue the recording if a part of it was stored, otherwise an empty text."""
     from wake.recording.parts_folder import PartsFolder
 
-    try:
-        yield
-    except KeyboardInterrupt:
-        parts = PartsFolder.for_output(output)
-        if not parts.has_samples:
-            raise
-        with go_on_with(f"{parts.path.name} holds the recorded part; the same command continues the recording"):
-            raise
+    parts = PartsFolder.for_output(output)
+    line = f"{parts.path.name} holds the recorded part; the same command continues the recording"
+    return line if parts.has_samples else ""
 
 
 @contextmanager
@@ -264,10 +258,6 @@ def _progress(episodes: int) -> Iterator[dict[str, Any]]:
                 report(label, completed, of)
 
         yield {"progress": show, "notice": console.print}
-
-
-def _given(options: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if value is not None}
 
 
 def _refuse_given(options: Mapping[str, object], names: Sequence[str], reason: str) -> None:

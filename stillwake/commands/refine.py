@@ -16,8 +16,9 @@ from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
+from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
-from stillwake.parts.training_progress import TrainingProgress, check_model_output, continued
+from stillwake.parts.training_progress import TrainingProgress, advice, check_model_output
 
 _SENSORS: Final = 4
 """Number of sensors that are used if none are named."""
@@ -72,7 +73,7 @@ def refine(
     by_hand = tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
     names = shared.names_in(sensors) or by_hand
     spread = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
-    with continued(folder), spread as run, progress("steps", estimate_over=600.0) as report:
+    with go_on_with(lambda: advice(folder)), spread as run, progress("steps", estimate_over=600.0) as report:
         show = TrainingProgress(report)
         refined, periods = refine_model(
             trained,

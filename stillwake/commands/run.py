@@ -15,8 +15,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.outputs import check_frames, check_json, print_written, save_json
+from stillwake.console.outputs import check_frames, check_json, claim, print_written, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible

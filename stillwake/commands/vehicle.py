@@ -11,8 +11,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.outputs import check_frames, check_json, save_json
+from stillwake.console.outputs import check_frames, check_json, claim, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
@@ -98,7 +97,7 @@ def vehicle(
     )
 
     def pressures(stack: ExitStack) -> "Pressures":
-        return _live(stack, config, state, driven) if live else _replay(config, dataset, episode)
+        return _live(stack, config, state, driven) if live else _replay(dataset, episode)
 
     figures, described, is_stopped = _run(release, config, course, pressures)
     _print_figures(figures, "a live wake, which responds to the jets" if live else "recorded (open loop)")
@@ -188,7 +187,7 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
         )
 
 
-def _replay(config: Config, dataset: Path | None, episode: str | None) -> "Pressures":
+def _replay(dataset: Path | None, episode: str | None) -> "Pressures":
     from contract.recording.dataset import read
     from contract.shipped import recording
     from firmware_sim.bench.real_time.pressures import Replay

@@ -121,7 +121,7 @@ def _bring_release(
     with (
         open_client(bus) as client,
         progress("bytes") as report,
-        go_on_with("the ECU keeps the received part; the same command continues there"),
+        go_on_with(lambda: "the ECU keeps the received part; the same command continues there"),
     ):
         shown = _Shown(report)
         flashed = flash_ecu(

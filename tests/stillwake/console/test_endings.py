@@ -17,8 +17,7 @@ import pytest
 
 from contract.errors import ConfigError
 from stillwake.console.endings import EXTRAS, REPORT, missing, status_of
-from stillwake.console.memory import shortage
-from stillwake.console.own_rooms import HOME, ROOMS
+from stillwake.console.start import HOME, ROOMS, shortage
 
 PROJECT = tomllib.loads((HOME / "pyproject.toml").read_text(encoding="utf-8"))
 
