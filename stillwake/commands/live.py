@@ -7,25 +7,12 @@ from typing import Annotated, Final, Literal
 import typer
 
 from stillwake.console import options as shared
-from stillwake.console.settings import COST_WEIGHTS, settings
+from stillwake.console.settings import COST_WEIGHTS, VIRTUAL_BUS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console
 from stillwake.parts.releases import asked_calibration, describe, open_release
 
-USES: Final = (
-    "body",
-    "operating_point",
-    "flow",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
-    "bus.background",
-    "bus.e2e",
-    "bus.key",
-    "ecu",
-    "vehicle",
-    COST_WEIGHTS,
-)
+USES: Final = ("body", "operating_point", "flow", *VIRTUAL_BUS, "ecu", "vehicle", COST_WEIGHTS)
 """The settings of `run`, except that only the weights of the section `mpc` are used, because a release accepts no other
 changes in this section."""
 

@@ -17,7 +17,7 @@ from contract.release.checks import Bundle
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_frames, check_json, claim, print_written, save_json
 from stillwake.console.progress import progress
-from stillwake.console.settings import REAL_BUS, settings
+from stillwake.console.settings import VIRTUAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
 from stillwake.parts.c_release import library_folder
 from stillwake.parts.driven import driven_at
@@ -33,9 +33,7 @@ NOT_IN_CONTROL: Final = 3
 BELOW_REQUIREMENT: Final = 4
 """Exit status of a complete run whose drag reduction was smaller than required."""
 
-_BUS: Final = (*(name for name in REAL_BUS if name != "bus.channel"), "bus.key", "bus.background")
-"""All settings of the bus except the channel, because a bus in virtual time has no channel."""
-_USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle", "mpc")
+_USES: Final = ("body", "operating_point", "flow", "bus.interface", *VIRTUAL_BUS, "ecu", "vehicle", "mpc")
 PYTHON: Final = "python"
 ECUS: Final = (PYTHON, "c", "mcu")
 CLOCK_MHZ: Final = 480.0

@@ -1,5 +1,5 @@
-"""Outputs of a command. Before its work a command locks and checks the paths that it will write; a file is replaced only
-on request.
+"""Outputs of a command. Before its work a command locks and checks the paths that it will write, and a file is replaced
+only on request.
 
 A second command that would write to a locked path is refused before it begins its work, so no work is lost. A lock is
 the system's lock on a hidden file beside the output, `.NAME.lock`. It ends with the process in every case; a hidden

@@ -21,16 +21,8 @@ if TYPE_CHECKING:
 
 CAN_BE_LATE: Final = 3
 """Exit status for a set of messages in which a message can miss its deadline."""
-USES: Final = (
-    "operating_point",
-    "flow.control_period",
-    "ecu.compute_time_ms",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
-    "bus.key",
-    "bus.background",
-)
+_OURS: Final = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.frames", "bus.key")
+USES: Final = ("operating_point", "flow.control_period", "ecu.compute_time_ms", *_OURS, "bus.background")
 NAMED: Final = 5
 """Largest number of late messages that the line below the table lists by name."""
 _HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")

@@ -12,7 +12,7 @@ from ecu.real_time.privileges import PRIORITY
 from ecu.real_time.stage_times import EcuStage, load
 
 ROOT = Path(__file__).parents[3]
-UDP = ("--bus", "udp_multicast:239.76.0.1")
+UDP = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.76.0.1")
 PROVISION = "ecu provision ecu --root root/release.pub --keys keys.list --hardware bench --serial 42"
 
 
@@ -22,13 +22,13 @@ def test_what_cannot_run_is_one_line(all_refused, short_release):
         "ecu",
         {
             "": "bus.interface = simulated: it runs in virtual time, without real devices",
-            "--bus can4711:x": "python-can does not know it",
-            "no-bundle": "no-bundle",
+            "no-bundle --bus virtual:x": "no-bundle",
         },
     )
     all_refused(
         ("ecu", short_release, *UDP),
         {
+            "--set bus.interface=can4711": "python-can does not know it",
             "--set flow.control_period=0.1": "was built for another control period: 0.2, the vehicle has 0.1",
             "--set operating_point.speed=20": "was built for another operating point",
             "--set ecu.step_offset_ms=20": "ecu.step_offset_ms = 20: must be shorter than the control period",
