@@ -157,13 +157,11 @@ class Report:
             unit: unit of this task's steps, if it is not the display's unit.
         """
         still_wanted()
-        now, changes = self._clock(), {"completed": done, "total": total, "note": note}
+        changes: dict[str, Any] = {"completed": done, "total": total, "note": note}
+        now = self._clock()
         if task not in self._tasks:
-            # Steps that an earlier call of the command did must not count for the speed. rich accepts fractions of a
-            # step, although its types do not.
-            self._tasks[task] = self._bar.add_task(
-                task, total=total, completed=done, note=note, unit=unit or self._unit
-            )  # type: ignore[arg-type]
+            # Steps that an earlier call of the command did must not count for the speed.
+            self._tasks[task] = self._bar.add_task(task, **changes, unit=unit or self._unit)
             self._begin(task)
             self._latest[task] = now
         is_end = done == total and task in self._visible
