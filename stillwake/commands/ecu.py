@@ -227,18 +227,8 @@ def _run_store(
 def _run_firmware(
     given: list[str], bundle: Path | None, flash: Path, hardware: str, *, library: Path, root: Path, access: Path
 ) -> None:
-    """Run the firmware until it is stopped. Raises StillwakeError if library, bundle and settings do not belong
-    together, the library does not compile, or the bus cannot be opened.
-
-    Args:
-        given: the texts of `--set`.
-        bundle: bundle of the library; the shipped bundle if None.
-        flash: file with the contents of the flash memory; created if it does not exist.
-        hardware: name of the hardware.
-        library: C library from which the firmware is built.
-        root: file of the public root key, which verifies key lists.
-        access: file of the ECU's access key.
-    """
+    """Run the firmware of an emulated microcontroller on a bus until it is stopped. The file `flash` has the content of
+    its flash memory, and is created if it does not exist."""
     from can_bridge.bus.backends.python_can import PythonCanBus
     from can_bridge.secoc.key import read_secret
     from can_bridge.wire.message_sets import message_set

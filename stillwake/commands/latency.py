@@ -42,12 +42,7 @@ USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *R
 
 @dataclass(frozen=True, kw_only=True)
 class Subject:
-    """A controller that is timed.
-
-    Attributes:
-        name: "onnx" or "c".
-        library: C library that computes the control step; None for ONNX Runtime.
-    """
+    """A controller that is timed: "onnx", which ONNX Runtime computes, or "c", which a C library computes."""
 
     name: str
     about: str

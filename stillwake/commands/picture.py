@@ -18,6 +18,7 @@ from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from firmware_sim.runs.run_log import RunLog
+    from wake.pictures.drawing import WakePicture
     from wake.recording.forcing import ForcingName
     from wake.truck.truck_wake import TruckWake
 
@@ -89,7 +90,7 @@ def picture(
     coloured = shared.names_in(sensors)
     if coloured is None and forcing.partition(":")[0] not in FORCINGS:
         coloured = _run_log(Path(forcing)).metadata.sensors
-    _draw_moving(output, wake, field, coloured, actions, skip, every=every, width=width)
+    _draw_moving(output, WakePicture(wake, field, coloured, width), wake, actions, skip, every)
 
 
 def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDArray[np.float64], skip: int) -> None:
@@ -108,31 +109,17 @@ def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDA
 
 
 def _draw_moving(
-    output: Path,
-    wake: "TruckWake",
-    field: Literal["vorticity", "pressure"],
-    coloured: tuple[str, ...] | None,
-    actions: npt.NDArray[np.float64],
-    skip: int,
-    *,
-    every: int,
-    width: int,
+    output: Path, drawn: "WakePicture", wake: "TruckWake", actions: npt.NDArray[np.float64], skip: int, every: int
 ) -> None:
     from wake.pictures.animation import animate
-    from wake.pictures.drawing import WakePicture
 
-    drawn = WakePicture(wake, field, coloured, width)
     with progress("steps") as report:
-        report("animation", 0, len(actions))
-        frames = animate(
-            output,
-            drawn,
-            wake,
-            actions,
-            skip=skip,
-            every=every,
-            progress=lambda done, _: report("animation", done, len(actions)),
-        )
+
+        def show(done: int, _: int) -> None:
+            report("animation", done, len(actions))
+
+        show(0, 0)
+        frames = animate(output, drawn, wake, actions, skip=skip, every=every, progress=show)
     console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB")
 
 
