@@ -10,6 +10,7 @@ from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
+from contract.shipped import recording
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_frames, check_json, claim, save_json
 from stillwake.console.progress import progress
@@ -83,7 +84,9 @@ def vehicle(
     driven, config = driven_at(drive, loaded.config, after_s=before_s)
     release = open_release(bundle)
 
+    from contract.recording.dataset import read
     from ecu.real_time.privileges import Wanted
+    from firmware_sim.bench.real_time.pressures import Replay
     from firmware_sim.bench.real_time.running import Course
 
     course = Course(
@@ -97,7 +100,9 @@ def vehicle(
     )
 
     def pressures(stack: ExitStack) -> "Pressures":
-        return _live(stack, config, state, driven) if live else _replay(dataset, episode)
+        if live:
+            return _live(stack, config, state, driven)
+        return Replay(read(recording() if dataset is None else dataset), episode)
 
     figures, described, is_stopped = _run(release, config, course, pressures)
     _print_figures(figures, "a live wake, which responds to the jets" if live else "recorded (open loop)")
@@ -185,14 +190,6 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
             f"renew ... --set operating_point.speed={point.speed:g}` makes a bundle for this vehicle",
             style="yellow",
         )
-
-
-def _replay(dataset: Path | None, episode: str | None) -> "Pressures":
-    from contract.recording.dataset import read
-    from contract.shipped import recording
-    from firmware_sim.bench.real_time.pressures import Replay
-
-    return Replay(read(recording() if dataset is None else dataset), episode)
 
 
 def _live(stack: ExitStack, config: Config, state: Path | None, drive: "Drive | None") -> "Pressures":

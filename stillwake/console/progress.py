@@ -162,7 +162,10 @@ class Report:
         if task not in self._tasks:
             # Steps that an earlier call of the command did must not count for the speed.
             self._tasks[task] = self._bar.add_task(task, **changes, unit=unit or self._unit)
-            self._begin(task)
+            # rich measures the speed from the end of the first step. A tiny step ends here and is taken back, so that
+            # real steps that end together do not give a wrong speed.
+            for part in (_HARDLY, -_HARDLY):
+                Progress.update(self._bar, self._tasks[task], advance=part)
             self._latest[task] = now
         is_end = done == total and task in self._visible
         if done == 0 or is_end or now - self._latest[task] >= SELDOM:
@@ -180,12 +183,6 @@ class Report:
         self._latest[task] = now
         self._visible.add(task)
         self._bar.update(self._tasks[task], **changes)
-
-    def _begin(self, task: str) -> None:
-        # rich measures the speed from the end of the first step. A tiny step ends here and is taken back, so that real
-        # steps that end together do not give a wrong speed.
-        for part in (_HARDLY, -_HARDLY):
-            Progress.update(self._bar, self._tasks[task], advance=part)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import numpy as np
 import typer
 from rich.box import SIMPLE
-from rich.table import Table
+from rich.table import Column, Table
 
 from contract.atomic import replacing
 from contract.config.loading import Loaded
@@ -99,10 +99,10 @@ def episodes_table(found: "Dataset") -> Table:
     """Return a table with one row per episode."""
     from contract.recording.summary import summarise
 
-    table = Table(box=SIMPLE, padding=0)
-    table.add_column("episode", overflow="fold", min_width=min(20, max(len(item.name) for item in found.episodes)))
-    for name in ("role", "steps", "t / t_c", "rms action", "mean Cd", "std Cl", "Cl peak, 1/t_c"):
-        table.add_column(name, justify="left" if name == "role" else "right")
+    numbers = ("steps", "t / t_c", "rms action", "mean Cd", "std Cl", "Cl peak, 1/t_c")
+    width = min(20, max(len(item.name) for item in found.episodes))
+    names = (Column("episode", overflow="fold", min_width=width), "role")
+    table = Table(*names, *(Column(name, justify="right") for name in numbers), box=SIMPLE, padding=0)
     for item in summarise(found):
         table.add_row(
             item.name,

@@ -140,9 +140,8 @@ def _table(found: "list[StoredFault]") -> Table:
     from can_bridge.uds.fault_codes import in_letters
     from firmware_sim.runs.reasons import BECAUSE
 
-    made = Table(box=SIMPLE_HEAD, padding=0)
-    for head in ("code", "found when", "state", "at", "mode before", "missed", "overruns", "pressures, Cp"):
-        made.add_column(head)
+    heads = ("code", "found when", "state", "at", "mode before", "missed", "overruns", "pressures, Cp")
+    made = Table(*heads, box=SIMPLE_HEAD, padding=0)
     for one in found:
         moment = ["", "", "", "", ""]
         if one.time_ms is not None and one.mode_before is not None and one.pressures_cp is not None:

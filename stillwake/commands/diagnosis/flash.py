@@ -65,17 +65,14 @@ def flash(
     if keys is not None:
         if dry_run:
             raise ConfigError("--keys: the key list is written at once; leave it out with --dry-run")
-        _bring_keys(_read(keys), config.bus, access)
+        from can_bridge.tester.transfer import bring
+
+        raw = _read(keys)
+        with asking(config.bus, access) as ecu:
+            before, after = bring(ecu, raw)
+        console.print(f"the ECU has key list {after}, and had {before or 'none'}")
     if bundle is not None:
         _bring_release(bundle, trust, config.bus, access, dry_run=dry_run, confirm=not no_confirm)
-
-
-def _bring_keys(raw: bytes, bus: BusConfig, access: Path | None) -> None:
-    from can_bridge.tester.transfer import bring
-
-    with asking(bus, access) as ecu:
-        before, after = bring(ecu, raw)
-    console.print(f"the ECU has key list {after}, and had {before or 'none'}")
 
 
 def _read(path: Path) -> bytes:
@@ -139,10 +136,12 @@ def _bring_release(
 def _ended(flashed: "Flashed", name: str) -> str:
     from can_bridge.tester.sequence import End
 
+    running = flashed.after.running_slot
+    boots_left = 0 if running is None else running.boots_left
     return {
         End.ALREADY: f"{name} already runs and is confirmed: nothing was done",
         End.WOULD_FLASH: "dry run: no check failed, and nothing was written",
-        End.ON_TRIAL: f"{name} runs on trial, {_boots_left(flashed)} boots left; the same command "
+        End.ON_TRIAL: f"{name} runs on trial, {boots_left} boots left; the same command "
         "without --no-confirm confirms it",
         End.CONFIRMED: f"{name} runs, and is confirmed",
     }[flashed.end]
@@ -170,11 +169,6 @@ def _running(facts: "EcuFacts") -> str:
         return "no release"
     how = "confirmed" if facts.store.active == facts.store.running else "not confirmed"
     return f"{running.name} {running.digest[:12]}, {how}"
-
-
-def _boots_left(flashed: "Flashed") -> int:
-    running = flashed.after.running_slot
-    return 0 if running is None else running.boots_left
 
 
 def _effort(flashed: "Flashed", length: int) -> str:
