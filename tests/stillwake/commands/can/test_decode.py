@@ -5,6 +5,8 @@ import csv
 import json
 import sys
 from io import StringIO
+from threading import Thread
+from time import sleep
 
 import can
 import pytest
@@ -101,9 +103,11 @@ def test_monitor_on_a_terminal_draws_over_its_picture_and_puts_the_cursor_back(c
     terminal = Console(file=StringIO(), width=100, height=40, force_terminal=True, force_interactive=True)
     # The package has the function under the module's name.
     monkeypatch.setattr(sys.modules["stillwake.commands.can.monitor"], "console", terminal)
-    for counter in range(8):
-        peer.send(to_message(frame(JET_COMMAND, counter)))
-    assert cli("can", "monitor", "--filter", "flow", "--for", 0.5, *VIRTUAL).code == 0
+    sending = Thread(target=lambda: [peer.send(to_message(frame(JET_COMMAND, n))) or sleep(0.02) for n in range(30)])
+    sending.start()
+    code = cli("can", "monitor", "--filter", "flow", "--for", 0.5, *VIRTUAL).code
+    sending.join()
+    assert code == 0
     out = terminal.file.getvalue()
     assert "filter: flow" in out and "Flow" in out and "Enable" not in out
     assert "\x1b[1A" in out
