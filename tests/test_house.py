@@ -26,8 +26,8 @@ MOST_LINES = {
 MOST_WORDS = 70_793
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
-    "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Freshness Key PlantName
-        Settings State StageTimes""",
+    "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Freshness Key
+        PlantName Settings State StageTimes""",
     "an option, by its word, beside another thing of a room": "NoAverages Periods Priority Store",
     "options of one word in several commands, with help and default of each": "DataSet Duration EcuName",
     "the settings that a command reads, at the top of its file": "USES",
