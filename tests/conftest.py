@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["tests.budget"]
 
-# `make full` draws examples; `make test` has half as many and `make check` a quarter, the same ones each time, so that a
-# change passes or fails by itself. No test fails because another process had the processor.
+# `make full` draws examples; `make test` has half as many and `make check` a quarter, the same ones each time, so that
+# a change passes or fails by itself. No test fails because another process had the processor.
 settings.register_profile("drawn", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("whole", settings.get_profile("drawn"), derandomize=True, max_examples=50)
 settings.register_profile("fast", settings.get_profile("whole"), max_examples=25)
