@@ -77,9 +77,9 @@ def test_from_its_start_to_its_last_period(cli, short_release, tmp_path, monkeyp
     assert any(said.startswith(b"READY=1") for said in heard) and b"STOPPING=1" in heard
     assert (done.code, done.out) == (0, "")
     events = [json.loads(line) for line in done.err.splitlines()]
-    assert (events[0]["event"], events[-1]["event"]) == ("runs", "stopped")
-    assert events[0]["channel"] == "test-ecu"
-    steps = events[-1]["steps"]
+    assert (events[0]["event"], events[0]["channel"]) == ("runs", "test-ecu")
+    # On a busy machine the last line may be of periods that were left out.
+    (steps,) = (event["steps"] for event in events if event["event"] == "stopped")
     assert f"stillwake_ecu_steps_total {steps}\n" in metrics.read_text()
     assert len(load(stages, EcuStage)) == steps >= 5
     # The socket is the test's; nothing half-written is left.

@@ -62,10 +62,10 @@ def test_an_ecu_in_c_is_made_once_and_each_wait_is_told(monkeypatch):
     assert told == [MAKING, COMPILING["c"], COMPILING["mcu"]]
 
 
-def test_errors_are_one_line_and_leave_nothing(all_refused, short_release):
+def test_errors_are_one_line_and_leave_nothing(all_refused):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         all_refused(
-            ("live", "--bundle", short_release),
+            "live",
             {
                 "--set bus.key=k": "k: cannot read the key",
                 "--set mpc.horizon=9": "does not use it",

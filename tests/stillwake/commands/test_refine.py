@@ -27,7 +27,7 @@ MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder
 SMALL = tuple(
     word
     for setting in (
-        *("memory=8", "units=3", "updates=2", "shortest=16", "longest=16", "streams=1", "refinement=0.4"),
+        *("memory=8", "units=3", "updates=4", "shortest=16", "longest=16", "streams=1", "refinement=0.4"),
         *("substeps=10", "single_precision=false"),  # double precision is compiled for other tests
     )
     for word in ("--set", f"refine.{setting}")
@@ -63,7 +63,7 @@ def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model, sh
     assert odd.code == 1 and "upper_39 and base_0 are not a pair" in odd.err
     done = cli("refine", tmp_path / "refined", "--model", model, *data, *SMALL, "--json", tmp_path / "refined.json")
     assert done.code == 0, done.err
-    assert "32 control periods of the plant" in done.out
+    assert "64 control periods of the plant" in done.out
     assert not (tmp_path / "refined.checkpoints").exists()
     folder = model_folder.read(tmp_path / "refined")
     config = folder.description.config
