@@ -221,7 +221,8 @@ def _export_model(
 
     used = recording() if dataset is None else dataset
     with TemporaryDirectory() as scratch, phases("export", EXPORT_PHASES) as (report, phase):
-        folder, made = files.c or Path(scratch, "library"), None
+        folder = files.c or Path(scratch, "library")
+        made = None
         if estimator:
             program = program_of(model_folder.read(model), config.mpc)
             made = fitted_estimator(used, program.sensors, program.window, report)

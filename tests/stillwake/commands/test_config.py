@@ -2,13 +2,14 @@
 
 import tomllib
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.config.listing import as_toml, sections, shown
 from contract.config.loading import from_tree, load_config, to_tree
 from contract.config.rules import HUGE, TINY
 from contract.config.tree import Config
+from tests.examples import examples
 
 
 def rows(text: str) -> dict[str, list[str]]:
@@ -69,7 +70,7 @@ def test_the_file_it_writes_gives_the_same_settings(cli, tmp_path):
     assert set(tomllib.loads(path.read_text())) == {"ecu"}
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(reynolds=st.floats(TINY, HUGE), channel=st.text(min_size=1), seed=st.integers(0, 2**63 - 1))
 def test_any_number_and_text_is_read_back_as_it_was(reynolds, channel, seed):
     tree = {"flow": {"reynolds": reynolds}, "train": {"seed": seed}}

@@ -43,7 +43,7 @@ def test_a_steady_wake_that_is_not_there_is_computed_and_kept(cli, tmp_path, mon
 
 def test_a_recording_that_is_whole_says_so(cli, tmp_path, monkeypatch):
     (tmp_path / "a.h5").write_bytes(b"whole")
-    seen = {}
+    seen = dict[str, object]()
 
     def record(output, plans, config, **options):
         seen.update(options)

@@ -16,7 +16,7 @@ def called(monkeypatch):
     """Every training is stopped as soon as it begins, and what it was called with is kept."""
     import train.pipeline
 
-    calls = []
+    calls = list[dict[str, object]]()
 
     def stopped(dataset, config, output, **options):
         calls.append(options)

@@ -100,15 +100,21 @@ def test_monitor_of_a_log_shows_its_end(cli, tmp_path):
 
 
 def test_monitor_on_a_terminal_draws_over_its_picture_and_puts_the_cursor_back(cli, peer, monkeypatch):
-    terminal = Console(file=StringIO(), width=100, height=40, force_terminal=True, force_interactive=True)
+    written = StringIO()
+    terminal = Console(file=written, width=100, height=40, force_terminal=True, force_interactive=True)
     # The package has the function under the module's name.
     monkeypatch.setattr(sys.modules["stillwake.commands.can.monitor"], "console", terminal)
-    sending = Thread(target=lambda: [peer.send(to_message(frame(JET_COMMAND, n))) or sleep(0.02) for n in range(30)])
+
+    def send() -> None:
+        for counter in range(30):
+            peer.send(to_message(frame(JET_COMMAND, counter)))
+            sleep(0.02)
+
+    sending = Thread(target=send)
     sending.start()
-    code = cli("can", "monitor", "--filter", "flow", "--for", 0.5, *VIRTUAL).code
+    assert cli("can", "monitor", "--filter", "flow", "--for", 0.5, *VIRTUAL).code == 0
     sending.join()
-    assert code == 0
-    out = terminal.file.getvalue()
+    out = written.getvalue()
     assert "filter: flow" in out and "Flow" in out and "Enable" not in out
     assert "\x1b[1A" in out
     assert out.endswith("\n\x1b[?25h")
