@@ -5,8 +5,8 @@ import csv
 import json
 import sys
 from io import StringIO
-from threading import Thread
-from time import sleep
+from itertools import count
+from threading import Event, Thread
 
 import can
 import pytest
@@ -105,14 +105,18 @@ def test_monitor_on_a_terminal_draws_over_its_picture_and_puts_the_cursor_back(c
     # The package has the function under the module's name.
     monkeypatch.setattr(sys.modules["stillwake.commands.can.monitor"], "console", terminal)
 
-    def send() -> None:
-        for counter in range(30):
-            peer.send(to_message(frame(JET_COMMAND, counter)))
-            sleep(0.02)
+    is_over = Event()
 
-    sending = Thread(target=send)
+    def send() -> None:
+        for counter in count():
+            peer.send(to_message(frame(JET_COMMAND, counter % 256)))
+            if is_over.wait(0.02):
+                break
+
+    sending = Thread(target=send, daemon=True)
     sending.start()
-    assert cli("can", "monitor", "--filter", "flow", "--for", 0.5, *VIRTUAL).code == 0
+    assert cli("can", "monitor", "--filter", "flow", "--for", 1, *VIRTUAL).code == 0
+    is_over.set()
     sending.join()
     out = written.getvalue()
     assert "filter: flow" in out and "Flow" in out and "Enable" not in out
