@@ -67,7 +67,7 @@ def test_errors_are_one_line_and_leave_nothing(all_refused):
         all_refused(
             "live",
             {
-                "--set bus.key=k": "k: cannot read the key",
+                "--plant recording --set bus.key=k": "k: cannot read the key",
                 "--set mpc.horizon=9": "does not use it",
                 "--bundle nowhere": "nowhere",
                 f"--host {'x' * 300}": "not the name of a machine",
