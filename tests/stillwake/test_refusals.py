@@ -13,7 +13,7 @@ import pytest
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.model.model_folder import DESCRIPTION, MODEL_SCHEMA
-from contract.shipped import developed
+from contract.shipped import RECORDING, developed
 from stillwake.commands import export as export_command
 from wake.truck import truck_wake
 
@@ -190,8 +190,8 @@ def test_a_wrong_call_is_explained(cli, place) -> None:
     assert sorted(place.rglob("*")) == before
 
 
-def test_a_recording_that_does_not_fit_is_named(refused, place, short_recording, random_release) -> None:
-    path = shutil.copy(short_recording, place / "recording.h5")
+def test_a_recording_that_does_not_fit_is_named(refused, place, random_release) -> None:
+    path = shutil.copy(RECORDING, place / "recording.h5")
     for name, value, named in (
         ("sensors", json.dumps(["base_0"]), "other sensors"),
         ("schema", "stillwake-dataset/0", "this version reads 'stillwake-dataset/3'"),
