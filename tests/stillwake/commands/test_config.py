@@ -29,8 +29,8 @@ def test_every_setting_is_shown_with_its_value_unit_and_source(cli, tmp_path):
     outcome = cli("config")
     assert (outcome.code, outcome.err) == (0, "")
     values = leaves(to_tree(load_config()))
-    found = {name: words[0] for name, words in rows(outcome.out).items()}
-    assert found == {name: shown(value) for name, value in values.items()}
+    first = {name: words[0] for name, words in rows(outcome.out).items()}
+    assert first == {name: shown(value) for name, value in values.items()}
     assert max(map(len, outcome.out.splitlines())) <= 80
     (tmp_path / "mine.toml").write_text("[ecu]\nhold_periods = 2\n")
     found = rows(cli("config", "--set", tmp_path / "mine.toml", "--set", "ecu.compute_time_ms=4.5").out)
