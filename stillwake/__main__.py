@@ -4,11 +4,7 @@ Each command imports other packages only when it needs them. So an ECU on a vehi
 the compiler of the flow solver, and a command that lacks an extra prints an error message of one line.
 """
 
-from stillwake.console import own_rooms  # noqa: F401  (refuses to go on where a file hides one of our packages)
-
-# isort: split
-
-from stillwake.console.memory import check_memory  # before numpy
+from stillwake.console.start import check_memory  # refuses to go on where a file hides one of our packages
 
 # isort: split
 

@@ -35,11 +35,10 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["tests.budget"]
 
-# How long an example takes is the machine's affair: no test fails because another process had the processor. The same
-# examples each time, so that a change passes or fails by itself, and half of them; `make full` draws others, and all.
+# `make full` draws examples; `make test` has half as many and `make check` a quarter, the same ones each time, so that
+# a change passes or fails by itself. No test fails because another process had the processor.
 settings.register_profile("drawn", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("whole", settings.get_profile("drawn"), derandomize=True, max_examples=50)
-# Of `make check`: a quarter of them.
 settings.register_profile("fast", settings.get_profile("whole"), max_examples=25)
 settings.load_profile("whole")
 
@@ -187,11 +186,8 @@ def write_random(path: Path, gated: "Gated") -> None:
 @pytest.fixture(scope="session")
 def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> Iterator["TruckWake"]:
     """Of one test process; built before any other plant, so that only one of the processes compiles the kernels and
-    their adjoint.
-
-    The others wait, and load from numba's cache what it compiled. Folders whose tests run the plant, also in processes
-    of their own, ask for it in their `conftest.py`. From then on, wakes of the same grid and body share what measures
-    on them, which is most of the time that one takes to make, and never changes.
+    their adjoint. Folders whose tests run the plant ask for it in their `conftest.py`. From then on, wakes of the same
+    grid and body share what measures on them, which is most of the time that one takes to make, and never changes.
     """
     from wake.truck.tape import Tape, no_weights
     from wake.truck.truck_wake import TruckWake

@@ -49,14 +49,12 @@ DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a 
 SecurityVersion = Annotated[
     int | None, typer.Option(help="An ECU that has confirmed a greater version refuses this bundle.", min=0)
 ]
-Hardware = Annotated[str | None, typer.Option(help="Name of the only ECU hardware that accepts the bundle.")]
 Speeds = Annotated[
     str | None, typer.Option(metavar="SLOWEST:FASTEST", help="Smaller range of speeds, in design speeds: 0.7:1.3.")
 ]
 BillOfMaterials = Annotated[
     Path | None, typer.Option(help="Write the bill of materials, CycloneDX 1.6.", metavar="FILE")
 ]
-Allowed = Annotated[list[Path], typer.Option("--allow", help="Public key that may sign (repeatable).", metavar="PUB")]
 Revoked = Annotated[
     list[Path], typer.Option("--revoke", help="Public key that may no longer sign (repeatable).", metavar="PUB")
 ]
@@ -103,7 +101,7 @@ def renew(
     trust: shared.Trust = None,
     dataset: DataSet = None,
     security_version: SecurityVersion = None,
-    hardware: Hardware = None,
+    hardware: Annotated[str | None, typer.Option(help="Name of the only ECU hardware that accepts the bundle.")] = None,
     speeds: Speeds = None,
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
@@ -174,13 +172,13 @@ def inspect(
     control step that it runs; if a check fails, nothing else is shown and the exit status is 1. A key list may have any
     signer, unless --trust names the root key.
     """
-    if path is not None and key_list.is_list(path):
-        _refuse_sbom(sbom)
-        _show(*_opened_list(path, locate(path, trust)[1]))
-        return
-    if path is not None and is_image(path):
-        _refuse_sbom(sbom)
-        print_table("image", _folded(""), rows=list(described(opened(*locate(path, trust))).items()))
+    if path is not None and (key_list.is_list(path) or is_image(path)):
+        if sbom is not None:
+            raise BundleError("--sbom: needs a bundle, and this is another file")
+        if key_list.is_list(path):
+            _show(*_opened_list(path, locate(path, trust)[1]))
+        else:
+            print_table("image", _folded(""), rows=list(described(opened(*locate(path, trust))).items()))
         return
     if sbom is not None:
         check_output(sbom, overwrite=None)
@@ -194,11 +192,6 @@ def inspect(
         with replacing(sbom) as temporary:
             temporary.write_bytes(content)
         console.print(f"wrote {sbom}")
-
-
-def _refuse_sbom(sbom: Path | None) -> None:
-    if sbom is not None:
-        raise BundleError("--sbom: needs a bundle, and this is another file")
 
 
 def _verify(where: Path, trusted: PublicKey | None) -> None:
@@ -255,7 +248,7 @@ def keylist(
     path: Annotated[Path, typer.Argument(help="Key list to write; an existing file is never overwritten.")],
     key: shared.PrivateKey,
     version: Annotated[int, typer.Option(help="Version of the list; an ECU accepts only greater ones.")],
-    allow: Allowed,
+    allow: Annotated[list[Path], typer.Option("--allow", help="Public key that may sign (repeatable).", metavar="PUB")],
     revoke: Revoked = [],  # noqa: B006
 ) -> None:
     """Make the list of the keys that may sign releases for an ECU, and sign the list with the root key.

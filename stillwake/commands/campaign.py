@@ -15,9 +15,7 @@ from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.results import versions
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.numbers import workers_of
-from stillwake.console.outputs import check_json, save_json
+from stillwake.console.outputs import check_json, claim, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
@@ -38,9 +36,7 @@ _MOST_PHASES: Final = 25
 
 Scenarios = Annotated[list[Path], typer.Option(help="TOML file with your own scenarios (repeatable).", metavar="FILE")]
 Only = Annotated[list[str], typer.Option(help="Only these scenarios, e.g. 'noise_*' (repeatable).", metavar="GLOB")]
-ListThem = Annotated[bool, typer.Option("--list", help="Print the test plan, and run nothing.")]
 Phases = Annotated[int, typer.Option(help="Number of starts, spread over a shedding cycle.", min=1, max=_MOST_PHASES)]
-Controlled = Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2, max=_LONGEST)]
 Settle = Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0, max=_LONGEST)]
 
 
@@ -50,9 +46,9 @@ def campaign(
     ] = None,
     scenarios: Scenarios = [],  # noqa: B006  (typer reads it, nothing writes it)
     only: Only = [],  # noqa: B006
-    list_them: ListThem = False,
+    list_them: Annotated[bool, typer.Option("--list", help="Print the test plan, and run nothing.")] = False,
     phases: Phases = 3,
-    controlled: Controlled = 60.0,
+    controlled: Annotated[float, typer.Option(help="Time with control, t_c.", min=0.2, max=_LONGEST)] = 60.0,
     settle: Settle = 20.0,
     seed: shared.Seed = 0,
     workers: shared.Workers = None,
@@ -77,7 +73,7 @@ def campaign(
     if output is None and not list_them:
         raise StillwakeError("name the folder to write, or give --list to see the test plan")
     check_json(json_file)
-    spread = workers_of(workers)
+    spread = shared.workers_of(workers)
     config = settings("campaign", given, uses=_USES).config
     release = open_release(bundle)
     spans = {"phases": phases, "controlled": controlled, "settle": settle}
@@ -148,20 +144,18 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
     """Run the missing runs of a campaign and show their progress. If the command is stopped, print how to continue."""
     from firmware_sim.campaign.conduct import conduct
 
+    def advice() -> str:
+        found = folder.finished
+        return f"{folder.path} holds {found} finished runs; the same command continues" if found else ""
+
     # A run takes half a minute, so the rate of finished runs is averaged over the last hour.
-    with progress("runs", estimate_over=3600.0) as report:
+    with go_on_with(advice), progress("runs", estimate_over=3600.0) as report:
         report("the starts", 0)
 
         def show(done: int, total: int, name: str) -> None:
             report("campaign" if total else "the starts", done, total or None, name)
 
-        try:
-            return conduct(planned, folder, **spread, progress=show)
-        except KeyboardInterrupt:
-            if not folder.finished:
-                raise
-            with go_on_with(f"{folder.path} holds {folder.finished} finished runs; the same command continues"):
-                raise
+        return conduct(planned, folder, **spread, progress=show)
 
 
 def _print(result: "Result") -> None:

@@ -72,8 +72,8 @@ def table(listed: Sequence[Section], loaded: Loaded, *, explain: bool) -> Iterat
         for one in section.settings:
             yield _line(cells(one, loaded), widths)
             if explain:
-                bounds = f"Must be {_bounds(one)}." if one.bounds else ""
-                text = f"{bounds} {one.meaning}".strip()
+                of = "one of " if isinstance(one.paper, str) else ""
+                text = f"Must be {of}{one.bounds}. {one.meaning}" if one.bounds else one.meaning
                 for part in filter(None, (text, _origin(one.source))):
                     yield from wrap(
                         part, _WIDTH, initial_indent="    ", subsequent_indent="    ", break_on_hyphens=False
@@ -92,10 +92,6 @@ def source(one: Setting, loaded: Loaded) -> str:
     if one.name in loaded.in_file:
         return "file"
     return "release" if one.is_changed else "default"
-
-
-def _bounds(one: Setting) -> str:
-    return f"one of {one.bounds}" if isinstance(one.paper, str) else one.bounds
 
 
 def _origin(source: Source) -> str:

@@ -1,6 +1,7 @@
 """The command `stillwake ecu`: the ECU on a real bus, and the folder of an ECU that can be flashed."""
 
 import sys
+import time
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
@@ -17,7 +18,6 @@ from stillwake.console.outputs import check_frames
 from stillwake.console.settings import COST_WEIGHTS, DIAGNOSIS, REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console, visible
-from stillwake.parts.firmware import run_firmware
 from stillwake.parts.releases import asked_calibration, open_release, signature
 
 if TYPE_CHECKING:
@@ -34,6 +34,9 @@ _USES: Final = (
     COST_WEIGHTS,
 )
 _VEHICLE: Final = ("operating_point", "flow.control_period", "flow.action_limit", "ecu.delay_steps", "ecu.plan_ahead")
+_FIRMWARE: Final = ("operating_point", *REAL_BUS, DIAGNOSIS, "ecu")
+_SERIAL: Final = "1"
+"""Serial number of every emulated microcontroller."""
 _RUN: Final = "run"
 _MAKES: Final = {
     "access": "`stillwake keygen --secret` makes a key",
@@ -60,10 +63,6 @@ Board = Annotated[
     Path | None,
     typer.Option("--mcu", help="Flash of an emulated microcontroller; created if it is missing.", metavar="FILE"),
 ]
-Hardware = Annotated[str | None, typer.Option(help="Name of the hardware; default: the folder's, or mcu.")]
-LogLines = Annotated[Literal["plain", "json"], typer.Option("--log", help="Format of the log, on stderr.")]
-Metrics = Annotated[Path | None, typer.Option(help="Write counters for Prometheus here.", metavar="FILE")]
-KeyList = Annotated[Path, typer.Option("--keys", help="Keys that sign releases (`bundle keylist`).", metavar="LIST")]
 Spin = Annotated[float, typer.Option(help="Microseconds to stay awake before a deadline.", min=0.0, max=5000.0)]
 
 
@@ -76,10 +75,10 @@ def run(
     mcu: Board = None,
     access: shared.Access = None,
     root: shared.Root = None,
-    hardware: Hardware = None,
+    hardware: Annotated[str | None, typer.Option(help="Name of the hardware; default: the folder's, or mcu.")] = None,
     periods: shared.Periods = None,
-    log: LogLines = "plain",
-    metrics: Metrics = None,
+    log: Annotated[Literal["plain", "json"], typer.Option("--log", help="Format of the log, on stderr.")] = "plain",
+    metrics: Annotated[Path | None, typer.Option(help="Write counters for Prometheus here.", metavar="FILE")] = None,
     stage_times: shared.StageTimes = None,
     freshness: shared.Freshness = None,
     priority: shared.Priority = 50,
@@ -128,7 +127,7 @@ def run(
     if mcu is not None:
         _refuse("--mcu runs a firmware", trust=trust, slots=slots, periods=periods, metrics=metrics, frames=frames)
         needed = {"library": library, "root": root, "access": access}
-        run_firmware(texts, bundle, mcu, hardware or "mcu", **_needed("--mcu", **needed))
+        _run_firmware(texts, bundle, mcu, hardware or "mcu", **_needed("--mcu", **needed))
     elif slots is not None:
         _refuse("--slots runs the release in its folder", BUNDLE=bundle, trust=trust, library=library)
         _run_store(texts, slots, root, hardware, options, **_needed("--slots", access=access))
@@ -141,7 +140,7 @@ def run(
 def provision(
     folder: Annotated[Path, typer.Argument(help="Folder to make: the ECU's memory.")],
     root: Annotated[Path, shared.ROOT],
-    keys: KeyList,
+    keys: Annotated[Path, typer.Option("--keys", help="Keys that sign releases (`bundle keylist`).", metavar="LIST")],
     bundle: Annotated[
         Path | None, typer.Option(help="Release bundle that runs from the start; default: none, flash one later.")
     ] = None,
@@ -219,16 +218,41 @@ def _run_store(
     key = AccessKey.read(access)
     with until_stopped() as is_stopped:
         counters = serve_store(
-            folder,
-            key,
-            config,
-            options,
-            software=version("stillwake"),
-            is_stopped=is_stopped,
-            write=_to_stderr,
+            folder, key, config, options, software=version("stillwake"), is_stopped=is_stopped, write=_to_stderr
         )
     if options.periods is not None and counters.steps < options.periods:
         raise KeyboardInterrupt
+
+
+def _run_firmware(
+    given: list[str], bundle: Path | None, flash: Path, hardware: str, *, library: Path, root: Path, access: Path
+) -> None:
+    """Run the firmware of an emulated microcontroller on a bus until it is stopped. The file `flash` has the content of
+    its flash memory, and is created if it does not exist."""
+    from can_bridge.bus.backends.python_can import PythonCanBus
+    from can_bridge.secoc.key import read_secret
+    from can_bridge.wire.message_sets import message_set
+    from contract.release import controller_image, signing
+    from ecu.in_c.c_ecu import ecu_sources
+    from ecu.in_c.c_image import controller_image as image_of
+    from ecu.in_c.c_image import read_packed
+    from firmware_sim.mcu.board.board_ecu import BoardEcu
+    from firmware_sim.mcu.board.on_a_bus import equipment_header, read_bank, serve
+    from firmware_sim.mcu.build import EQUIPMENT
+
+    config = settings("ecu --mcu", given, uses=_FIRMWARE).config
+    release, bank = open_release(bundle), read_bank(flash)
+    sources = ecu_sources(library, release, config)
+    vehicle = controller_image.read(image_of(sources | read_packed(library), release, config, None)).facts.vehicle
+    header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, _SERIAL)
+    console.print("building the firmware")
+    ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
+    # The bus delivers only the frames of the message set and of diagnosis; the filters of the emulated CAN controller
+    # select the ECU's frames from these.
+    accept = [spec.frame_id for spec in message_set(config.bus).specs] + list(config.bus.diagnosis.heard)
+    with PythonCanBus.open(config.bus, accept=accept) as port, until_stopped() as is_stopped:
+        console.print(f"{hardware}: running, flash in {flash}; stop with Ctrl-C")
+        serve(ecu, port, flash, clock_ns=time.monotonic_ns, wait=lambda: time.sleep(0.001), is_stopped=is_stopped)
 
 
 def _check_freshness(config: Config, options: "ProcessOptions") -> None:

@@ -1,13 +1,11 @@
 """The commands that export a trained model: to a release bundle and a C library, and to an emulated Cortex-M7."""
 
-import tempfile
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import date
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -31,13 +29,13 @@ from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import phases
 from stillwake.console.settings import TESTERS_BUS, read_settings, settings
 from stillwake.console.terminal import console, print_table
+from stillwake.parts.c_release import c_library, library_folder, write_fmu, write_image, write_shipped_library
 from stillwake.parts.descriptions import A2L, descriptions
 from stillwake.parts.fitted_estimator import fitted_estimator
 from stillwake.parts.releases import open_release
 
 if TYPE_CHECKING:
     from export.release.gated import Gated
-    from export.release.pipeline import CLibrary
 
 _LIBRARY: Final = "holds a C library already"
 _NO_BUNDLE: Final = (
@@ -56,9 +54,6 @@ USES_FOR_TESTERS: Final = (
 )
 """Settings that the files for testers depend on."""
 
-Precision = Annotated[str, typer.Option(help="int8 (weights) or float32.")]
-Name = Annotated[str, typer.Option(help="Name of the release.")]
-CFolder = Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")]
 Fmu = Annotated[
     str | None,
     typer.Option(
@@ -67,11 +62,9 @@ Fmu = Annotated[
         "triggered (its clock, for fixed steps), fmi2 (FMI 2.0), windows (for Windows too; needs ziglang).",
     ),
 ]
-Image = Annotated[Path | None, typer.Option(help="Also write the release as an image (.swi, .hex, .s19).")]
 ForTesters = Annotated[
     Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and rule of seed and key here.")
 ]
-Estimator = Annotated[bool, typer.Option("--estimator", help="Fit a sensor estimator, too; takes minutes.")]
 Key = Annotated[Path | None, typer.Option(help="Private key file (PEM) to sign bundle and image with (`keygen`).")]
 
 
@@ -85,14 +78,14 @@ def export(
             metavar="BUNDLE", help="Bundle directory to write; without it the files are of the shipped bundle."
         ),
     ] = None,
-    precision: Precision = "int8",
-    name: Name = "truck-wake",
+    precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
+    name: Annotated[str, typer.Option(help="Name of the release.")] = "truck-wake",
     dataset: shared.DataSet = None,
-    c: CFolder = None,
+    c: Annotated[Path | None, typer.Option("--c", help="Also write the C99 library into this folder.")] = None,
     fmu: Fmu = None,
-    image: Image = None,
+    image: Annotated[Path | None, typer.Option(help="Also write the release as an image (.swi, .hex, .s19).")] = None,
     for_testers: ForTesters = None,
-    estimator: Estimator = False,
+    estimator: Annotated[bool, typer.Option("--estimator", help="Fit a sensor estimator, too; takes minutes.")] = False,
     key: Key = None,
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
@@ -135,7 +128,7 @@ def export(
     check_output(output.with_name(f"{output.name}.cdx.json"), overwrite=overwrite)
     files.check(overwrite=overwrite)
     if files.in_c:
-        _check_c_settings(config, has_fmu=files.fmu is not None)
+        files.check_in_c(config)
     _export_model(model, output, files, config, dataset, name=name, precision=precision, estimator=estimator)
 
 
@@ -170,17 +163,16 @@ class _Files:
             if path is not None:
                 check_output(path, overwrite=overwrite)
 
-    @contextmanager
-    def library(self) -> Iterator[Path]:
-        """Yield the folder for the C library: the folder that the user gave, or a temporary folder that is deleted
-        after the block."""
-        with tempfile.TemporaryDirectory() as scratch:
-            yield Path(scratch, "library") if self.c is None else self.c
+    def check_in_c(self, config: Config) -> None:
+        """Raise an error for settings that the ECU in C does not support with any release."""
+        from ecu.in_c.c_settings import check_settings
+
+        if self.fmu is not None and config.bus.key:
+            raise ConflictError("bus.key: an FMU has no key to authenticate frames with; leave it empty for --fmu")
+        check_settings(config)
 
     def write(self, library: Path, release: Bundle, config: Config) -> None:
         """Write the FMU and the image from a C library, if they were requested."""
-        from stillwake.parts.c_release import write_fmu, write_image
-
         if self.fmu is not None:
             write_fmu(self.fmu, library, release, config)
         if self.image is not None:
@@ -224,11 +216,12 @@ def _export_model(
     estimator: bool,
 ) -> None:
     from export.program.controller_program import program_of
-    from export.release.pipeline import EXPORT_PHASES, export_all, gate_figures
+    from export.release.pipeline import EXPORT_PHASES, export_all
     from export.release.sbom import release_bom, write_bom
 
     used = recording() if dataset is None else dataset
-    with files.library() as folder, phases("export", EXPORT_PHASES) as (report, phase):
+    with TemporaryDirectory() as scratch, phases("export", EXPORT_PHASES) as (report, phase):
+        folder = files.c or Path(scratch, "library")
         made = None
         if estimator:
             program = program_of(model_folder.read(model), config.mpc)
@@ -241,7 +234,7 @@ def _export_model(
             config=config,
             created=date.today(),
             precision=precision,
-            library=_library(folder, config) if files.in_c else None,
+            library=c_library(folder, config, console.print) if files.in_c else None,
             key=files.key,
             named=dataset is not None,
             estimator=made,
@@ -250,7 +243,7 @@ def _export_model(
         )
         bill = write_bom(output, release_bom(release, read_files(output)))
         files.write(folder, release, config)
-    print_table("check", "measured", rows=_measured(gate_figures(done)))
+    _print_checks(done)
     size = f"controller.onnx {done.graph.controller_bytes / 1024:.0f} KiB"
     console.print(f"wrote {output}: {done.lowered.precision}, {size}, {files.signed}")
     console.print(f"wrote {bill}: bill of materials, CycloneDX 1.6")
@@ -262,61 +255,44 @@ def _export_model(
     files.write_for_testers(release, config)
 
 
-def _library(folder: Path, config: Config) -> "CLibrary":
-    """Return the C library, with the ECU of its release, that is to be written into a folder."""
-    from ecu.in_c.host_library import CController
-    from export.release.pipeline import CLibrary
-    from export.release.sbom import folder_bom
-    from stillwake.parts.c_release import ecu_files
-
-    ecu = partial(ecu_files, config=config, notice=console.print)
-    return CLibrary(folder=folder, compiled=CController, ecu=ecu, bill=folder_bom)
-
-
 def _print_remarks(done: "Gated", config: Config) -> None:
     point = config.operating_point
     console.print(
         f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "
-        f"--set operating_point.width and operating_point.speed change it",
+        f"--set operating_point.width and operating_point.speed change it"
     )
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
             f"{count} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
-            f"the control step in C and the ONNX graph work with any number",
+            f"the control step in C and the ONNX graph work with any number"
         )
-
-
-def _check_c_settings(config: Config, *, has_fmu: bool) -> None:
-    """Raise an error for settings that the ECU in C does not support with any release."""
-    from ecu.in_c.c_settings import check_settings
-
-    if has_fmu and config.bus.key:
-        raise ConflictError("bus.key: an FMU has no key to authenticate frames with; leave it empty for --fmu")
-    check_settings(config)
 
 
 def _export_shipped(files: _Files, given: list[str]) -> None:
     config = settings("export --c", given, uses=USES_IN_C).config
-    _check_c_settings(config, has_fmu=files.fmu is not None)
+    files.check_in_c(config)
 
-    from export.release.pipeline import EXPORT_PHASES, gate_figures
-    from stillwake.parts.c_release import write_shipped_library
+    from export.release.pipeline import EXPORT_PHASES
 
     release = open_release(None)
-    with files.library() as folder, phases("export", EXPORT_PHASES) as (_, phase):
+    with TemporaryDirectory() as scratch, phases("export", EXPORT_PHASES) as (_, phase):
+        folder = files.c or Path(scratch, "library")
         done = write_shipped_library(folder, release, config, billed=True, notice=console.print, phase=phase)
         files.write(folder, release, config)
-    print_table("check", "measured", rows=_measured(gate_figures(done)))
+    _print_checks(done)
     if files.c is not None:
         console.print(f"wrote {files.c}: C99, {release.manifest.name}")
     files.print()
     files.write_for_testers(release, config)
 
 
-def _measured(figures: Iterable[tuple[str, Any]]) -> Iterator[tuple[str, str]]:
-    for title, value in figures:
-        yield title, f"{value:.3g}" if isinstance(value, float) else str(value)
+def _print_checks(done: "Gated") -> None:
+    from export.release.pipeline import gate_figures
+
+    figures = gate_figures(done)
+    rows = ((title, f"{value:.3g}" if isinstance(value, float) else str(value)) for title, value in figures)
+    print_table("check", "measured", rows=rows)
 
 
 def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> Config:
@@ -360,7 +336,6 @@ def mcu(
     check_json(json_file)
 
     from firmware_sim.mcu.measure import MCU_PHASES, measure_folder, verdicts
-    from stillwake.parts.c_release import library_folder
 
     with phases("Cortex-M7", MCU_PHASES) as (_, phase), library_folder(library) as folder:
         measured = measure_folder(folder, phase=phase)

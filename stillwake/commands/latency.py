@@ -18,12 +18,12 @@ from contract.config.listing import as_toml, sections
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
-from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings
 from stillwake.console.terminal import console, print_table
+from stillwake.parts.c_release import library_folder
 from stillwake.parts.releases import locate, open_release
 
 if TYPE_CHECKING:
@@ -42,12 +42,7 @@ USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *R
 
 @dataclass(frozen=True, kw_only=True)
 class Subject:
-    """A controller that is timed.
-
-    Attributes:
-        name: "onnx" or "c".
-        library: C library that computes the control step; None for ONNX Runtime.
-    """
+    """A controller that is timed: "onnx", which ONNX Runtime computes, or "c", which a C library computes."""
 
     name: str
     about: str
@@ -55,7 +50,6 @@ class Subject:
     library: Path | None = None
 
 
-Both = Annotated[bool, typer.Option("--both", help="Measure ONNX Runtime, then the C library; see above.")]
 Periods = Annotated[int, typer.Option(help="Number of control periods with a plan to measure.", min=100, max=150_000)]
 Budget = Annotated[Path | None, typer.Option(help="File of limits; exit status 3 if one is exceeded.", metavar="FILE")]
 
@@ -64,7 +58,7 @@ def latency(
     output: Annotated[Path, typer.Argument(help="Report folder to write.")],
     bundle: shared.Bundle = None,
     library: shared.Library = None,
-    both: Both = False,
+    both: Annotated[bool, typer.Option("--both", help="Measure ONNX Runtime, then the C library; see above.")] = False,
     periods: Periods = 3000,
     budget: Budget = None,
     overwrite: shared.Overwrite = False,
@@ -104,9 +98,9 @@ def latency(
         "command": shlex.join(("stillwake", *sys.argv[1:])),
         "interface": loaded.config.bus.interface,
         "frames": loaded.config.bus.frames,
-        "versions": versions("stillwake", "numpy", "onnxruntime", "python-can"),
     }
-    save_json(json_file, figures=figures(runs), facts=facts)
+    packages = ("stillwake", "numpy", "onnxruntime", "python-can")
+    save_json(json_file, figures=figures(runs), facts=facts, packages=packages)
     console.print(f"wrote {output / PAGE}")
     uncontrolled = [run.name for run in runs if run.left_control]
     if uncontrolled:
@@ -209,30 +203,22 @@ def _given(loaded: Loaded) -> list[Any]:
 
 
 def _subjects(
-    release: Bundle,
-    bundle: Path | None,
-    library: Path | None,
-    *,
-    both: bool,
-    stack: ExitStack,
+    release: Bundle, bundle: Path | None, library: Path | None, *, both: bool, stack: ExitStack
 ) -> list[Subject]:
     """Return the controllers to time. A C library that is made here is deleted when `stack` is closed. Raises
     LibraryError if both controllers are requested for a user's bundle and its C library is not given."""
     path, _ = locate(bundle, None)
     name = f"{release.manifest.name} {release.digest[:12]}"
     onnx = Subject(name="onnx", about=f"{name}, ONNX Runtime", bundle=path.absolute())
-    if library is not None:
-        c = replace(onnx, name="c", about=f"{name}, C library", library=library.absolute())
-        return [onnx, c] if both else [c]
-    if not both:
-        return [onnx]
-    if bundle is not None:
-        raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
-    from stillwake.parts.c_release import library_folder
-
-    console.print("making the C library of the shipped model, as `stillwake export --c` does")
-    made = stack.enter_context(library_folder(None))
-    return [onnx, replace(onnx, name="c", about=f"{name}, C library", library=made)]
+    if library is None:
+        if not both:
+            return [onnx]
+        if bundle is not None:
+            raise LibraryError("--both: name the bundle's C library with --library (`stillwake export --c`)")
+        console.print("making the C library of the shipped model, as `stillwake export --c` does")
+        library = stack.enter_context(library_folder(None))
+    c = replace(onnx, name="c", about=f"{name}, C library", library=library.absolute())
+    return [onnx, c] if both else [c]
 
 
 def _print(run: "MeasuredRun", verdicts: "Sequence[KeptLimit]") -> None:

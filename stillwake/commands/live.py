@@ -7,48 +7,30 @@ from typing import Annotated, Final, Literal
 import typer
 
 from stillwake.console import options as shared
-from stillwake.console.numbers import steps_of
-from stillwake.console.settings import COST_WEIGHTS, settings
+from stillwake.console.settings import COST_WEIGHTS, VIRTUAL_BUS, settings
 from stillwake.console.stopping import until_stopped
 from stillwake.console.terminal import console
 from stillwake.parts.releases import asked_calibration, describe, open_release
 
-USES: Final = (
-    "body",
-    "operating_point",
-    "flow",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
-    "bus.background",
-    "bus.e2e",
-    "bus.key",
-    "ecu",
-    "vehicle",
-    COST_WEIGHTS,
-)
+USES: Final = ("body", "operating_point", "flow", *VIRTUAL_BUS, "ecu", "vehicle", COST_WEIGHTS)
 """The settings of `run`, except that only the weights of the section `mpc` are used, because a release accepts no other
 changes in this section."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; only localhost needs no token in the link.")]
-Port = Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)]
-OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in this machine's browser.")]
 EcuName = Annotated[Literal["python", "c", "mcu", "off"], typer.Option("--ecu", help="Controller at the start.")]
-PlantName = Annotated[Literal["wake", "recording"], typer.Option("--plant", help="Plant at the start.")]
-Fast = Annotated[bool, typer.Option("--fast", help="Run faster than real time if this machine can.")]
 
 
 def live(
     host: Host = "127.0.0.1",
-    port: Port = 8765,
-    open_page: OpenPage = False,
+    port: Annotated[int, typer.Option(help="Port to listen at; 0: any that is free.", min=0, max=65535)] = 8765,
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in this machine's browser.")] = False,
     bundle: shared.Bundle = None,
     library: shared.Library = None,
     ecu: EcuName = "python",
-    plant: PlantName = shared.WAKE,
+    plant: Annotated[Literal["wake", "recording"], typer.Option("--plant", help="Plant at the start.")] = shared.WAKE,
     state: shared.State = None,
     lead_in: shared.LeadIn = 10.0,
-    fast: Fast = False,
+    fast: Annotated[bool, typer.Option("--fast", help="Run faster than real time if this machine can.")] = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Run the closed loop and show it on a page in a browser, on which a user can disturb the loop.
@@ -68,7 +50,7 @@ def live(
     from stillwake.parts.live_parts import LiveParts
 
     loaded = settings("live", given, uses=USES)
-    steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
+    shared.steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
     release = open_release(bundle)
     calibration = asked_calibration(loaded, release)
     console.print(*describe(release), sep="\n")
@@ -89,13 +71,7 @@ def live(
     with until_stopped() as is_stopped:
         asyncio.run(
             server.serve(
-                make,
-                address=host,
-                port=port,
-                fast=fast,
-                is_stopped=is_stopped,
-                ready=ready,
-                report=console.print,
+                make, address=host, port=port, fast=fast, is_stopped=is_stopped, ready=ready, report=console.print
             )
         )
     console.print("stopped")

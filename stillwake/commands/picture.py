@@ -11,14 +11,14 @@ import typer
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.numbers import steps_of
+from stillwake.console.outputs import claim
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from firmware_sim.runs.run_log import RunLog
+    from wake.pictures.drawing import WakePicture
     from wake.recording.episode_plan import ForcingName
     from wake.truck.truck_wake import TruckWake
 
@@ -37,25 +37,20 @@ FORCINGS: Final = {
 _FREQUENCY: Final = 0.2
 """Default frequency in 1/t_c, about the frequency of the shedding."""
 
-Output = Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")]
-Field = Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")]
 Duration = Annotated[float | None, typer.Option(help="How long to run, t_c; default: 25, or all of a run.", min=0.2)]
-Settle = Annotated[float, typer.Option(help="Time that runs before the picture begins, t_c.", min=0.0)]
 Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="Actions of the jets, or a run folder to replay.")]
-Every = Annotated[int, typer.Option(help="Control steps between frames.", min=1)]
-Width = Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)]
 
 
 def picture(
-    output: Output,
-    field: Field = "vorticity",
+    output: Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")],
+    field: Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")] = "vorticity",
     state: shared.State = None,
     sensors: shared.Sensors = "",
     duration: Duration = None,
-    settle: Settle = 0.0,
+    settle: Annotated[float, typer.Option(help="Time that runs before the picture begins, t_c.", min=0.0)] = 0.0,
     forcing: Forcing = "none",
-    every: Every = 1,
-    width: Width = 800,
+    every: Annotated[int, typer.Option(help="Control steps between frames.", min=1)] = 1,
+    width: Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)] = 800,
     given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
     """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or the mean flow with
@@ -68,7 +63,7 @@ def picture(
     forces. The sensors of --sensors are coloured by Cp; by default they are the run's sensors, or all sensors.
     """
     from wake.pictures.animation import check_target
-    from wake.pictures.drawing import check_suffix
+    from wake.pictures.drawing import WakePicture, check_suffix, save_figure
 
     moves = output.suffix.lower() in _MOVING
     if moves and field == "mean":
@@ -81,10 +76,11 @@ def picture(
     if field != "mean" and not moves:
         if duration is not None or settle or forcing != "none":
             raise ConfigError("--duration, --settle and --forcing go with --field mean or a moving picture")
-        _draw_still(output, field, config, state, sensors)
+        save_figure(output, WakePicture(_start(config, state), field, shared.names_in(sensors)).update())
+        console.print(f"wrote {output}")
         return
     actions = actions_of(config, duration, forcing)
-    skip = steps_of("--settle", settle, config.flow.control_period, least=0)
+    skip = shared.steps_of("--settle", settle, config.flow.control_period, least=0)
     if skip >= len(actions):
         raise ConfigError(f"--settle {settle}: must be shorter than the run of {_time(config, len(actions)):g} t_c")
     wake = _start(config, state)
@@ -94,17 +90,7 @@ def picture(
     coloured = shared.names_in(sensors)
     if coloured is None and forcing.partition(":")[0] not in FORCINGS:
         coloured = _run_log(Path(forcing)).metadata.sensors
-    _draw_moving(output, wake, field, coloured, actions, skip, every=every, width=width)
-
-
-def _draw_still(
-    output: Path, field: Literal["vorticity", "pressure"], config: Config, state: Path | None, sensors: str
-) -> None:
-    from wake.pictures.drawing import WakePicture, save_figure
-
-    wake = _start(config, state)
-    save_figure(output, WakePicture(wake, field, shared.names_in(sensors)).update())
-    console.print(f"wrote {output}")
+    _draw_moving(output, WakePicture(wake, field, coloured, width), wake, actions, skip, every)
 
 
 def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDArray[np.float64], skip: int) -> None:
@@ -123,31 +109,17 @@ def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDA
 
 
 def _draw_moving(
-    output: Path,
-    wake: "TruckWake",
-    field: Literal["vorticity", "pressure"],
-    coloured: tuple[str, ...] | None,
-    actions: npt.NDArray[np.float64],
-    skip: int,
-    *,
-    every: int,
-    width: int,
+    output: Path, drawn: "WakePicture", wake: "TruckWake", actions: npt.NDArray[np.float64], skip: int, every: int
 ) -> None:
     from wake.pictures.animation import animate
-    from wake.pictures.drawing import WakePicture
 
-    drawn = WakePicture(wake, field, coloured, width)
     with progress("steps") as report:
-        report("animation", 0, len(actions))
-        frames = animate(
-            output,
-            drawn,
-            wake,
-            actions,
-            skip=skip,
-            every=every,
-            progress=lambda done, _: report("animation", done, len(actions)),
-        )
+
+        def show(done: int, _: int) -> None:
+            report("animation", done, len(actions))
+
+        show(0, 0)
+        frames = animate(output, drawn, wake, actions, skip=skip, every=every, progress=show)
     console.print(f"wrote {output}: {frames} frames, {output.stat().st_size / 1e6:.2f} MB")
 
 
@@ -168,7 +140,7 @@ def _time(config: Config, steps: int) -> float:
 def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDArray[np.float64]:
     """Return the actions to command, one per control period: from a forcing, or from a run folder. Raises
     StillwakeError for a forcing that does not exist, or a run that is shorter than `duration` in t_c."""
-    asked = None if duration is None else steps_of("--duration", duration, config.flow.control_period)
+    asked = None if duration is None else shared.steps_of("--duration", duration, config.flow.control_period)
     if forcing.partition(":")[0] in FORCINGS:
         usual = round(_USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)

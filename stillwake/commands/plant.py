@@ -7,12 +7,9 @@ from typing import Annotated, Final
 import typer
 
 from contract.atomic import replacing
-from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.results import versions
 from firmware_sim.fmu.kinds import kind_and_path
 from stillwake.console import options as shared
-from stillwake.console.numbers import steps_of
 from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
@@ -24,14 +21,11 @@ USES: Final = ("flow", "body")
 _USUAL_DURATION: Final = 200.0
 """Default duration in t_c, forty shedding cycles."""
 
-Duration = Annotated[float | None, typer.Option(help="Settling time, t_c (200).")]
-Steady = Annotated[bool, typer.Option("--steady", help="The steady symmetric wake instead; see above.")]
-
 
 def develop(
     output: Annotated[Path, typer.Argument(help="State file to write (.npz).")],
-    duration: Duration = None,
-    steady: Steady = False,
+    duration: Annotated[float | None, typer.Option(help="Settling time, t_c (200).")] = None,
+    steady: Annotated[bool, typer.Option("--steady", help="The steady symmetric wake instead; see above.")] = False,
     overwrite: shared.Overwrite = False,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
@@ -52,11 +46,15 @@ def develop(
     if json_file is not None and not steady:
         raise ConfigError("--json: goes with --steady; a developed wake is a state and no figure")
     duration = _USUAL_DURATION if duration is None else duration
-    steps_of("--duration", duration, config.flow.control_period)
+    shared.steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)
     check_json(json_file)
     if steady:
-        _steady(output, config, json_file)
+        settled, grid = settle_into(output, config)
+        facts = {"config": asdict(config.flow), "body": asdict(config.body), "grid": list(grid)}
+        figures = settled.figures()
+        save_json(json_file, figures=figures, facts=facts, packages=("numpy", "numba", "scipy"))
+        console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
         return
 
     from wake.truck.develop import develop as develop_wake
@@ -69,19 +67,6 @@ def develop(
         state = develop_wake(wake, duration, lambda t, _: report("developing", round(t, 1), duration))
     save_state(output, state)
     console.print(f"wrote {output}")
-
-
-def _steady(output: Path, config: Config, json_file: Path | None) -> None:
-    settled, grid = settle_into(output, config)
-    figures = settled.figures()
-    facts = {
-        "config": asdict(config.flow),
-        "body": asdict(config.body),
-        "grid": list(grid),
-        "versions": versions("numpy", "numba", "scipy"),
-    }
-    save_json(json_file, figures=figures, facts=facts)
-    console.print("  ".join(f"{name} {value:.4g}" for name, value in figures.items()), f"\nwrote {output}")
 
 
 def plant_fmu(

@@ -14,9 +14,7 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.numbers import workers_of
-from stillwake.console.outputs import check_dataset_name, check_output
+from stillwake.console.outputs import check_dataset_name, check_output, claim
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
 from stillwake.console.stopping import go_on_with
@@ -35,15 +33,12 @@ Lengths = Annotated[
     list[str] | None,
     typer.Argument(metavar="KIND=STEPS", help="Number of control steps for a kind of episode.", show_default=False),
 ]
-Paper = Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")]
-Under = Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets instead.")]
 FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake, to begin there instead.")]
 Amplitudes = Annotated[
     tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
 ]
 Episodes = Annotated[int | None, typer.Option(help="Number of episodes: --under (2), --from-steady (8).", min=1)]
 Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on commands, in action limits (0.15).")]
-Role = Annotated[str | None, typer.Option(help="Role of the round: training, or held out.")]
 
 
 def record(
@@ -51,13 +46,13 @@ def record(
         Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under or --from-steady, to add to.")
     ],
     lengths: Lengths = None,
-    paper: Paper = False,
-    under: Under = None,
+    paper: Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")] = False,
+    under: Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets instead.")] = None,
     from_steady: FromSteady = None,
     amplitudes: Amplitudes = None,
     episodes: Episodes = None,
     exploration: Exploration = None,
-    role: Role = None,
+    role: Annotated[str | None, typer.Option(help="Role of the round: training, or held out.")] = None,
     seed: shared.Seed = 1,
     state: shared.State = None,
     overwrite: shared.Overwrite = False,
@@ -93,7 +88,7 @@ def record(
     claim(output)
     check_dataset_name(output)
     options = {"amplitudes": amplitudes, "exploration": exploration, "episodes": episodes, "role": role, "state": state}
-    how = {**workers_of(workers), "start": state}
+    how = {**shared.workers_of(workers), "start": state}
     if is_forced:
         _check_forced(steps, options, paper=paper)
         _record_forced(output, config, None if paper else {**_STEPS, **steps}, seed, {**how, "overwrite": overwrite})
@@ -108,7 +103,8 @@ def record(
     }
     if amplitudes is not None:
         of_plan |= dict(zip(("smallest", "largest"), amplitudes, strict=True))
-    _record_round(output, config, from_steady, under, _given(of_plan), how)
+    given_of_plan = {name: value for name, value in of_plan.items() if value is not None}
+    _record_round(output, config, from_steady, under, given_of_plan, how)
 
 
 def lengths_of(texts: list[str]) -> dict[str, int]:
@@ -134,12 +130,7 @@ def _check_forced(steps: Mapping[str, int], options: Mapping[str, object], *, pa
 
 
 def _check_round(
-    steps: Mapping[str, int],
-    options: Mapping[str, object],
-    steady: Path | None,
-    *,
-    paper: bool,
-    overwrite: bool,
+    steps: Mapping[str, int], options: Mapping[str, object], steady: Path | None, *, paper: bool, overwrite: bool
 ) -> None:
     """Raise an error for options that do not belong to the requested round (--under or --from-steady)."""
     option, own = ("--under", "controlled") if steady is None else ("--from-steady", "calm")
@@ -175,7 +166,7 @@ def _record_forced(
     plans = tuple(plan for plan in plans if plan.steps > 0)
     if not plans:
         raise StillwakeError(f"nothing to record: give steps for at least one of {', '.join(_STEPS)}")
-    with _continued(output), _progress(len(plans)) as shown:
+    with go_on_with(lambda: _advice(output)), _progress(len(plans)) as shown:
         written = record_dataset(output, plans, config, **how, **shown)
     total = sum(plan.steps for plan in plans)
     done = "wrote" if written else "already complete, nothing to record:"
@@ -206,7 +197,7 @@ def _record_round(
         how = {**how, "start": steady}
         by = "" if planned.bundle is None else f" and the controller of {planned.bundle}"
         acting = f"from the steady wake under random actions{by}"
-    with _continued(output), _progress(planned.episodes) as shown:
+    with go_on_with(lambda: _advice(output)), _progress(planned.episodes) as shown:
         number = record_round(output, planned, config, policy, **how, **shown)
     console.print(
         f"wrote {output}: round {number}, {planned.episodes * planned.steps} control steps {acting} for "
@@ -243,19 +234,13 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
     return release, policy
 
 
-@contextmanager
-def _continued(output: Path) -> Iterator[None]:
-    """Print how to continue if the recording is stopped after a part of it was stored."""
+def _advice(output: Path) -> str:
+    """Return how to continue the recording if a part of it was stored, otherwise an empty text."""
     from wake.recording.parts_folder import PartsFolder
 
-    try:
-        yield
-    except KeyboardInterrupt:
-        parts = PartsFolder.for_output(output)
-        if not parts.has_samples:
-            raise
-        with go_on_with(f"{parts.path.name} holds the recorded part; the same command continues the recording"):
-            raise
+    parts = PartsFolder.for_output(output)
+    line = f"{parts.path.name} holds the recorded part; the same command continues the recording"
+    return line if parts.has_samples else ""
 
 
 @contextmanager
@@ -273,10 +258,6 @@ def _progress(episodes: int) -> Iterator[dict[str, Any]]:
                 report(label, completed, of)
 
         yield {"progress": show, "notice": console.print}
-
-
-def _given(options: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if value is not None}
 
 
 def _refuse_given(options: Mapping[str, object], names: Sequence[str], reason: str) -> None:

@@ -10,33 +10,29 @@ import typer
 
 from contract.config.loading import load_config, to_tree
 from contract.errors import ConfigError
-from contract.results import versions
 from contract.shipped import model as shipped_model
 from contract.shipped import recording as shipped_recording
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
+from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
-from stillwake.parts.training_progress import TrainingProgress, check_model_output, continued
+from stillwake.parts.training_progress import TrainingProgress, advice, check_model_output
 
 _SENSORS: Final = 4
 """Number of sensors that are used if none are named."""
 USES: Final = ("refine", "mpc", "train.seed")
 
 
-Model = Annotated[Path | None, typer.Option(help="Model directory to refine; default: the shipped one.")]
-Processes = Annotated[int, typer.Option("--workers", min=1, help="Processes that share refine.batch.")]
-
-
 def refine(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
-    model: Model = None,
+    model: Annotated[Path | None, typer.Option(help="Model directory to refine; default: the shipped one.")] = None,
     sensors: shared.Sensors = "",
     dataset: shared.DataSet = None,
     state: shared.State = None,
     threads: shared.Threads = 1,
-    workers: Processes = 1,
+    workers: Annotated[int, typer.Option("--workers", min=1, help="Processes that share refine.batch.")] = 1,
     restart: shared.Restart = False,
     overwrite: shared.Overwrite = False,
     json_file: shared.JsonFile = None,
@@ -77,7 +73,7 @@ def refine(
     by_hand = tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
     names = shared.names_in(sensors) or by_hand
     spread = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
-    with continued(folder), spread as run, progress("steps", estimate_over=600.0) as report:
+    with go_on_with(lambda: advice(folder)), spread as run, progress("steps", estimate_over=600.0) as report:
         show = TrainingProgress(report)
         refined, periods = refine_model(
             trained,
@@ -99,11 +95,8 @@ def refine(
     save_json(
         json_file,
         figures={"phases": show.watch.figures(), "periods": periods, "sensors": refined.sensors},
-        facts={
-            "dataset_sha256": refined.dataset_sha256,
-            "config": to_tree(refined.config),
-            "versions": versions("stillwake", "torch", "numpy", "numba"),
-        },
+        facts={"dataset_sha256": refined.dataset_sha256, "config": to_tree(refined.config)},
+        packages=("stillwake", "torch", "numpy", "numba"),
     )
     console.print(f"{periods} control periods of the plant")
     console.print(f"wrote {output}")

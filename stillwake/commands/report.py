@@ -7,9 +7,8 @@ from urllib.parse import quote
 import typer
 
 from contract.errors import ConfigError
-from stillwake.console.numbers import listed
 from stillwake.console.outputs import DATASET_SUFFIXES, check_frames, print_written
-from stillwake.console.terminal import console
+from stillwake.console.terminal import console, listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -2,11 +2,12 @@
 
 import shlex
 import sys
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict
 from datetime import date
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -14,20 +15,16 @@ from contract.config.tree import Config
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.outputs import check_frames, check_json, print_written, save_json
+from stillwake.console.outputs import check_frames, check_json, claim, print_written, save_json
 from stillwake.console.progress import progress
-from stillwake.console.settings import REAL_BUS, settings
+from stillwake.console.settings import VIRTUAL_BUS, settings
 from stillwake.console.terminal import console, print_table, visible
+from stillwake.parts.c_release import library_folder
 from stillwake.parts.driven import driven_at
 from stillwake.parts.releases import asked_calibration, describe, open_release
 
 if TYPE_CHECKING:
-    from contract.controller.calibration import Calibration
     from ecu.stepped import LoopEcu
-    from firmware_sim.bench.disturbances import Disturbance
-    from firmware_sim.bench.spans import Spans
-    from firmware_sim.runs.run_folder import RunFolder
     from firmware_sim.runs.run_log import Row, RunLog
     from wake.plant.drive import Drive
 
@@ -36,9 +33,7 @@ NOT_IN_CONTROL: Final = 3
 BELOW_REQUIREMENT: Final = 4
 """Exit status of a complete run whose drag reduction was smaller than required."""
 
-_BUS: Final = (*(name for name in REAL_BUS if name != "bus.channel"), "bus.key", "bus.background")
-"""All settings of the bus except the channel, because a bus in virtual time has no channel."""
-_USES: Final = ("body", "operating_point", "flow", *_BUS, "ecu", "vehicle", "mpc")
+_USES: Final = ("body", "operating_point", "flow", "bus.interface", *VIRTUAL_BUS, "ecu", "vehicle", "mpc")
 PYTHON: Final = "python"
 ECUS: Final = (PYTHON, "c", "mcu")
 CLOCK_MHZ: Final = 480.0
@@ -48,7 +43,6 @@ EcuName = Annotated[
     str, typer.Option("--ecu", help="python, c (on this machine), mcu (emulated), or mcu@MHZ.", metavar="ECU")
 ]
 Controlled = Annotated[float | None, typer.Option(help="Time with control, t_c (100, or the drive).", min=0.2)]
-Settle = Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0)]
 NoAverages = Annotated[bool, typer.Option("--no-averages", help="Series only: a run of any length, for a quick check.")]
 RequireReduction = Annotated[
     float | None, typer.Option(help="Exit with status 4 unless drag falls by this percentage.")
@@ -64,7 +58,7 @@ def run(
     ecu: EcuName = PYTHON,
     lead_in: shared.LeadIn = 25.0,
     controlled: Controlled = None,
-    settle: Settle = 40.0,
+    settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.", min=0.0)] = 40.0,
     no_averages: NoAverages = False,
     require_reduction: RequireReduction = None,
     plant: PlantName = shared.WAKE,
@@ -100,6 +94,7 @@ def run(
     """
     from firmware_sim.bench.disturbances import parse_disturbance
     from firmware_sim.runs.run_folder import RunFolder
+    from firmware_sim.runs.run_page.measurement import write_run
     from firmware_sim.runs.summary import summary
 
     _check_reduction(require_reduction, averages=not no_averages)
@@ -115,35 +110,24 @@ def run(
     loaded = settings("run", given, uses=(*_USES, *(["openfoam"] if plant == "openfoam" else [])))
     release = open_release(bundle)
     driven, config = driven_at(drive, loaded.config)
-    loop = _Loop(
-        output=output,
-        release=release,
-        config=config,
-        calibration=asked_calibration(loaded, release),
-        spans=_spans(config, driven, lead_in, controlled, settle, averages=not no_averages),
-        drive=driven,
-        disturbances=disturbances,
-        seed=seed,
-        plant=plant,
-        state=state,
-    )
+    chosen = {
+        "calibration": asked_calibration(loaded, release),
+        **_spans(config, driven, lead_in, controlled, settle, averages=not no_averages),
+        "drive": driven,
+        "faults": disturbances,
+        "fault_seed": seed,
+    }
     console.print(*describe(release), sep="\n")
     if config.ecu.sensor_check.enabled and release.manifest.sensor_estimator is None:
         console.print("sensor check: off, this bundle has no sensor estimator")
     in_c = None if kind == PYTHON else _ecu_in_c(kind, clock_mhz, library, release, config)
-    log = loop.closed(in_c, library)
+    log = _closed(output, release, config, plant, state, in_c, library, chosen)
     save_json(json_file, figures=summary(log), facts=log.metadata.to_tree())
     _print(log)
-    _write_frames(frames, folder)
+    if frames is not None:
+        print_written(frames, write_run(frames, folder))
     console.print(f"wrote {folder.report} and {folder.summary}")
     exit_with(log, require_reduction)
-
-
-def _write_frames(path: Path | None, folder: "RunFolder") -> None:
-    from firmware_sim.runs.run_page.measurement import write_run
-
-    if path is not None:
-        print_written(path, write_run(path, folder))
 
 
 def ecu_of(text: str) -> tuple[str, float]:
@@ -170,89 +154,74 @@ def _check_reduction(percent: float | None, *, averages: bool) -> None:
 
 
 def _spans(
-    config: Config,
-    drive: "Drive | None",
-    lead_in: float,
-    controlled: float | None,
-    settle: float,
-    *,
-    averages: bool,
-) -> "Spans":
-    """Return the times of a run's phases; an error in these times is raised before a C library is made."""
+    config: Config, drive: "Drive | None", lead_in: float, controlled: float | None, settle: float, *, averages: bool
+) -> dict[str, Any]:
+    """Return the fields of the run's `Spans`; an error in these times is raised before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
         controlled = 100.0 if drive is None else drive.duration_s / config.operating_point.convective_time
     spans = Spans(lead_in=lead_in, controlled=controlled, settle=settle, averages=averages)
     spans.periods(config.flow.control_period)
-    return spans
+    return asdict(spans)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Loop:
-    """A requested run, checked as far as possible before the simulation starts."""
+def _closed(
+    output: Path,
+    release: Bundle,
+    config: Config,
+    plant: Literal["wake", "openfoam"],
+    state: Path | None,
+    ecu: "LoopEcu | None",
+    library: Path | None,
+    chosen: Mapping[str, Any],
+) -> "RunLog":
+    """Run the loop with the ECU in C, or with the ECU in Python if `ecu` is None. The controller of the ECU in Python
+    is the C library; without a library, ONNX Runtime computes the controller's steps. `chosen` are further arguments of
+    `run_closed_loop`."""
+    from can_bridge.wire.messages import Mode
+    from ecu.in_c.library_controller import open_library
+    from firmware_sim.bench.closed_loop import run_closed_loop
+    from firmware_sim.bench.disturbances import Disturbances
+    from firmware_sim.runs.metadata import RunOrigin
+    from firmware_sim.runs.run_page.report import write_report
+    from wake.plants import open_plant
 
-    output: Path
-    release: Bundle
-    config: Config
-    calibration: "Calibration"
-    spans: "Spans"
-    drive: "Drive | None"
-    disturbances: "list[Disturbance]"
-    seed: int
-    plant: Literal["wake", "openfoam"]
-    state: Path | None
+    controller = None
+    if ecu is not None:
+        console.print(f"ECU {ecu.kind}: {ecu.computed_by}")
+    elif library is not None:
+        controller = open_library(library, release)
+        console.print(f"library {library}: {controller.description}")
+    command = ("stillwake", *(visible(shlex.quote(word)) for word in sys.argv[1:]))
+    start = None if state is None else visible(str(state))
+    with progress("periods") as report:
+        flow = open_plant(
+            plant,
+            output,
+            Disturbances(items=tuple(chosen["faults"])).plant(config),
+            chosen["lead_in"] + chosen["controlled"],
+            lambda t, total: report("the wake's start", round(t, 1), total, unit="t_c"),
+            start=state,
+        )
 
-    def closed(self, ecu: "LoopEcu | None", library: Path | None) -> "RunLog":
-        """Run the loop with the ECU in C, or with the ECU in Python if `ecu` is None. The controller of the ECU in
-        Python is the C library; without a library, ONNX Runtime computes the controller's steps."""
-        from can_bridge.wire.messages import Mode
-        from ecu.in_c.library_controller import open_library
-        from firmware_sim.bench.closed_loop import run_closed_loop
-        from firmware_sim.bench.disturbances import Disturbances
-        from firmware_sim.runs.metadata import RunOrigin
-        from firmware_sim.runs.run_page.report import write_report
-        from wake.plants import open_plant
+        def show_period(row: "Row", done: int, total: int) -> None:
+            report("closed loop", done, total, f"{Mode(row.mode).name} Cd {row.sample.Cd:.3f}")
 
-        controller = None
-        if ecu is not None:
-            console.print(f"ECU {ecu.kind}: {ecu.computed_by}")
-        elif library is not None:
-            controller = open_library(library, self.release)
-            console.print(f"library {library}: {controller.description}")
-        command = ("stillwake", *(visible(shlex.quote(word)) for word in sys.argv[1:]))
-        start = None if self.state is None else visible(str(self.state))
-        with progress("periods") as report:
-            flow = open_plant(
-                self.plant,
-                self.output,
-                Disturbances(items=tuple(self.disturbances)).plant(self.config),
-                self.spans.lead_in + self.spans.controlled,
-                lambda t, total: report("the wake's start", round(t, 1), total, unit="t_c"),
-                start=self.state,
-            )
-
-            def show_period(row: "Row", done: int, total: int) -> None:
-                report("closed loop", done, total, f"{Mode(row.mode).name} Cd {row.sample.Cd:.3f}")
-
-            return run_closed_loop(
-                self.output,
-                self.release,
-                self.config,
-                **asdict(self.spans),
-                drive=self.drive,
-                progress_without=lambda done, total: report("without control", done, total),
-                calibration=self.calibration,
-                origin=RunOrigin.on(date.today(), command=command, start=start),
-                ready=lambda total: report("closed loop", 0, total, "starting (first run: compiles)"),
-                progress=show_period,
-                plant=flow,
-                controller=controller,
-                faults=self.disturbances,
-                fault_seed=self.seed,
-                ecu=ecu,
-                report=write_report,
-            )
+        return run_closed_loop(
+            output,
+            release,
+            config,
+            **chosen,
+            progress_without=lambda done, total: report("without control", done, total),
+            origin=RunOrigin.on(date.today(), command=command, start=start),
+            ready=lambda total: report("closed loop", 0, total, "starting (first run: compiles)"),
+            progress=show_period,
+            plant=flow,
+            controller=controller,
+            ecu=ecu,
+            report=write_report,
+        )
 
 
 def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle, config: Config) -> "LoopEcu":
@@ -262,7 +231,6 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
     from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu
-    from stillwake.parts.c_release import library_folder
 
     # Invalid settings raise an error before the library is made.
     secret = read_secret(Path(config.bus.key)) if config.bus.key else None

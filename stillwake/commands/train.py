@@ -1,6 +1,5 @@
 """The command that trains the model offline."""
 
-from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -10,37 +9,31 @@ from rich.table import Table
 
 from contract.config.loading import to_tree
 from contract.config.loading import training as training_settings
-from contract.config.tree import Config
 from contract.shipped import recording as shipped_recording
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import settings
+from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
-from stillwake.parts.training_progress import TrainingProgress, check_model_output, continued
+from stillwake.parts.training_progress import TrainingProgress, advice, check_model_output
 from train.fitting import unfinished
 
 if TYPE_CHECKING:
     # These imports are for types only: torch takes seconds to load, and a vehicle's computer has no HDF5.
-    from contract.recording.dataset import Dataset
     from train.distillation.evaluate import ModelMetrics
-    from train.model_store import TrainedModel
 
 
 USES: Final = ("model", "train", "mpc", "flow", "operating_point", "ecu.compute_time_ms")
 """Settings that the training uses, or that the model stores for its export."""
 
 
-Device = Annotated[str, typer.Option(help="cpu or cuda.")]
-Quick = Annotated[bool, typer.Option("--quick", help="Train in a third of the time, less accurately.")]
-
-
 def train(
     output: Annotated[Path, typer.Argument(help="Model directory to write.")],
     dataset: shared.DataSet = None,
-    device: Device = "cpu",
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     sensors: shared.Sensors = "",
-    quick: Quick = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Train in a third of the time, less accurately.")] = False,
     threads: shared.Threads = 1,
     restart: shared.Restart = False,
     overwrite: shared.Overwrite = False,
@@ -56,13 +49,18 @@ def train(
     """
     # If an extra is missing, this is reported before a missing file; a vehicle's computer has no HDF5.
     from contract.recording.dataset import read
+    from contract.recording.findings import findings, refuse_unfit
 
     config = settings("train", given, uses=USES, base=training_settings(quick=quick)).config
     recording = shipped_recording() if dataset is None else dataset
     chosen = shared.names_in(sensors)
     checkpoints = check_model_output(output, overwrite=overwrite)
     check_json(json_file)
-    _check_recording(read(recording), recording, config, chosen)
+    # The recording is checked before torch is loaded, as far as this is possible without torch.
+    read_from = read(recording)
+    if chosen is not None:
+        read_from.layout.indices(chosen)
+    refuse_unfit(findings(read_from, config, choosing=chosen is None), str(recording))
     resumed = False
     if not restart:
         identity = unfinished.Identity.of(config, sha256(recording.read_bytes()).hexdigest(), device, chosen, threads)
@@ -74,7 +72,7 @@ def train(
     from train.pipeline import train_all
 
     # Ten iterations of the longer unroll may take half a minute on a busy machine, so the averaging time is long.
-    with continued(checkpoints), progress("iterations", estimate_over=300.0) as report:
+    with go_on_with(lambda: advice(checkpoints)), progress("iterations", estimate_over=300.0) as report:
         show = TrainingProgress(report)
         trained = train_all(
             recording,
@@ -87,18 +85,8 @@ def train(
             threads=threads,
             notice=console.print,
         )
-    _save(json_file, trained, show, config, resumed=resumed)
-    console.print(_metrics_table(trained.metrics))
-    stable = trained.ranking.stable or {}
-    sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
-    how = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
-    console.print(f"sensors: {', '.join(trained.sensors)}   {how}")
-    console.print(f"wrote {output}")
-
-
-def _save(path: Path | None, trained: "TrainedModel", show: TrainingProgress, config: Config, *, resumed: bool) -> None:
     save_json(
-        path,
+        json_file,
         figures={
             "metrics": trained.metrics.as_tree(),
             "sensors": trained.sensors,
@@ -113,15 +101,12 @@ def _save(path: Path | None, trained: "TrainedModel", show: TrainingProgress, co
             "resumed": resumed,
         },
     )
-
-
-def _check_recording(recording: "Dataset", path: Path, config: Config, chosen: Sequence[str] | None) -> None:
-    """Check the recording before torch is loaded, as far as this is possible without torch."""
-    from contract.recording.findings import findings, refuse_unfit
-
-    if chosen is not None:
-        recording.layout.indices(chosen)
-    refuse_unfit(findings(recording, config, choosing=chosen is None), str(path))
+    console.print(_metrics_table(trained.metrics))
+    stable = trained.ranking.stable or {}
+    sets = ", ".join(f"{size}: {'yes' if same else 'no'}" for size, same in stable.items())
+    how = f"top sets identical over the repeats: {sets}" if sets else f"method: {trained.ranking.method}"
+    console.print(f"sensors: {', '.join(trained.sensors)}   {how}")
+    console.print(f"wrote {output}")
 
 
 def _metrics_table(metrics: "ModelMetrics") -> Table:

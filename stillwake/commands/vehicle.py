@@ -10,11 +10,9 @@ from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from contract.release.checks import Bundle
-from contract.results import versions
+from contract.shipped import recording
 from stillwake.console import options as shared
-from stillwake.console.claims import claim
-from stillwake.console.numbers import steps_of
-from stillwake.console.outputs import check_frames, check_json, save_json
+from stillwake.console.outputs import check_frames, check_json, claim, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import REAL_BUS, settings, with_bus
 from stillwake.console.stopping import until_stopped
@@ -35,7 +33,6 @@ NO_COMMANDS: Final = 3
 _RECORDING: Final = "recording"
 _USES: Final = ("body", "operating_point", "flow", *REAL_BUS, "bus.key", "ecu", "vehicle")
 
-Episode = Annotated[str | None, typer.Option(help="Episode of the recording; see above.")]
 PlantName = Annotated[Literal["recording", "wake"], typer.Option("--plant", help="The wake responds to the jets.")]
 
 
@@ -43,7 +40,7 @@ def vehicle(
     bundle: shared.Bundle = None,
     plant: PlantName = _RECORDING,
     dataset: shared.DataSet = None,
-    episode: Episode = None,
+    episode: Annotated[str | None, typer.Option(help="Episode of the recording; see above.")] = None,
     state: shared.State = None,
     drive: shared.Drive = None,
     lead_in: shared.LeadIn = 20.0,
@@ -82,12 +79,14 @@ def vehicle(
     live = plant == shared.WAKE
     loaded = settings("vehicle", with_bus(bus, given), uses=_USES)
     _check_plant(live=live, dataset=dataset, episode=episode, state=state, drive=drive)
-    steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
+    shared.steps_of("--lead-in", lead_in, loaded.config.flow.control_period)
     before_s = lead_in * loaded.config.operating_point.convective_time
     driven, config = driven_at(drive, loaded.config, after_s=before_s)
     release = open_release(bundle)
 
+    from contract.recording.dataset import read
     from ecu.real_time.privileges import Wanted
+    from firmware_sim.bench.real_time.pressures import Replay
     from firmware_sim.bench.real_time.running import Course
 
     course = Course(
@@ -101,17 +100,14 @@ def vehicle(
     )
 
     def pressures(stack: ExitStack) -> "Pressures":
-        return _live(stack, config, state, driven) if live else _replay(config, dataset, episode)
+        if live:
+            return _live(stack, config, state, driven)
+        return Replay(read(recording() if dataset is None else dataset), episode)
 
     figures, described, is_stopped = _run(release, config, course, pressures)
     _print_figures(figures, "a live wake, which responds to the jets" if live else "recorded (open loop)")
-    facts = {
-        "bundle": release.digest,
-        "pressures": described,
-        "config": to_tree(config),
-        "versions": versions("stillwake", "numpy", "python-can"),
-    }
-    save_json(json_file, figures=figures.as_dict(), facts=facts)
+    facts = {"bundle": release.digest, "pressures": described, "config": to_tree(config)}
+    save_json(json_file, figures=figures.as_dict(), facts=facts, packages=("stillwake", "numpy", "python-can"))
     ended = "stopped" if is_stopped else "done"
     console.print(f"{ended}: the request for control is withdrawn, also on the bus, and the jets are shut")
     if is_stopped and periods is not None and figures.periods < periods:
@@ -194,14 +190,6 @@ def _print_vehicle(config: Config, release: Bundle) -> None:
             f"renew ... --set operating_point.speed={point.speed:g}` makes a bundle for this vehicle",
             style="yellow",
         )
-
-
-def _replay(config: Config, dataset: Path | None, episode: str | None) -> "Pressures":
-    from contract.recording.dataset import read
-    from contract.shipped import recording
-    from firmware_sim.bench.real_time.pressures import Replay
-
-    return Replay(read(recording() if dataset is None else dataset), episode)
 
 
 def _live(stack: ExitStack, config: Config, state: Path | None, drive: "Drive | None") -> "Pressures":

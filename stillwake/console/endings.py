@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Final
 
 from contract.errors import StillwakeError, install
-from stillwake.console.claims import release
-from stillwake.console.memory import lacks_memory
-from stillwake.console.own_rooms import ROOMS, explain
+from stillwake.console.outputs import release
+from stillwake.console.start import ROOMS, explain, lacks_memory
 from stillwake.console.stopping import INTERRUPTED, outcome
 from stillwake.console.terminal import make_console, visible
 

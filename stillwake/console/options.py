@@ -1,7 +1,10 @@
-"""Options that several commands share. An option has the same name and meaning in each of these commands."""
+"""Options that several commands share, and the checks of their values. An option has the same name and meaning in each
+of these commands. An error states the option's name."""
 
+import os
+from math import isfinite
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -66,6 +69,10 @@ Bus = Annotated[
 
 WAKE: Final = "wake"
 """Name of stillwake's flow solver in options that select the source of the pressures."""
+_LONGEST: Final = 1e5
+"""Longest time in t_c that an option accepts. Its simulation takes days, but its arrays still fit into memory."""
+_LONGEST_S: Final = 1e7
+"""Longest time in s that an option accepts: four months. A longer time is a mistake, and clocks may round it."""
 
 
 def names_in(text: str) -> tuple[str, ...] | None:
@@ -84,3 +91,44 @@ def pairs(texts: list[str], example: str, names: tuple[str, ...] = ()) -> list[t
             raise ConfigError(f"{text!r}: must be NAME=VALUE{of}, such as {example}")
         found.append((name, value))
     return found
+
+
+def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> int:
+    """Return the number of control periods in a duration. Raises ConfigError if the duration is not finite, too short,
+    or above `_LONGEST`.
+
+    Args:
+        duration, period: the duration and the control period, in t_c.
+        least: smallest number of control periods that is accepted.
+    """
+    if not (isfinite(duration) and duration <= _LONGEST):
+        raise ConfigError(f"{option} {duration:g}: must be a number of t_c up to {_LONGEST:g}")
+    steps = round(duration / period)
+    if steps < least:
+        plural = "period" if least == 1 else "periods"
+        raise ConfigError(f"{option} {duration:g}: must be at least {least * period:g} t_c, {least} control {plural}")
+    return steps
+
+
+def workers_of(text: str | None) -> dict[str, Any]:
+    """Return the arguments `workers` and `scheduler` for the value of `--workers`: a number of processes, by default
+    one per core, or a scheduler's address. Raises ConfigError for another text."""
+    if text is None:
+        return {"workers": cores(), "scheduler": None}
+    if ":" in text:
+        return {"workers": 1, "scheduler": text}
+    if not (text.isascii() and text.isdigit() and 0 < len(text) < 6 and int(text) > 0):
+        raise ConfigError(f"--workers {text}: must be a number of processes, or an address such as tcp://10.0.0.1:8786")
+    return {"workers": int(text), "scheduler": None}
+
+
+def cores() -> int:
+    """Return the number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def positive(option: str, value: float) -> float:
+    """Return the number; raises ConfigError with the option's name unless it is above 0 and at most 1e7."""
+    if not (isfinite(value) and 0.0 < value <= _LONGEST_S):
+        raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {_LONGEST_S:g}")
+    return value

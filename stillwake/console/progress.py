@@ -12,8 +12,16 @@ from threading import Event, Thread
 from typing import Any, Final
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TaskID, TimeRemainingColumn
-from rich.table import Column
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 from stillwake.console.stopping import still_wanted
@@ -24,17 +32,21 @@ SELDOM: Final = 0.1
 report might take longer than the work."""
 INTERVAL: Final = 30.0
 """Longest time in s from one printed line to the next, so that a user does not think that the command hangs."""
+_HARDLY: Final = 1e-9
+"""A part of a step that is too small to be seen in the count."""
+_DAYS: Final = 100.0 * 3600.0
+"""Time in s from which a span is shown in days instead of hours."""
 
 
 class ProgressBar(Progress):
     """A display of bars on a terminal, which appears at the first update."""
 
-    def __init__(self, unit: str, *, console: Console, estimate_over: float, clock: Callable[[], float]) -> None:
+    def __init__(self, *, console: Console, estimate_over: float, clock: Callable[[], float]) -> None:
         super().__init__(
-            _Words(lambda task: task.description, style="bold"),
+            TextColumn("{task.description}", style="bold", markup=False),
             BarColumn(bar_width=12),
             MofNCompleteColumn(),
-            _Words(lambda task: _unit_of(task, unit)),
+            TextColumn("{task.fields[unit]}", markup=False),
             TimeRemainingColumn(compact=True, elapsed_when_finished=True),
             _Note(),
             console=console,
@@ -63,16 +75,10 @@ class ProgressLines(Progress):
     """
 
     def __init__(
-        self,
-        unit: str,
-        *,
-        console: Console,
-        estimate_over: float,
-        clock: Callable[[], float],
-        interval: float = INTERVAL,
+        self, *, console: Console, estimate_over: float, clock: Callable[[], float], interval: float = INTERVAL
     ) -> None:
         super().__init__(console=console, speed_estimate_period=estimate_over, get_time=clock, disable=True)
-        self._unit, self._interval = unit, interval
+        self._interval = interval
         self._lines: dict[TaskID, _Line] = {}
         self._latest: TaskID | None = None
         self._ended = Event()
@@ -122,7 +128,7 @@ class ProgressLines(Progress):
     def _print(self, task: Task) -> None:
         self._latest = task.id
         self._lines[task.id] = _Line(self.get_time(), task.completed)
-        self.console.print(line_of(task, _unit_of(task, self._unit)), markup=False, highlight=False, soft_wrap=True)
+        self.console.print(line_of(task), markup=False, highlight=False, soft_wrap=True)
 
 
 class Report:
@@ -133,8 +139,8 @@ class Report:
     before its end.
     """
 
-    def __init__(self, bar: Progress, clock: Callable[[], float]) -> None:
-        self._bar, self._clock = bar, clock
+    def __init__(self, bar: Progress, unit: str, clock: Callable[[], float]) -> None:
+        self._bar, self._unit, self._clock = bar, unit, clock
         self._tasks: dict[str, TaskID] = {}
         self._latest: dict[str, float] = {}
         self._waiting: dict[str, dict[str, Any]] = {}
@@ -151,12 +157,15 @@ class Report:
             unit: unit of this task's steps, if it is not the display's unit.
         """
         still_wanted()
-        now, changes = self._clock(), {"completed": done, "total": total, "note": note}
+        changes: dict[str, Any] = {"completed": done, "total": total, "note": note}
+        now = self._clock()
         if task not in self._tasks:
-            # Steps that an earlier call of the command did must not count for the speed. rich accepts fractions of a
-            # step, although its types do not.
-            self._tasks[task] = self._bar.add_task(task, total=total, completed=done, note=note, unit=unit)  # type: ignore[arg-type]
-            self._begin(task)
+            # Steps that an earlier call of the command did must not count for the speed.
+            self._tasks[task] = self._bar.add_task(task, **changes, unit=unit or self._unit)
+            # rich measures the speed from the end of the first step. A tiny step ends here and is taken back, so that
+            # real steps that end together do not give a wrong speed.
+            for part in (_HARDLY, -_HARDLY):
+                Progress.update(self._bar, self._tasks[task], advance=part)
             self._latest[task] = now
         is_end = done == total and task in self._visible
         if done == 0 or is_end or now - self._latest[task] >= SELDOM:
@@ -174,12 +183,6 @@ class Report:
         self._latest[task] = now
         self._visible.add(task)
         self._bar.update(self._tasks[task], **changes)
-
-    def _begin(self, task: str) -> None:
-        # rich measures the speed from the end of the first step. A tiny step ends here and is taken back, so that real
-        # steps that end together do not give a wrong speed.
-        for part in (_HARDLY, -_HARDLY):
-            Progress.update(self._bar, self._tasks[task], advance=part)
 
 
 @contextmanager
@@ -202,8 +205,8 @@ def progress(
         clock: function that returns the time in s.
     """
     kind = ProgressBar if console.is_interactive else ProgressLines
-    with kind(unit, console=console, estimate_over=estimate_over, clock=clock) as bar:
-        report = Report(bar, clock)
+    with kind(console=console, estimate_over=estimate_over, clock=clock) as bar:
+        report = Report(bar, unit, clock)
         try:
             yield report
         finally:
@@ -218,12 +221,9 @@ def phases(name: str, names: Sequence[str]) -> Iterator[tuple[Report, Callable[[
         report(name, len(names), len(names))
 
 
-def _unit_of(task: Task, otherwise: str) -> str:
-    return str(task.fields.get("unit") or otherwise)
-
-
-def line_of(task: Task, unit: str) -> str:
+def line_of(task: Task) -> str:
     """Return one line on a task: the completed share, the speed, the remaining time, and the note."""
+    unit = task.fields["unit"]
     total = "" if task.total is None else f"/{_count(task.total)}"
     done = f"{task.description}: {_count(task.completed)}{total} {unit}"
     parts = [done if task.total is None else f"{done} ({task.percentage:.0f} %)"]
@@ -235,7 +235,7 @@ def line_of(task: Task, unit: str) -> str:
         if task.time_remaining is not None:
             parts.append(f"{span(task.time_remaining)} left")
         parts.append(f"{span(task.elapsed or 0.0)} so far")
-    note = " ".join(str(task.fields.get("note", "")).split())
+    note = " ".join(task.fields["note"].split())
     return f"{', '.join(parts)}{f'; {note}' if note else ''}"
 
 
@@ -251,13 +251,6 @@ def span(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
-_HARDLY: Final = 1e-9
-"""A part of a step that is too small to be seen in the count."""
-
-_DAYS: Final = 100.0 * 3600.0
-"""Time in s from which a span is shown in days instead of hours."""
-
-
 def _count(number: float) -> str:
     return f"{number:.0f}" if abs(number) < 1e15 and number == round(number) else f"{number:g}"
 
@@ -270,19 +263,8 @@ class _Line:
     completed: float
 
 
-class _Words(ProgressColumn):
-    """A column of text that is shown unchanged and never broken."""
-
-    def __init__(self, text: Callable[[Task], str], style: str = "") -> None:
-        super().__init__(Column(no_wrap=True))
-        self._text, self._style = text, style
-
-    def render(self, task: Task) -> Text:
-        return Text(self._text(task), style=self._style, no_wrap=True)
-
-
 class _Note(ProgressColumn):
     """A column with the task's note, which is cut off at its end if the terminal is narrow."""
 
     def render(self, task: Task) -> Text:
-        return Text(str(task.fields.get("note", "")), no_wrap=True, overflow="ellipsis")
+        return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")

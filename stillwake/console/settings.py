@@ -16,6 +16,8 @@ TESTERS_BUS: Final = (*_FRAMES, DIAGNOSIS)
 """Settings of the bus that a tester on a real bus reads."""
 REAL_BUS: Final = (*_FRAMES, "bus.e2e")
 """Settings of the bus, without the key, that a node on a real bus reads."""
+VIRTUAL_BUS: Final = (*_FRAMES[2:], "bus.e2e", "bus.key", "bus.background")
+"""Settings of the bus that a run in virtual time reads."""
 COST_WEIGHTS: Final = "mpc.weights"
 """The section of settings that a released controller reads as an input."""
 _BUS: Final = ("bus.interface", "bus.channel")

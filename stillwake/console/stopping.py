@@ -93,12 +93,13 @@ def still_wanted() -> None:
 
 
 @contextmanager
-def go_on_with(line: str) -> Iterator[None]:
-    """Run work that can be continued. If the work is stopped, the command prints `line`, which says how to continue."""
+def go_on_with(advice: Callable[[], str]) -> Iterator[None]:
+    """Run work that can be continued. If the work is stopped, the command prints `advice()`, a text on how to continue,
+    which may be empty."""
     try:
         yield
     except KeyboardInterrupt:
-        _advice.append(line)
+        _advice.extend(filter(None, [advice()]))
         raise
 
 

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from rich.console import Console
@@ -49,3 +49,8 @@ def print_table(*heads: str | Column, rows: Iterable[Iterable[str | Text]], **op
     for row in rows:
         table.add_row(*row)
     console.print(table)
+
+
+def listed(counts: Mapping[str, int]) -> str:
+    """Return names with their counts in one line, the largest count first; counts of 0 are left out."""
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items(), key=lambda one: -one[1]) if count)

@@ -26,6 +26,7 @@ from stillwake.parts.releases import open_release
 
 if TYPE_CHECKING:
     from export.release.gated import Gated
+    from export.release.pipeline import CLibrary
     from firmware_sim.fmu.kinds import FmuKind
 
 
@@ -55,6 +56,17 @@ def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[
         return {}
 
 
+def c_library(folder: Path, config: Config, notice: Callable[[str], None], *, billed: bool = True) -> "CLibrary":
+    """Return the C library that an export writes into a folder, with the ECU of its release; with `billed` the folder
+    gets a bill of materials, and `notice` is as in `ecu_files`."""
+    from ecu.in_c.host_library import CController
+    from export.release.pipeline import CLibrary
+    from export.release.sbom import folder_bom
+
+    ecu = partial(ecu_files, config=config, notice=notice)
+    return CLibrary(folder=folder, compiled=CController, ecu=ecu, bill=folder_bom if billed else None)
+
+
 def write_shipped_library(
     folder: Path,
     release: Bundle,
@@ -65,24 +77,16 @@ def write_shipped_library(
     phase: Callable[[str], None] = lambda name: None,
 ) -> "Gated":
     """Write the C library and the ECU of the shipped bundle, made from the shipped model; the library's program must be
-    the bundle's. With `billed` the folder gets a bill of materials; `notice` and `phase` are as in `ecu_files` and
-    `export.release.pipeline`. Raises BundleError or ConfigError, before the work, if the ECU in C does not support the
-    bundle or these settings; ExportError if model and bundle do not belong together; StillwakeError if the data are not
-    installed, or the folder cannot be written."""
+    the bundle's. `billed` and `notice` are as in `c_library`, and `phase` is as in `export.release.pipeline`. Raises
+    BundleError or ConfigError, before the work, if the ECU in C does not support the bundle or these settings;
+    ExportError if model and bundle do not belong together; StillwakeError if the data are not installed, or the folder
+    cannot be written."""
     from ecu.in_c.c_settings import ecu_settings
-    from ecu.in_c.host_library import CController
-    from export.release.pipeline import CLibrary, export_library
-    from export.release.sbom import folder_bom
+    from export.release.pipeline import export_library
 
     ecu_settings(release, _without_check(release, config, lambda line: None))
-    ecu = partial(ecu_files, config=config, notice=notice)
-    return export_library(
-        model(),
-        release,
-        CLibrary(folder=folder, compiled=CController, ecu=ecu, bill=folder_bom if billed else None),
-        recording=recording(),
-        phase=phase,
-    )
+    library = c_library(folder, config, notice, billed=billed)
+    return export_library(model(), release, library, recording=recording(), phase=phase)
 
 
 def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, config: Config) -> None:

@@ -1,16 +1,13 @@
 """The common parts of commands that train: the check of the output, the display of progress, and a line on how to
 continue after a stop."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 
 from contract.atomic import check_writable
 from contract.model.model_folder import check_free
-from stillwake.console.claims import claim
-from stillwake.console.outputs import check_output
+from stillwake.console.outputs import check_output, claim
 from stillwake.console.progress import Report
-from stillwake.console.stopping import go_on_with
 from train.fitting import unfinished
 from train.fitting.progress import Phase, Stopwatch
 
@@ -39,13 +36,8 @@ def check_model_output(output: Path, *, overwrite: bool) -> Path:
     return checkpoints
 
 
-@contextmanager
-def continued(checkpoints: Path) -> Iterator[None]:
-    """Print how to continue if the training is stopped."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        reached = unfinished.reached(checkpoints)
-        place = f"from {reached}" if reached else "from the beginning: there is no checkpoint yet"
-        with go_on_with(f"the same command continues {place}"):
-            raise
+def advice(checkpoints: Path) -> str:
+    """Return how to continue a training that is stopped."""
+    reached = unfinished.reached(checkpoints)
+    place = f"from {reached}" if reached else "from the beginning: there is no checkpoint yet"
+    return f"the same command continues {place}"

@@ -1,7 +1,8 @@
 """The plant's kernels are compiled before a test runs it; and what a refused command must leave."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
+import can
 import pytest
 
 from wake.truck.truck_wake import TruckWake
@@ -43,3 +44,10 @@ def all_refused(refused, tmp_path, monkeypatch) -> Callable[[Words, Mapping[Word
             assert named in line, (words, line)
 
     return run
+
+
+@pytest.fixture
+def peer() -> Iterator[can.BusABC]:
+    """Another node on the virtual bus that the commands of `commands/can` open."""
+    with can.Bus(interface="virtual", channel="test-can", protocol=can.CanProtocol.CAN_FD) as bus:
+        yield bus

@@ -52,16 +52,8 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(frames, tmp_p
         return done.stdout + done.stderr
 
     def with_board(lines: Sequence[Sequence[str]]) -> list[str]:
-        board = (
-            "ecu",
-            str(release.bundle_path),
-            "--mcu",
-            "flash.bin",
-            "--library",
-            str(release.folder),
-            "--root",
-            "root/release.pub",
-        )
+        files = ("--mcu", "flash.bin", "--library", str(release.folder), "--root", "root/release.pub")
+        board = ("ecu", str(release.bundle_path), *files)
         log = tmp_path / "board.log"
         with (
             log.open("w") as file,

@@ -5,10 +5,10 @@ import re
 import shlex
 import subprocess
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pytest
 
@@ -55,7 +55,7 @@ def ecu(arguments: list[str]) -> Iterator[None]:
             listener.join(PATIENCE_S)
 
 
-def follow(cli: Callable[..., Any], lines: list[list[str]]) -> list[str]:
+def follow(cli, lines: list[list[str]]) -> list[str]:
     """Call them in their order; the ECU runs from its line on. What each of the others printed."""
     outputs: list[str] = []
     for number, line in enumerate(lines):
@@ -69,7 +69,7 @@ def follow(cli: Callable[..., Any], lines: list[list[str]]) -> list[str]:
 
 
 @pytest.fixture
-def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def checkout(tmp_path, monkeypatch) -> None:
     """A folder with what the pages take from a checkout."""
     for name in ("contract", "firmware_sim"):
         (tmp_path / name).symlink_to(ROOT / name)

@@ -3,10 +3,9 @@
 import json
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import pytest
@@ -55,33 +54,24 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, random_release: Path)
     names = ("scaling", "layout", "sensors", "dataset_sha256", "metrics", "ranking", "versions", "weights_sha256")
     body = {"schema": MODEL_SCHEMA, "config": to_tree(MODEL), **dict.fromkeys(names)}
     (tmp_path / "model" / DESCRIPTION).write_text(json.dumps(body))
-    shutil.copytree(random_release, tmp_path / "unsigned")
-    (tmp_path / "damaged").mkdir()
-    for path in random_release.iterdir():
-        shutil.copy(path, tmp_path / "damaged" / path.name)
+    for name in ("unsigned", "damaged"):
+        shutil.copytree(random_release, tmp_path / name)
     graph = tmp_path / "damaged" / "controller.onnx"
     graph.write_bytes(graph.read_bytes() + b" ")
-    for name, content in (("binary.toml", b"\x00\xff"), ("flat.toml", b"x=1")):
+    for name, content in (("binary.toml", b"\x00\xff"), ("flat.toml", b"x=1"), ("state0", b"\x89HDF\r\n\x1a\n")):
         (tmp_path / name).write_bytes(content)
-    for number, content in enumerate((b"\x89HDF\r\n\x1a\n" + bytes(64), b"PK\x03\x04" + bytes(64), b"", b"text\n")):
-        (tmp_path / f"state{number}").write_bytes(content)
     return tmp_path
 
 
 BEFORE_THE_WORK = {
     # A place that cannot be written.
     "develop /proc/self/out.npz": "/proc/self/out.npz",
-    "develop file/out.npz --steady": "cannot write file/out.npz",
     "develop folder.npz": "cannot write folder.npz: it is a directory",
     "record /proc/self/out.h5": "/proc/self/out.h5",
     "record file/out.h5": "cannot write file/out.h5",
-    "record folder.h5": "cannot write folder.h5: it is a directory",
-    "train file": "cannot write file: it is a file",
     "train file/out": "cannot write file/out",
     "export model file/out": "cannot write file/out",
-    "export model file": "cannot write file",
     "picture file/out.png": "cannot write file/out.png",
-    "picture folder.png --field mean": "folder.png",
     "picture folder.gif": "folder.gif",
     "develop new.npz --steady --json folder": "cannot write folder: it is a directory",
     "train m --json folder": "cannot write folder: it is a directory",
@@ -89,21 +79,15 @@ BEFORE_THE_WORK = {
     "run r --json folder": "cannot write folder: it is a directory",
     # Nothing is replaced unless it was asked for.
     "develop s.npz": "s.npz: exists already; give --overwrite to replace it, or another name",
-    "develop s.npz --steady": "s.npz: exists already; give --overwrite to replace it, or another name",
     "train model": "model: holds a model already; give --overwrite",
-    "train mine": "mine: exists and is not a model directory",
     "train mine --overwrite": "mine: exists and is not a model directory",
     "export model unsigned": "unsigned: holds the bundle random already, unsigned",
     "export model b --c c": "c: holds a C library already; give --overwrite",
     # Settings without an effect, that do not exist, or out of bounds.
     "develop x.npz --set mpc.iterations=3": "--set mpc.iterations: ",
-    "develop x.npz --steady --set forcing.base_frequency=0.3": "--set forcing.base_frequency: ",
     "record a.h5 --set train.epochs=3": "--set train.epochs: ",
-    "train m --set vehicle.actuator_delay=3": "--set vehicle.actuator_delay: ",
     "export model b --set train.epochs=3": "--set train.epochs: ",
-    "picture a.png --set forcing.base_frequency=0.3": "--set forcing.base_frequency: ",
     "picture a.gif --set mpc.iterations=3": "--set mpc.iterations: ",
-    "record a.h5 --set nonsense.key=1": "nonsense",
     "export nowhere b --set ecu": "section.key=value",
     "run r --set ecu.compute_time_ms=abc": "ecu.compute_time_ms = 'abc': must be a number",
     "export nowhere b --set ecu.hold_periods=-1": "ecu.hold_periods = -1: must be non-negative",
@@ -111,11 +95,7 @@ BEFORE_THE_WORK = {
     "run r --set flat.toml": "no section",
     # Numbers, names and combinations that make no sense.
     "develop x.npz --duration nan": "--duration nan: must be a number of t_c",
-    "develop x.npz --duration inf": "--duration inf: must be a number of t_c",
-    "develop x.npz --duration -5": "--duration -5: must be at least 0.2 t_c",
     "develop x.npz --duration 0": "--duration 0: must be at least 0.2 t_c",
-    "picture a.gif --duration 1e300": "--duration 1e+300: must be a number of t_c",
-    "picture a.gif --settle inf": "--settle inf: must be a number of t_c",
     "picture a.gif --forcing sine:frequency=nan": "frequency must be a positive number",
     "picture a.gif --forcing sine:amplitude=nan": "amplitude = nan: must be between",
     "picture a.gif --field mean": "a.gif: the mean flow does not move",
@@ -123,31 +103,24 @@ BEFORE_THE_WORK = {
     "picture a.png --duration 1": "--forcing go with --field mean or a moving picture",
     "develop a.npz --steady --duration 3": "--duration 3: does not go with --steady",
     "develop a.npz --json f": "--json: goes with --steady",
-    "picture a.png --field mean --settle inf": "--settle inf: must be a number of t_c",
     "picture a.png --field mean --duration 1 --settle 1": "--settle 1.0: must be shorter",
     "record a.csv": "a.csv: a data set is an HDF5 file; its name must end in .h5 or .hdf5",
     "record a.h5 --under b --overwrite": "--overwrite does not go with --under",
     "train m --sensors upper_99": "unknown sensor 'upper_99'",
     "train m --dataset nowhere.h5": "nowhere.h5: no such dataset",
     "export": "name MODEL and BUNDLE, or --c FOLDER alone",
-    "export model": "name MODEL and BUNDLE, or --c FOLDER alone",
-    "export --c d --estimator": "name MODEL and BUNDLE, or --c FOLDER alone",
     "export --c d --dataset other.h5": "name MODEL and BUNDLE, or --c FOLDER alone",
-    "export model --c d": "name MODEL and BUNDLE, or --c FOLDER alone",
     "export --c d --set ecu.loss_window=65": "ecu.loss_window = 65: the ECU in C accepts at most 64",
     "export model b --fmu d.fmu --set ecu.deadline_window=33": "ecu.deadline_window = 33: the ECU in C",
     "export --fmu a.zip": "a.zip: must be a file ending in .fmu",
     "export --image a.bin": "a.bin: must be a file ending in .swi or .hex or .s19",
     "export --fmu can:a.fmu": "can: must be one of bus, triggered, fmi2, windows",
-    "export --fmu bus,fmi2:a.fmu": "bus and fmi2: FMI 2.0 has no bus",
     "plant-fmu bus:a.fmu": "bus: must be one of fmi2",
     "export --fmu file/a.fmu": "cannot write file/a.fmu",
-    "plant-fmu a.zip": "a.zip: must be a file ending in .fmu",
     "plant-fmu file/a.fmu": "cannot write file/a.fmu",
     "plant-fmu a.fmu --set mpc.iterations=3": "--set mpc.iterations: ",
     "record a.h5 calm=5": "give --from-steady FILE as well",
     "record a.h5 --amplitudes 0.001 0.002": "give --from-steady FILE as well",
-    "record a.h5 --episodes 2": "give --under BUNDLE or --from-steady",
     "record a.h5 training=-5": "training=-5: must be a number of control steps",
     "record a.h5 chirps=5": "'chirps=5': must be NAME=VALUE with a name of training",
     "record a.h5 --workers 0": "--workers 0: must be a number of processes",
@@ -160,11 +133,9 @@ WITH_THE_PLANT = {
     "record a.h5 training=10 --under unsigned": "training=: does not go with --under",
     "record a.h5 --under unsigned --exploration -0.1": "exploration = -0.1: must be finite and at least 0",
     "record a.h5 --under unsigned --set flow.action_limit=0.05": "for another action limit: 0.075, the flow has 0.05",
-    "record a.h5 --under unsigned --set flow.control_period=0.1": "for another control period: 0.2, the flow has 0.1",
     "record a.h5 --under unsigned --set forcing.exploration_time=0.0": "forcing.exploration_time = 0.0: must be posit",
     "record a.h5 --under nowhere": "nowhere: no such directory",
     "record a.h5 --under damaged": "controller.onnx was altered",
-    "record a.h5 --from-steady x.npz --paper": "--from-steady and --paper are two recordings",
     "record a.h5 chirp=5 --from-steady x.npz": "chirp=: does not go with --from-steady: give calm=",
     "record a.h5 --from-steady x.npz --exploration 0.1": "--exploration: does not go with --from-steady",
     "record a.h5 --from-steady x.npz --state d.npz": "--state: does not go with --from-steady",
@@ -173,14 +144,11 @@ WITH_THE_PLANT = {
     "record a.h5 --set flow.reynolds=1000": "start_re1000.npz --set flow.reynolds=1000` makes a state for it",
     f"record a.h5 --from-steady {developed()}": "not the steady wake: velocities differ from their mirror image",
     "run r --plant openfoam": "needs OpenFOAM's icoFoam: install the Debian package `openfoam`",
-    "run r --bundle nowhere": "bundle nowhere: no such directory",
     "run r --bundle damaged": "controller.onnx was altered",
     "run r --bundle unsigned --set operating_point.speed=20.0": "operating point",
     "run file/out --bundle unsigned": "cannot write file/out",
-    "run file --bundle unsigned": "cannot write file",
     "mcu nowhere": "nowhere: No such file or directory",
     "picture a.png --sensors upper_99": "unknown sensor 'upper_99'",
-    "picture a.png --field pressure --state nowhere.npz": "nowhere.npz: not a flow state",
     "picture a.png --state state0": "state0: not a flow state (damaged or not an NPZ file",
     "picture a.gif --settle 30": "--settle 30.0: must be shorter than the run of 25 t_c",
 }
@@ -188,23 +156,18 @@ WITH_THE_PLANT = {
 
 
 @pytest.mark.slow
-def test_it_is_refused_before_the_work(refused: Callable[..., str], place: Path, no_work: None) -> None:
-    for words, named in BEFORE_THE_WORK.items():
-        line = refused(*words.split())
-        assert named in line, (words, line)
+@pytest.mark.usefixtures("place", "no_work")
+def test_it_is_refused_before_the_work(all_refused) -> None:
+    all_refused((), BEFORE_THE_WORK)
 
 
 @pytest.mark.slow  # loads bundles and states, and builds the plant
-def test_it_is_refused_by_what_does_the_work(
-    refused: Callable[..., str], place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_is_refused_by_what_does_the_work(all_refused, place, monkeypatch) -> None:
     monkeypatch.setenv("PATH", str(place))
-    for words, named in WITH_THE_PLANT.items():
-        line = refused(*words.split())
-        assert named in line, (words, line)
+    all_refused((), WITH_THE_PLANT)
 
 
-def test_a_wrong_call_is_explained(cli: Callable[..., Any], place: Path) -> None:
+def test_a_wrong_call_is_explained(cli, place) -> None:
     before = sorted(place.rglob("*"))
     for words, named in {
         "run": "--help",
@@ -227,8 +190,8 @@ def test_a_wrong_call_is_explained(cli: Callable[..., Any], place: Path) -> None
     assert sorted(place.rglob("*")) == before
 
 
-def test_a_recording_that_does_not_fit_is_named(refused: Callable[..., str], place: Path, random_release: Path) -> None:
-    path = Path(shutil.copy(RECORDING, place / "recording.h5"))
+def test_a_recording_that_does_not_fit_is_named(refused, place, random_release) -> None:
+    path = shutil.copy(RECORDING, place / "recording.h5")
     for name, value, named in (
         ("sensors", json.dumps(["base_0"]), "other sensors"),
         ("schema", "stillwake-dataset/0", "this version reads 'stillwake-dataset/3'"),
@@ -239,7 +202,7 @@ def test_a_recording_that_does_not_fit_is_named(refused: Callable[..., str], pla
     assert named in refused("record", path, "--under", random_release)
 
 
-def test_a_signed_bundle_is_named_as_such(refused: Callable[..., str], place: Path, sound: Path) -> None:
+def test_a_signed_bundle_is_named_as_such(refused, place, sound) -> None:
     line = refused("export", "model", shutil.copytree(sound, place / "signed"))
     assert "signed: holds the bundle random already, signed by key " in line
     assert "give --overwrite to replace it" in line

@@ -7,13 +7,14 @@ the disk. A limit on the size of files stands in for a full disk.
 import re
 import resource
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from can.interfaces.virtual import VirtualBus
+from rich.progress import Progress
 
 from stillwake.console import stopping
 
@@ -30,7 +31,6 @@ VIRTUAL = ("--set", "bus.interface=virtual")
 STOPPED = {
     "run out --json out.json": 143,
     f"train out --dataset {{recording}} {' '.join(SMALL)}": 143,
-    f"develop out.npz {' '.join(COARSE)}": 143,
     f"develop out.npz --steady --json out.json {' '.join(COARSE)}": 143,
     "picture out.gif": 143,
     "dataset import out.h5 train=long.log --layout sensors.csv --asymmetric --forces forces.csv "
@@ -38,6 +38,7 @@ STOPPED = {
     "can decode long.log --summary --csv out.csv --json out.json": 143,
     f"can monitor {' '.join(VIRTUAL)}": 0,
     f"vehicle --priority 0 {' '.join(VIRTUAL)}": 3,
+    f"ecu {{release}} --priority 0 {' '.join(VIRTUAL)}": 0,
     f"can send Pressure Valid0=1 --count 100000 {' '.join(VIRTUAL)}": 143,
 }
 """Commands that take long, and how they end on SIGTERM: 0 where it is how they are ended, 3 where no ECU answered."""
@@ -59,7 +60,7 @@ INPUTS = {
 
 
 @pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def place(tmp_path, monkeypatch) -> Iterator[Path]:
     """A working folder with the inputs; afterwards signals do again what they did."""
     for name, text in INPUTS.items():
         (tmp_path / name).write_text(text)
@@ -85,21 +86,17 @@ def stop_at_first_work() -> Iterator[list[bool]]:
         return stopped
 
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("rich.progress.Progress.update", "can.interfaces.virtual.VirtualBus._recv_internal",
-                     "can.interfaces.virtual.VirtualBus.send"):  # fmt: skip
-            owner, _, method = name.rpartition(".")
-            module, _, kind = owner.rpartition(".")
-            __import__(module)
-            patch.setattr(name, stop_before(getattr(getattr(sys.modules[module], kind), method)))
+        for kind, method in ((Progress, "update"), (VirtualBus, "_recv_internal"), (VirtualBus, "send")):
+            patch.setattr(kind, method, stop_before(getattr(kind, method)))
         yield sent
 
 
 @pytest.mark.slow  # loads the flow solver and torch, and begins the work of every long command
-def test_a_stop_is_one_line_and_leaves_nothing(cli: Callable[..., Any], place: Path, short_recording: Path) -> None:
+def test_a_stop_is_one_line_and_leaves_nothing(cli, place, short_recording, short_release) -> None:
     """On SIGTERM; `console/test_stopping.py` compares it with Ctrl-C."""
     for words, status in STOPPED.items():
         with stop_at_first_work() as sent:
-            outcome = cli(*words.format(recording=short_recording).split())
+            outcome = cli(*words.format(recording=short_recording, release=short_release).split())
         assert sent and outcome.code == status, (words, outcome)
         if status == 143:
             assert re.fullmatch(r"stopped(; .*)?\n", outcome.err), (words, outcome.err)
@@ -108,7 +105,7 @@ def test_a_stop_is_one_line_and_leaves_nothing(cli: Callable[..., Any], place: P
 
 
 @pytest.mark.slow  # a closed loop and a recording, if short ones
-def test_a_full_disk_is_one_line_and_leaves_nothing(cli: Callable[..., Any], place: Path, short_release: Path) -> None:
+def test_a_full_disk_is_one_line_and_leaves_nothing(cli, place, short_release) -> None:
     for words, named in NO_ROOM.items():
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (50, hard))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -15,41 +15,47 @@ from rich.table import Table
 
 from contract.atomic import replacing
 from contract.errors import BusError, ConfigError
-from contract.results import versions
-from stillwake.commands.can.options import BUS, UNCHECKED, Channel, key_of, positive
 from stillwake.console import options as shared
-from stillwake.console.numbers import listed
 from stillwake.console.outputs import check_json, check_output, save_json
 from stillwake.console.progress import progress
 from stillwake.console.settings import DIAGNOSIS, settings, with_bus
 from stillwake.console.stopping import until_stopped
-from stillwake.console.terminal import console
+from stillwake.console.terminal import console, listed
 
 if TYPE_CHECKING:
     import can
 
     from can_bridge.logs.log_reader import CanLog
+    from can_bridge.secoc.key import Key
     from can_bridge.tools.observed_traffic import Traffic
     from can_bridge.tools.summary import Summary
     from contract.config.vehicle import BusConfig
 
+BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate")
+"""Settings for the connection to a bus."""
 
-Values = Annotated[list[str] | None, typer.Argument(help="Value in its unit, or a name from its table (0).")]
-Count = Annotated[int, typer.Option(help="Number of frames to send.", min=1)]
-Period = Annotated[float, typer.Option(help="Seconds between two frames.")]
-Counter = Annotated[int, typer.Option(help="E2E counter of the first frame.", min=0, max=255)]
+Channel = Annotated[
+    str | None, typer.Option(help="Channel of the log, by its name there.", metavar="NAME", show_default=False)
+]
 Trip = Annotated[
     int | None,
     typer.Option(help="Power cycle to sign a secured message with.", min=1, max=0xFFFFFFFF, show_default=False),
 ]
 
 
+def key_of(file: str) -> "Key | None":
+    """Return the key in the file named by `bus.key`; None without a file. Raises KeyFileError as `read_key` does."""
+    from can_bridge.secoc.key import read_key
+
+    return read_key(Path(file)) if file else None
+
+
 def send(
     message: Annotated[str, typer.Argument(help="Message, by its name in the DBC, e.g. Pressure.", show_default=False)],
-    values: Values = None,
-    count: Count = 1,
-    period: Period = 0.02,
-    counter: Counter = 0,
+    values: Annotated[list[str] | None, typer.Argument(help="Value in its unit, or a name from its table (0).")] = None,
+    count: Annotated[int, typer.Option(help="Number of frames to send.", min=1)] = 1,
+    period: Annotated[float, typer.Option(help="Seconds between two frames.")] = 0.02,
+    counter: Annotated[int, typer.Option(help="E2E counter of the first frame.", min=0, max=255)] = 0,
     trip: Trip = None,
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
@@ -67,7 +73,7 @@ def send(
     from can_bridge.tools.raw_bus import open_bus
 
     config = settings("can send", with_bus(bus, given), uses=(*BUS, "bus.key")).config.bus
-    positive("--period", period)
+    shared.positive("--period", period)
     stamped = _frames(message, values or [], counter, trip, config)
     sent = 0
     with open_bus(config) as opened, until_stopped() as is_stopped, progress("rounds") as report:
@@ -130,16 +136,14 @@ def _frames(
     return made
 
 
-LogFile = Annotated[Path, typer.Argument(help="Log of any kind (docs/how-to/use-a-real-bus.md).", show_default=False)]
-SummaryAlone = Annotated[bool, typer.Option("--summary", help="Print only the tables at the end.")]
 CsvFile = Annotated[
     Path | None, typer.Option("--csv", help="Also write a new CSV file with a row for each signal.", metavar="FILE")
 ]
 
 
 def decode(
-    file: LogFile,
-    summary: SummaryAlone = False,
+    file: Annotated[Path, typer.Argument(help="Log of any kind (docs/how-to/use-a-real-bus.md).", show_default=False)],
+    summary: Annotated[bool, typer.Option("--summary", help="Print only the tables at the end.")] = False,
     csv_file: CsvFile = None,
     channel: Channel = None,
     json_file: shared.JsonFile = None,
@@ -180,8 +184,8 @@ def decode(
         if found.first_s is None:
             raise BusError(f"{file}: holds no CAN frame")
     used = {name: value for name, value in asdict(config).items() if name in ("nominal_bitrate", "data_bitrate", "e2e")}
-    facts = {"log": file.name, "config": used, "versions": versions("python-can")}
-    save_json(json_file, figures={**found.figures(), "events": dict(log.events)}, facts=facts)
+    figures = {**found.figures(), "events": dict(log.events)}
+    save_json(json_file, figures=figures, facts={"log": file.name, "config": used}, packages=("python-can",))
     _print_summary(found, log)
     for path in (csv_file, json_file):
         if path is not None:
@@ -257,7 +261,7 @@ def _print_summary(found: "Summary", log: "CanLog") -> None:
         )
     console.print(table)
     if found.unchecked_macs:
-        console.print(f"{found.unchecked_macs} secured frames, {UNCHECKED}")
+        console.print(f"{found.unchecked_macs} secured frames, MAC not checked: name the key with --set bus.key=FILE")
     loads = ", ".join(
         f"{name} {100 * load:.2f} %" if several else f"{100 * load:.2f} %" for name, load in found.loads.items()
     )

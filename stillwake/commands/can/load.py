@@ -11,7 +11,6 @@ from rich.table import Table
 from rich.text import Text
 
 from contract.config.tree import Config
-from contract.results import versions
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import settings
@@ -22,16 +21,8 @@ if TYPE_CHECKING:
 
 CAN_BE_LATE: Final = 3
 """Exit status for a set of messages in which a message can miss its deadline."""
-USES: Final = (
-    "operating_point",
-    "flow.control_period",
-    "ecu.compute_time_ms",
-    "bus.nominal_bitrate",
-    "bus.data_bitrate",
-    "bus.frames",
-    "bus.key",
-    "bus.background",
-)
+_OURS: Final = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.frames", "bus.key")
+USES: Final = ("operating_point", "flow.control_period", "ecu.compute_time_ms", *_OURS, "bus.background")
 NAMED: Final = 5
 """Largest number of late messages that the line below the table lists by name."""
 _HEADS: Final = ("id", "message", "bytes", "period", "jitter", "frame", "blocking", "response", "deadline", "met")
@@ -56,7 +47,8 @@ def load(
     console.print(_table(found))
     for line in _lines(found):
         console.print(line)
-    save_json(json_file, figures=figures(found), facts=facts(config))
+    packages = ("stillwake", "cantools") if config.bus.background.dbc else ("stillwake",)
+    save_json(json_file, figures=figures(found), facts=facts(config), packages=packages)
     if found.late:
         raise typer.Exit(CAN_BE_LATE)
 
@@ -74,9 +66,8 @@ def figures(found: "BusLoad") -> dict[str, Any]:
 
 
 def facts(config: Config) -> dict[str, Any]:
-    """Return the settings and versions on which the figures depend, and the hash of the other nodes' DBC file."""
-    bus = config.bus
-    file = Path(bus.background.dbc) if bus.background.dbc else None
+    """Return the settings on which the figures depend, and the hash of the other nodes' DBC file."""
+    bus, dbc = config.bus, config.bus.background.dbc
     return {
         "frames": bus.frames,
         "authenticated": bool(bus.key),
@@ -85,8 +76,7 @@ def facts(config: Config) -> dict[str, Any]:
         "control_period_ms": config.period_ns / 1e6,
         "compute_time_ms": config.ecu.compute_time_ms,
         "background": asdict(bus.background),
-        "background_sha256": None if file is None else sha256(file.read_bytes()).hexdigest(),
-        "versions": versions("stillwake", *(() if file is None else ("cantools",))),
+        "background_sha256": sha256(Path(dbc).read_bytes()).hexdigest() if dbc else None,
     }
 
 

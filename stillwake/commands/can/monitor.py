@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from contract.errors import BusError, ConfigError
-from stillwake.commands.can.options import BUS, Channel, Duration, key_of, positive
+from stillwake.commands.can.frames import BUS, Channel, key_of
 from stillwake.console import options as shared
 from stillwake.console.progress import progress
 from stillwake.console.settings import DIAGNOSIS, settings, with_bus
@@ -27,15 +27,14 @@ REFRESH_S = 0.1
 MOST_AT_ONCE = 2000
 """Largest number of frames that are read in one go, so that the table is also redrawn on a flooded bus."""
 
-
-Filter = Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")]
+Duration = Annotated[float | None, typer.Option("--for", help="End after this number of seconds.", metavar="SECONDS")]
 
 
 def monitor(
     log: Annotated[Path | None, typer.Argument(help="Log to read instead of a bus; the table shows its end.")] = None,
     channel: Channel = None,
     seconds: Duration = None,
-    match: Filter = "",
+    match: Annotated[str, typer.Option("--filter", help="Show rows with these words in message, id or signal.")] = "",
     bus: shared.Bus = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -55,7 +54,7 @@ def monitor(
     uses = (*(BUS if log is None else ()), "bus.e2e", "bus.key", DIAGNOSIS)
     config = settings("can monitor", with_bus(bus, given), uses=uses).config.bus
     if seconds is not None:
-        positive("--for", seconds)
+        shared.positive("--for", seconds)
         if log is not None:
             raise ConfigError("--for: needs a bus; a log is read to its end")
     if channel is not None and log is None:
@@ -91,10 +90,7 @@ def _read(summary: "Summary", log: Path, channel: str | None) -> None:
 
 
 def _follow(
-    bus: "RawBus",
-    summary: "Summary",
-    table: "Callable[[float], RenderableType]",
-    is_over: Callable[[], bool],
+    bus: "RawBus", summary: "Summary", table: "Callable[[float], RenderableType]", is_over: Callable[[], bool]
 ) -> None:
     """Show the table on a terminal; without a terminal print a line per second, and the table at the end."""
     from rich.live import Live

@@ -17,7 +17,7 @@ from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError
 from contract.recording.episode import PlantFacts
 from contract.sensor_layout import SensorLayout
-from stillwake.console.numbers import listed
+from stillwake.console.terminal import listed
 
 if TYPE_CHECKING:
     import can

@@ -22,7 +22,7 @@ from stillwake.commands.dataset.drives import (
     scales_of,
     zone_of,
 )
-from stillwake.commands.dataset.listing import episodes_table, sensors_line
+from stillwake.commands.dataset.inspecting import episodes_table, sensors_line
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_dataset_name, check_output
 from stillwake.console.progress import progress
@@ -45,35 +45,30 @@ Files = Annotated[
     list[str] | None,
     typer.Argument(metavar="ROLE=FILE", help="Files with the role of each; see above.", show_default=False),
 ]
-Layout = Annotated[Path, typer.Option(help="CSV file with the sensors: name,x,y and, if known, base (0 or 1).")]
 Asymmetric = Annotated[bool, typer.Option("--asymmetric", help="Body or jets are not symmetric about y = 0.")]
 References = Annotated[
-    list[str],
-    typer.Option(help="Value of 1 in the files (repeatable); see above.", metavar="NAME=NUMBER[UNIT]"),
+    list[str], typer.Option(help="Value of 1 in the files (repeatable); see above.", metavar="NAME=NUMBER[UNIT]")
 ]
 Renamed = Annotated[list[str], typer.Option("--map", help="NAME=COLUMN for another name, e.g. Cd=drag (repeatable).")]
 Forces = Annotated[list[str], typer.Option(help="Cd and Cl of logs: a table (repeatable).", metavar="[LOG=]FILE")]
 Clock = Annotated[ForcesClock | None, typer.Option(help="How the times of --forces count; see above.")]
-Shift = Annotated[float, typer.Option(help="Seconds to add to the times of --forces.")]
 Zone = Annotated[str, typer.Option(help="Zone of logs in local time: Europe/Berlin, +02:00.", show_default=False)]
-Channels = Annotated[list[str], typer.Option(help="Channel of a log to read (repeatable).")]
-Fill = Annotated[int, typer.Option(help="Longest gap that is filled, in control periods.", min=0)]
 Split = Annotated[bool, typer.Option("--split", help="Make separate episodes before and after a longer gap.")]
 
 
 def import_(
     output: Annotated[Path, typer.Argument(help="HDF5 data set to write.")],
-    layout: Layout,
+    layout: Annotated[Path, typer.Option(help="CSV file with the sensors: name,x,y and, if known, base (0 or 1).")],
     files: Files = None,
     asymmetric: Asymmetric = False,
     reference: References = [],  # noqa: B006
     rename: Renamed = [],  # noqa: B006
     forces: Forces = [],  # noqa: B006
     forces_clock: Clock = None,
-    forces_shift: Shift = 0.0,
+    forces_shift: Annotated[float, typer.Option(help="Seconds to add to the times of --forces.")] = 0.0,
     log_zone: Zone = "",
-    channel: Channels = [],  # noqa: B006
-    fill: Fill = 2,
+    channel: Annotated[list[str], typer.Option(help="Channel of a log to read (repeatable).")] = [],  # noqa: B006
+    fill: Annotated[int, typer.Option(help="Longest gap that is filled, in control periods.", min=0)] = 2,
     split: Split = False,
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006

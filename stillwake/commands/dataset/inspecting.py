@@ -1,28 +1,34 @@
-"""The command `stillwake dataset inspect`."""
+"""The command `stillwake dataset inspect`, and the contents of a data set as text and as a picture."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
+import numpy as np
 import typer
+from rich.box import SIMPLE
+from rich.table import Column, Table
 
+from contract.atomic import replacing
 from contract.config.loading import Loaded
-from contract.errors import DatasetError
-from stillwake.commands.dataset.listing import episodes_table, sensors_line
+from contract.errors import ConfigError, DatasetError
 from stillwake.console import options as shared
 from stillwake.console.settings import read_settings
 from stillwake.console.terminal import console
 
 if TYPE_CHECKING:
     from contract.recording.dataset import Dataset
+    from contract.sensor_layout import SensorLayout
+
+_STEPS: Final = 200
+"""Number of control steps that are drawn, which cover eight shedding cycles of the truck."""
 
 AsSettings = Annotated[bool, typer.Option("--settings", help="Print the settings that fit, as TOML for --set.")]
-PictureFile = Annotated[Path | None, typer.Option(help="Also draw sensors and first series into this PNG.")]
 
 
 def inspect(
     file: Annotated[Path, typer.Argument(help="HDF5 data set.", show_default=False)],
     settings: AsSettings = False,
-    picture: PictureFile = None,
+    picture: Annotated[Path | None, typer.Option(help="Also draw sensors and first series into this PNG.")] = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Show the contents of a data set, every property that makes training or export refuse the data set, and further
@@ -39,9 +45,7 @@ def inspect(
     lines = [("[red]wrong[/]  ", line) for line in problems]
     if data_set is not None:
         if picture is not None:
-            from stillwake.parts.dataset_picture import draw
-
-            draw(data_set, picture)
+            _draw(data_set, picture)
             typer.echo(f"wrote {picture}", err=settings)
         if settings:
             from contract.recording.summary import fitting_settings
@@ -89,3 +93,66 @@ def _needs_settings(file: Path) -> str:
         return f"{differ}: inspect and train with --set {kept}, if those are its settings"
     keep = f"`stillwake dataset inspect {file} --settings > {kept}`"
     return f"{differ}: write the settings that fit with {keep}, and train with --set {kept}"
+
+
+def episodes_table(found: "Dataset") -> Table:
+    """Return a table with one row per episode."""
+    from contract.recording.summary import summarise
+
+    numbers = ("steps", "t / t_c", "rms action", "mean Cd", "std Cl", "Cl peak, 1/t_c")
+    width = min(20, max(len(item.name) for item in found.episodes))
+    names = (Column("episode", overflow="fold", min_width=width), "role")
+    table = Table(*names, *(Column(name, justify="right") for name in numbers), box=SIMPLE, padding=0)
+    for item in summarise(found):
+        table.add_row(
+            item.name,
+            item.role,
+            str(item.steps),
+            f"{item.duration:.1f}",
+            f"{item.action_rms:.4f}",
+            f"{item.drag:.4f}",
+            f"{item.lift:.4f}",
+            "" if item.frequency is None else f"{item.frequency:.3f}",
+        )
+    return table
+
+
+def sensors_line(layout: "SensorLayout") -> str:
+    """Return the number of sensors and their names."""
+    names = layout.names if len(layout) <= 12 else (*layout.names[:6], "..", *layout.names[-3:])
+    images = "with" if layout.mirror is not None else "without"
+    return f"{len(layout)} sensors, {len(layout.base)} on the base, {images} mirror images: {', '.join(names)}"
+
+
+def _draw(dataset: "Dataset", path: Path) -> None:
+    """Write a picture as PNG, completely or not at all. Raises StillwakeError if the file's name does not end in .png,
+    or the file cannot be written."""
+    import matplotlib.pyplot as plt
+
+    if path.suffix.lower() != ".png":
+        raise ConfigError(f"{path}: a picture must end in .png")
+    layout, first = dataset.layout, dataset.episodes[0]
+    figure, axes = plt.subplots(4, 1, figsize=(8, 9), height_ratios=(2, 1, 1, 1), layout="constrained")
+    places = axes[0]
+    x, y = layout.positions.T
+    on_base = np.isin(np.arange(len(layout)), layout.base)
+    places.plot(x[~on_base], y[~on_base], "o", label="sensor")
+    if on_base.any():
+        places.plot(x[on_base], y[on_base], "s", label="on the base")
+    if len(layout) <= 40:
+        for name, at in zip(layout.names, layout.positions, strict=True):
+            places.annotate(name, (at[0], at[1]), xytext=(3, 3), textcoords="offset points", fontsize=7)
+    places.set(xlabel="x / W", ylabel="y / W", aspect="equal", title=f"{len(layout)} sensors")
+    places.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
+    shown = slice(0, _STEPS)
+    t = first.series["t"][shown]
+    for axis, name in zip(axes[1:], ("action", "Cd", "Cl"), strict=True):
+        axis.plot(t, first.series[name][shown])
+        axis.set_ylabel(name)
+    axes[1].set_title(f"episode {first.name}")
+    axes[-1].set_xlabel("t / t_c")
+    try:
+        with replacing(path) as temporary:
+            figure.savefig(temporary, format="png", dpi=120)
+    finally:
+        plt.close(figure)

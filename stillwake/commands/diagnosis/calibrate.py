@@ -4,17 +4,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
+from rich.table import Column, Table
 
 from contract.controller.calibration import CALIBRATION_NAMES
 from contract.errors import ConfigError
-from contract.results import versions
+from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.terminal import console
-from stillwake.parts.conversation import asking
 
 if TYPE_CHECKING:
     from can_bridge.tester.calibration import Calibrated
@@ -67,9 +65,12 @@ def calibrate(
                 calibration.store(ecu)
             after = calibration.read(ecu)
     console.print(table(found, after))
-    console.print(after_power_on(after))
-    facts = {"changed": changes, "store": store, "revert": revert, "versions": versions("stillwake")}
-    save_json(json_file, figures=figures(found, after), facts=facts)
+    if after.is_stored:
+        console.print("a calibration is stored: it is in force after the next power-on, as long as this release runs")
+    else:
+        console.print("nothing is stored: after the next power-on the release's own values are in force")
+    facts = {"changed": changes, "store": store, "revert": revert}
+    save_json(json_file, figures=figures(found, after), facts=facts, packages=("stillwake",))
 
 
 def parsed(texts: list[str]) -> dict[str, float]:
@@ -89,21 +90,13 @@ def table(before: "Calibrated", after: "Calibrated") -> Table:
     """Return a table of the values, the previous values if they changed, the limits, and the release's own values."""
     is_changed = before.in_force != after.in_force
     heads = ("value", *(("before", "after") if is_changed else ("in force",)), "least", "greatest", "release's")
-    made = Table(box=SIMPLE_HEAD, padding=0)
-    for head in heads:
-        made.add_column(head, justify="left" if head == "value" else "right")
+    columns = (Column(head, justify="left" if head == "value" else "right") for head in heads)
+    made = Table(*columns, box=SIMPLE_HEAD, padding=0)
     rows = (before.in_force, after.in_force, after.limits.least, after.limits.greatest, after.release)
     for name, was, now, *others in zip(CALIBRATION_NAMES, *(one.values for one in rows), strict=True):
         cells = [f"{was:.6g}", f"{now:.6g}"] if is_changed else [f"{now:.6g}"]
         made.add_row(name, *cells, *(f"{value:.6g}" for value in others), style="bold" if was != now else None)
     return made
-
-
-def after_power_on(after: "Calibrated") -> Text:
-    """Return a line that states the values that the ECU will have after the next power-on."""
-    if after.is_stored:
-        return Text("a calibration is stored: it is in force after the next power-on, as long as this release runs")
-    return Text("nothing is stored: after the next power-on the release's own values are in force")
 
 
 def figures(before: "Calibrated", after: "Calibrated") -> dict[str, Any]:

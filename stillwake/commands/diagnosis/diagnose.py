@@ -9,12 +9,11 @@ from rich.table import Table
 
 from contract.config.tree import Config
 from contract.errors import ConfigError
-from contract.results import versions
+from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.terminal import console, print_table, visible
-from stillwake.parts.conversation import asking
 
 if TYPE_CHECKING:
     from can_bridge.flashing.report import StoreReport
@@ -31,13 +30,11 @@ _FACTS: Final = {
 }
 """Labels of the values of an ECU's report that are shown, by the names of these values in JSON."""
 
-Clear = Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")]
-
 
 def diagnose(
     bus: shared.Bus = None,
     slots: shared.Slots = None,
-    clear: Clear = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")] = False,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -70,7 +67,7 @@ def diagnose(
     from can_bridge.flashing.report import tree
 
     figures = {**facts, "store": tree(store), "faults": [_figures(one) for one in found]}
-    save_json(json_file, figures=figures, facts={"cleared": clear, "versions": versions("stillwake")})
+    save_json(json_file, figures=figures, facts={"cleared": clear}, packages=("stillwake",))
 
 
 def _print_ecu(facts: "dict[str, str | int]", store: "StoreReport", **rows: str) -> None:
@@ -143,9 +140,8 @@ def _table(found: "list[StoredFault]") -> Table:
     from can_bridge.uds.fault_codes import in_letters
     from firmware_sim.runs.reasons import BECAUSE
 
-    made = Table(box=SIMPLE_HEAD, padding=0)
-    for head in ("code", "found when", "state", "at", "mode before", "missed", "overruns", "pressures, Cp"):
-        made.add_column(head)
+    heads = ("code", "found when", "state", "at", "mode before", "missed", "overruns", "pressures, Cp")
+    made = Table(*heads, box=SIMPLE_HEAD, padding=0)
     for one in found:
         moment = ["", "", "", "", ""]
         if one.time_ms is not None and one.mode_before is not None and one.pressures_cp is not None:

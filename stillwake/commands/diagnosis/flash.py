@@ -9,12 +9,12 @@ from rich.table import Table
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError, KeyFileError
 from contract.release.checks import Bundle
+from stillwake.commands.diagnosis import asking
 from stillwake.console import options as shared
 from stillwake.console.progress import Report, progress, span
 from stillwake.console.settings import TESTERS_BUS, settings, with_bus
 from stillwake.console.stopping import go_on_with
 from stillwake.console.terminal import console
-from stillwake.parts.conversation import asking
 from stillwake.parts.releases import describe, open_release
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ MOST_KEY_BYTES: Final = 4092
 """Largest size of a key list in bytes: the 4,095 bytes of a UDS request minus 3 bytes for service and identifier."""
 Keys = Annotated[Path | None, typer.Option(help="Key list to send first (`bundle keylist`).", metavar="LIST")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check everything, and write nothing.")]
-NoConfirm = Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")]
 
 
 def flash(
@@ -38,7 +37,7 @@ def flash(
     access: shared.Access = None,
     trust: shared.Trust = None,
     dry_run: DryRun = False,
-    no_confirm: NoConfirm = False,
+    no_confirm: Annotated[bool, typer.Option("--no-confirm", help="Leave the release on trial.")] = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Transfer a release to an ECU over UDS, start the release on trial, test it, and confirm it.
@@ -66,17 +65,14 @@ def flash(
     if keys is not None:
         if dry_run:
             raise ConfigError("--keys: the key list is written at once; leave it out with --dry-run")
-        _bring_keys(_read(keys), config.bus, access)
+        from can_bridge.tester.transfer import bring
+
+        raw = _read(keys)
+        with asking(config.bus, access) as ecu:
+            before, after = bring(ecu, raw)
+        console.print(f"the ECU has key list {after}, and had {before or 'none'}")
     if bundle is not None:
         _bring_release(bundle, trust, config.bus, access, dry_run=dry_run, confirm=not no_confirm)
-
-
-def _bring_keys(raw: bytes, bus: BusConfig, access: Path | None) -> None:
-    from can_bridge.tester.transfer import bring
-
-    with asking(bus, access) as ecu:
-        before, after = bring(ecu, raw)
-    console.print(f"the ECU has key list {after}, and had {before or 'none'}")
 
 
 def _read(path: Path) -> bytes:
@@ -122,7 +118,7 @@ def _bring_release(
     with (
         open_client(bus) as client,
         progress("bytes") as report,
-        go_on_with("the ECU keeps the received part; the same command continues there"),
+        go_on_with(lambda: "the ECU keeps the received part; the same command continues there"),
     ):
         shown = _Shown(report)
         flashed = flash_ecu(
@@ -140,10 +136,12 @@ def _bring_release(
 def _ended(flashed: "Flashed", name: str) -> str:
     from can_bridge.tester.sequence import End
 
+    running = flashed.after.running_slot
+    boots_left = 0 if running is None else running.boots_left
     return {
         End.ALREADY: f"{name} already runs and is confirmed: nothing was done",
         End.WOULD_FLASH: "dry run: no check failed, and nothing was written",
-        End.ON_TRIAL: f"{name} runs on trial, {_boots_left(flashed)} boots left; the same command "
+        End.ON_TRIAL: f"{name} runs on trial, {boots_left} boots left; the same command "
         "without --no-confirm confirms it",
         End.CONFIRMED: f"{name} runs, and is confirmed",
     }[flashed.end]
@@ -171,11 +169,6 @@ def _running(facts: "EcuFacts") -> str:
         return "no release"
     how = "confirmed" if facts.store.active == facts.store.running else "not confirmed"
     return f"{running.name} {running.digest[:12]}, {how}"
-
-
-def _boots_left(flashed: "Flashed") -> int:
-    running = flashed.after.running_slot
-    return 0 if running is None else running.boots_left
 
 
 def _effort(flashed: "Flashed", length: int) -> str:

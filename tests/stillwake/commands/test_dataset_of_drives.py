@@ -1,6 +1,5 @@
 """`stillwake dataset import` of logs: the loop's own capture is the recorded run, and faults end in one line."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,12 +15,9 @@ from contract.recording.dataset import CP_QUANTUM, QUANTUM
 from contract.release import bundle
 from contract.sensors import TRUCK
 from firmware_sim.bench.closed_loop import run_closed_loop
-from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.series_csv import write_csv
 from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, speed, write
-from tests.conftest import Coarse, Outcome
-
-Cli = Callable[..., Outcome]
+from tests.conftest import Outcome
 
 FACTS = ("--set", "flow.control_period=0.2", "--set", "flow.action_limit=0.075", "--asymmetric")
 NAMES = ("lower_36", "base_7", "upper_39", "base_0")
@@ -50,31 +46,31 @@ class Place:
     """A folder with sensors.csv, drive.log of 200 rows, and forces.csv."""
 
     folder: Path
-    cli: Cli
+    cli: Callable[..., Outcome]
 
     def call(self, *words: object, log: object = None) -> Outcome:
         given = self.folder / "drive.log" if log is None else log
-        sensors = self.folder / "sensors.csv"
-        return self.cli(
-            "dataset", "import", self.folder / "my.h5", f"train={given}", "--layout", sensors, *FACTS, *words
-        )
+        more = ("--layout", self.folder / "sensors.csv", *FACTS, *words)
+        return self.cli("dataset", "import", self.folder / "my.h5", f"train={given}", *more)
 
     @property
-    def read(self) -> dataset.Dataset:
-        return dataset.read(self.folder / "my.h5")
+    def episode(self) -> dataset.Episode:
+        """The only one of the data set that was made."""
+        (found,) = dataset.read(self.folder / "my.h5").episodes
+        return found
 
 
 @pytest.fixture
-def place(tmp_path: Path, cli: Cli) -> Place:
+def place(tmp_path, cli) -> Place:
     write_sensors(tmp_path / "sensors.csv")
     write(tmp_path / "drive.log", log_of(drive("fd", 200, 1)))
     write_forces(tmp_path / "forces.csv", forces(200))
     return Place(tmp_path, cli)
 
 
-def same_forces(episode: dataset.Episode, first: int = 0) -> None:
+def same_forces(episode: dataset.Episode) -> None:
     """Of `forces`, at the rows."""
-    t = 0.2 * (first + np.arange(len(episode)))
+    t = 0.2 * np.arange(len(episode))
     np.testing.assert_allclose(episode.series["t"], t, atol=1e-9)
     # A line over 0.05 t_c misses sin by 0.05^2 / 8, the log's microseconds are 1e-5 t_c, and 16 bits hold Cd to 2^-15.
     for name, expected in (("Cd", 1.0 + 0.1 * np.sin(t)), ("Cl", np.cos(t))):
@@ -83,31 +79,16 @@ def same_forces(episode: dataset.Episode, first: int = 0) -> None:
 
 @pytest.mark.slow  # a run of the loop
 @pytest.mark.usefixtures("no_pictures")
-def test_the_loops_own_capture_is_the_run_within_half_a_step(
-    cli: Cli, tmp_path: Path, short_release: Path, coarse: Coarse
-) -> None:
+def test_the_loops_own_capture_is_the_run_within_half_a_step(place, tmp_path, short_release, coarse):
     release = bundle.load(short_release)
     config = Config(flow=coarse.flow, bus=BusConfig(background=BackgroundConfig(load=0.6)))
     spans: dict[str, Any] = {"lead_in": 2.0, "controlled": 4.0, "settle": 0.0, "averages": False}
-    run: RunLog = run_closed_loop(tmp_path / "run", release, config, plant=coarse.plant(), **spans)
+    run = run_closed_loop(tmp_path / "run", release, config, plant=coarse.plant(), **spans)
     write_csv(tmp_path / "run.csv", run)
-    sensors = write_sensors(tmp_path / "sensors.csv", release.manifest.sensors)
-    made = tmp_path / "my.h5"
-    outcome = cli(
-        *("dataset", "import", made, f"train={tmp_path / 'run' / 'frames.log'}", "--layout", sensors, *FACTS),
-        *("--forces", tmp_path / "run.csv"),
-    )
+    write_sensors(tmp_path / "sensors.csv", release.manifest.sensors)
+    outcome = place.call("--forces", tmp_path / "run.csv", log=tmp_path / "run" / "frames.log")
     assert outcome.code == 0, outcome.err
-    (episode,) = dataset.read(made).episodes
-    measured = tmp_path / "run.mf4"
-    assert cli("report", tmp_path / "run" / "frames.log", "--output", measured).code == 0
-    call = (f"train={measured}", "--layout", sensors, *FACTS, "--forces", tmp_path / "run.csv")
-    outcome = cli("dataset", "import", tmp_path / "other.h5", *call)
-    assert outcome.code == 0, outcome.err
-    assert "record of Pressure 30" in outcome.out
-    (other,) = dataset.read(tmp_path / "other.h5").episodes
-    for name, values in episode.series.items():
-        np.testing.assert_allclose(other.series[name], values, rtol=0, atol=1e-9)
+    episode = place.episode
     # What the jets did in the run's first period was asked for before the log begins: the ECU plans a period ahead.
     assert len(episode) == 29
     assert np.ptp(run.series["action"]) > 0.01
@@ -126,31 +107,26 @@ def test_the_loops_own_capture_is_the_run_within_half_a_step(
         np.testing.assert_allclose(episode.series[name], expected, atol=QUANTUM / 2 + late)
 
 
-# python-can writes no CAN FD frames into TRC.
-def test_every_format_of_logs_gives_the_drive(place: Place) -> None:
-    pairs = [("fd", ".log"), ("fd", ".asc"), ("secured", ".blf"), ("classic", ".trc")]
-    pairs += [("fd", ".csv"), ("fd", ".db"), ("fd", ".mf4"), ("classic", ".log.gz")]
-    for kind, suffix in pairs:
+def test_a_log_of_any_kind_gives_the_drive_and_its_authentication_is_checked_with_the_key(place):
+    """`tests/can_bridge/logs` reads every format."""
+    unchecked = "authentication codes were not checked: give the key with --set bus.key=FILE"
+    (place.folder / "bus.key").write_text(KEY.hex())
+    (place.folder / "bus.key").chmod(0o600)
+    keyed = ("--set", f"bus.key={place.folder / 'bus.key'}")
+    for kind, suffix, more in (("secured", ".blf", ()), ("secured", ".blf", keyed), ("classic", ".log.gz", ())):
         one = drive(kind, 200, 2)
         log = write(place.folder / f"other{suffix}", log_of(one))
-        outcome = place.call("--forces", place.folder / "forces.csv", "--overwrite", log=log)
+        outcome = place.call("--forces", place.folder / "forces.csv", "--overwrite", *more, log=log)
         assert outcome.code == 0, outcome.err
-        unchecked = "authentication codes were not checked: give the key with --set bus.key=FILE"
-        assert (unchecked in outcome.out) is (kind == "secured")
-        (episode,) = place.read.episodes
+        assert (unchecked in outcome.out) is (kind == "secured" and not more)
+        episode = place.episode
         assert (episode.name, len(episode)) == ("other", 200)
         np.testing.assert_allclose(episode.series["Cp"], one.Cp, atol=CP_QUANTUM / 2)
         np.testing.assert_allclose(episode.series["action"], one.action, atol=1e-12)
         same_forces(episode)
-        if kind == "secured":
-            (place.folder / "bus.key").write_text(KEY.hex())
-            (place.folder / "bus.key").chmod(0o600)
-            keyed = ("--set", f"bus.key={place.folder / 'bus.key'}", "--overwrite")
-            checked = place.call("--forces", place.folder / "forces.csv", *keyed, log=log)
-            assert (checked.code, unchecked in checked.out) == (0, False), checked.err
 
 
-def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[..., None], place: Place) -> None:
+def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
     gap = [m for i, m in enumerate(log_of(drive("fd", 200, 4))) if not 200 <= i < 210]
     write(place.folder / "gap.log", gap)
     write_forces(place.folder / "bare.csv", forces(200), "t,Cd,Cl")
@@ -178,10 +154,13 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
             "--forces forces.csv --set bus.frames=classic": "holds no pressure, PressureClassic (0x121)",
         },
     )
-    forced = "no pressures for 5 control periods at 2.000 s; --fill allows 2; --split makes"
-    all_refused((*call, "--layout", "sensors.csv", "--forces", "forces.csv"), {"train=gap.log": forced})
-    three = "a Pressure message has 4 sensors, --layout has 3"
-    all_refused((*call, "--layout", "three.csv", "--forces", "forces.csv"), {"train=drive.log": three})
+    all_refused(
+        (*call, "--forces", "forces.csv"),
+        {
+            "train=gap.log --layout sensors.csv": "no pressures for 5 control periods at 2.000 s; --fill allows 2",
+            "train=drive.log --layout three.csv": "a Pressure message has 4 sensors, --layout has 3",
+        },
+    )
     without = "are for CAN logs; no log is given"
     all_refused(
         (*call, "train=table.csv", "--layout", "sensors.csv"),
@@ -189,7 +168,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused: Callable[
     )
 
 
-def test_a_log_that_begins_in_local_time_is_read_in_its_zone_or_the_zone_is_asked_for(place: Place) -> None:
+def test_a_log_that_begins_in_local_time_is_read_in_its_zone_or_the_zone_is_asked_for(place):
     """12:00 at two hours east of Greenwich, as Vector's programs write it; and forces of the same day by the clock."""
     start = 1_795_773_600.0
     one = drive("fd", 200, 7)
@@ -203,21 +182,18 @@ def test_a_log_that_begins_in_local_time_is_read_in_its_zone_or_the_zone_is_aske
     clock = ("--forces-clock", "log", "--overwrite")
     for table, zones in ((true, "+02:00"), (long, "+00:00 and +02:00")):
         asked = place.call("--forces", table, *clock, log=log)
-        assert asked.code == 1
-        assert (
-            f"drive.blf: begins in local time, and does not state its zone; the forces cover it in the zones {zones}:"
-            in asked.err
-        )
+        line = f"begins in local time, and does not state its zone; the forces cover it in the zones {zones}:"
+        assert (asked.code, f"drive.blf: {line}" in asked.err) == (1, True)
         for zone in ("+02:00", "Europe/Helsinki"):
             outcome = place.call("--forces", table, *clock, "--log-zone", zone, log=log)
             assert outcome.code == 0, outcome.err
-            same_forces(place.read.episodes[0])
+            same_forces(place.episode)
     # Forces of the hour that python-can meant, and of no other, show that it was UTC.
     write_forces(place.folder / "true.csv", later, "t,Cd,Cl")
     assert place.call("--forces", true, *clock, log=log).code == 0
 
 
-def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place: Place) -> None:
+def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place):
     one = drive("fd", 200, 8)
     said = [speed("fd", k, 1000.0 + (k + 0.01) * 0.02, 20.0) for k in range(200)]
     log = write(place.folder / "slow.log", sorted([*log_of(one), *said], key=lambda message: message.timestamp))
@@ -228,15 +204,8 @@ def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place: Place) -
     outcome = place.call(*call, "--set", "flow.action_limit=0.08", log=log)
     assert outcome.code == 0, outcome.err
     assert "slow.log: Cp by the 20 m/s of its VehicleSpeed frames" in outcome.out
-    (episode,) = place.read.episodes
+    episode = place.episode
     np.testing.assert_allclose(episode.series["Cp"], one.Cp / 0.64, atol=CP_QUANTUM / 2)
     np.testing.assert_allclose(episode.series["t"], 0.16 * np.arange(200), atol=1e-9)
     # Forces in t_c of the vehicle's own speed.
     np.testing.assert_allclose(episode.series["Cd"], 1.0 + 0.1 * np.sin(0.16 * np.arange(200)), atol=1e-3)
-
-
-def test_a_measurement_without_asammdf_names_the_extra(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    (place.folder / "drive.mf4").touch()
-    monkeypatch.setitem(sys.modules, "asammdf", None)
-    outcome = place.call("--forces", place.folder / "forces.csv", log=place.folder / "drive.mf4")
-    assert (outcome.code, "pip install '.[mdf]'" in outcome.err) == (1, True)

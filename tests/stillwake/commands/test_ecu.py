@@ -1,40 +1,34 @@
-"""`stillwake ecu`: what it refuses, and the process from its start to its end on a bus with a vehicle."""
+"""`stillwake ecu`: what it refuses and leaves behind; and the folder of an ECU that can be flashed, made and shown."""
 
 import json
-import os
-import signal
 import socket
-import subprocess
-import threading
-from collections.abc import Callable, Iterator
 from configparser import RawConfigParser
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from can_bridge.bus.backends.python_can import PythonCanBus
-from contract.config.tree import Config
-from contract.config.vehicle import BusConfig
+from contract.shipped import BUNDLE
 from ecu.real_time.privileges import PRIORITY
 from ecu.real_time.stage_times import EcuStage, load
-from tests.conftest import STILLWAKE
-from tests.ecu.daemon.driving import PATIENCE_S, Vehicle
 
 ROOT = Path(__file__).parents[3]
-GROUP = f"239.76.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
-UDP = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
+UDP = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.76.0.1")
+PROVISION = "ecu provision ecu --root root/release.pub --keys keys.list --hardware bench --serial 42"
 
 
 @pytest.mark.slow  # many calls
-def test_what_cannot_run_is_one_line(all_refused: Callable[..., None], short_release: Path) -> None:
-    all_refused("ecu", {"": "bus.interface = simulated: it runs in virtual time, without real devices"})
-    all_refused(("ecu", *UDP), {"no-bundle": "no-bundle"})
+def test_what_cannot_run_is_one_line(all_refused, short_release):
+    all_refused(
+        "ecu",
+        {
+            "": "bus.interface = simulated: it runs in virtual time, without real devices",
+            "no-bundle --bus virtual:x": "no-bundle",
+        },
+    )
     all_refused(
         ("ecu", short_release, *UDP),
         {
-            "--set bus.interface=socketcan": "CAN bus socketcan '239.76.",
             "--set bus.interface=can4711": "python-can does not know it",
             "--set flow.control_period=0.1": "was built for another control period: 0.2, the vehicle has 0.1",
             "--set operating_point.speed=20": "was built for another operating point",
@@ -49,7 +43,7 @@ def test_what_cannot_run_is_one_line(all_refused: Callable[..., None], short_rel
     )
 
 
-def test_the_examples_of_services_call_it_with_options_that_it_has(cli: Callable[..., Any]) -> None:
+def test_the_examples_of_services_call_it_with_options_that_it_has(cli):
     known = cli("ecu", "--help").out
     for name, count in (("stillwake-ecu", 4), ("stillwake-ecu-slots", 5)):
         text = (ROOT / f"examples/systemd/{name}.service").read_text()
@@ -67,73 +61,80 @@ def test_the_examples_of_services_call_it_with_options_that_it_has(cli: Callable
         assert "RestrictRealtime" not in service
 
 
-@contextmanager
-def systemd(path: Path, heard: list[str]) -> Iterator[None]:
-    """Its end of the notify socket, read as it is: at once."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
-        end.bind(str(path))
-
-        def listen() -> None:
-            while said := end.recv(4096).decode():
-                heard.append(said)
-
-        thread = threading.Thread(target=listen)
-        thread.start()
-        yield
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as enough:
-            enough.sendto(b"", str(path))
-        thread.join(PATIENCE_S)
+def test_from_its_start_to_its_last_period(cli, short_release, tmp_path, monkeypatch):
+    """`tests/ecu/daemon` has the process beside a vehicle, and `test_stops.py` its end by a signal."""
+    metrics, stages = tmp_path / "ecu.prom", tmp_path / "ecu.npz"
+    files = ("--metrics", metrics, "--stage-times", stages, "--log", "json", "--priority", 0)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
+        systemd.bind(str(tmp_path / "notify"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        done = cli("ecu", short_release, "--bus", "virtual:test-ecu", "--periods", 5, *files)
+        systemd.setblocking(False)
+        heard = list[bytes]()
+        with suppress(BlockingIOError):
+            while True:
+                heard.append(systemd.recv(4096))
+    assert any(said.startswith(b"READY=1") for said in heard) and b"STOPPING=1" in heard
+    assert (done.code, done.out) == (0, "")
+    events = [json.loads(line) for line in done.err.splitlines()]
+    assert (events[0]["event"], events[0]["channel"]) == ("runs", "test-ecu")
+    # On a busy machine the last line may be of periods that were left out.
+    (steps,) = (event["steps"] for event in events if event["event"] == "stopped")
+    assert f"stillwake_ecu_steps_total {steps}\n" in metrics.read_text()
+    assert len(load(stages, EcuStage)) == steps >= 5
+    # The socket is the test's; nothing half-written is left.
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ecu.npz", "ecu.prom", "notify"]
 
 
 @pytest.fixture
-def vehicle() -> Iterator[Vehicle]:
-    config = Config(bus=BusConfig(interface="udp_multicast", channel=GROUP))
-    with PythonCanBus.open(config.bus) as bus:
-        yield Vehicle(config, bus)
+def good(cli, short_release, tmp_path, monkeypatch):
+    """Calls a command that works, in a folder with a maker's keys and a release."""
+    monkeypatch.chdir(tmp_path)
 
+    def call(words: str) -> str:
+        outcome = cli(*words.split())
+        assert outcome.code == 0, outcome.err
+        return str(outcome.out)
 
-@pytest.mark.processes
-def test_from_its_start_to_a_signal(vehicle: Vehicle, short_release: Path, tmp_path: Path) -> None:
-    metrics, stages, log, heard = (*(tmp_path / name for name in ("ecu.prom", "ecu.npz", "log")), list[str]())
-    environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000"}
-    words = (str(short_release), *UDP, "--metrics", str(metrics), "--stage-times", str(stages), "--log", "json")
-    with (
-        systemd(tmp_path / "notify", heard),
-        log.open("w") as stderr,
-        subprocess.Popen(
-            # More late steps than the window holds, of which a busy machine has many, never latch.
-            [*STILLWAKE, "ecu", *words, "--set", "ecu.deadline_misses=11"],
-            stderr=stderr,
-            env=os.environ | environment,
-            # Shells start background jobs deaf to Ctrl-C, and a test may run in one.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None,
-        ) as ecu,
+    for words in (
+        "keygen root",
+        "keygen maker",
+        "keygen --secret access.key",
+        "bundle keylist keys.list --key root/release.key --version 1 --allow maker/release.pub",
+        f"bundle renew {short_release} first --name first --key maker/release.key --security-version 1",
     ):
-        try:
-            # The request stands when the ECU starts, and for as long as it takes: the jets stay shut.
-            vehicle.until(lambda: len(vehicle.commands) > 30, request=True)
-            assert {command.enable for command in vehicle.commands} == {False}
-            vehicle.into_control()
-            vehicle.until(metrics.exists)
-            vehicle.until(lambda: vehicle.commands[-1].enable)
-            ecu.send_signal(signal.SIGINT)
-            vehicle.until(lambda: ecu.poll() is not None, request=True)
-            # It was asked to run until stopped, and did.
-            assert ecu.returncode == 0
-            vehicle.period(request=True)
-        finally:
-            ecu.kill()
-    assert [(c.enable, c.flow_m2_per_s) for c in vehicle.commands[-3:]] == [(False, 0.0)] * 3
-    assert vehicle.action == 0.0
-    assert any(said.startswith("READY=1") for said in heard)
-    assert "WATCHDOG=1" in heard
-    assert "STOPPING=1" in heard
-    events = [json.loads(line) for line in log.read_text().splitlines()]
-    assert (events[0]["event"], events[-1]["event"]) == ("runs", "stopped")
-    assert events[0]["channel"] == GROUP
-    assert {"OFF", "CONTROL"} <= {event["mode"] for event in events if event["event"] == "mode"}
-    steps = events[-1]["steps"]
-    assert f"stillwake_ecu_steps_total {steps}\n" in metrics.read_text()
-    assert len(load(stages, EcuStage)) == steps
-    # The socket is the test's; nothing half-written is left.
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["ecu.npz", "ecu.prom", "log", "notify"]
+        call(words)
+    return call
+
+
+def test_it_is_provisioned_once_and_shown(good, refused):
+    assert "a key that is not in this ECU's list" in refused(*PROVISION.split(), "--bundle", BUNDLE)
+    assert "ECU 42 (bench)" in good(f"{PROVISION} --bundle first")
+    assert "exists already" in refused(*PROVISION.split())
+    info = good("diagnose --slots ecu --json ecu.json")
+    # What runs, the folder cannot know: it must not claim that nothing does.
+    assert "confirmed, first" in info and "not in the folder" in info
+    shown = json.loads(Path("ecu.json").read_text())["figures"]
+    assert (shown["hardware"], shown["serial_number"]) == ("bench", "42")
+    assert shown["store"]["slots"][0]["phase"] == "CONFIRMED"
+    assert shown["store"]["key_list_version"] == 1
+
+
+def test_what_cannot_run_of_a_folder_is_one_line(good, all_refused):
+    good(PROVISION)
+    slots = "--slots ecu --access access.key"
+    all_refused(
+        "ecu --set bus.interface=udp_multicast --set bus.channel=239.77.0.1",
+        {
+            "--slots ecu": "--slots: needs --access; `stillwake keygen --secret` makes a key",
+            "--access access.key": "--access: needs --slots or --mcu",
+            "--hardware x": "--hardware: needs --slots or --mcu",
+            "--slots none --access access.key": "none: not a folder of an ECU",
+            "--slots ecu --access none.key": "none.key",
+            f"first {slots}": "BUNDLE: --slots runs the release in its folder",
+            f"{slots} --trust x": "--trust: --slots runs",
+            "--mcu f.bin --root r --access a": "--mcu: needs --library; `stillwake export --c` writes one",
+            f"{slots} --mcu f.bin": "--slots: --mcu runs a firmware",
+            f"{slots} --set mpc.weights.lift=0.1": "does not use it",
+        },
+    )

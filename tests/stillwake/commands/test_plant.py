@@ -7,31 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contract.config.plant import FlowConfig
 from wake.truck import develop, steady, truck_wake
 from wake.truck.state import load_state
 from wake.truck.truck_wake import TruckWake
 
 
-@pytest.fixture(scope="module")
-def coarse() -> TruckWake:
-    return TruckWake(FlowConfig(refinement=0.5))
-
-
 @pytest.fixture
-def plant(coarse: TruckWake, monkeypatch: pytest.MonkeyPatch) -> TruckWake:
+def plant(shared_wake, monkeypatch) -> TruckWake:
     """What the commands build."""
-    coarse.reset(replace(coarse.state(), flat=np.linspace(0.0, 1.0, coarse.flow.flat.size), substep=0, action=0.0))
-    monkeypatch.setattr(truck_wake, "TruckWake", lambda config, *, body: coarse)
-    return coarse
+    flat = np.linspace(0.0, 1.0, shared_wake.flow.flat.size)
+    shared_wake.reset(replace(shared_wake.state(), flat=flat, substep=0, action=0.0))
+    monkeypatch.setattr(truck_wake, "TruckWake", lambda config, *, body: shared_wake)
+    return shared_wake
 
 
 def test_develop_writes_the_state_it_ends_in(plant, tmp_path, cli, monkeypatch) -> None:
-    def short(wake: TruckWake, duration: float, progress):
-        progress(duration, duration)
-        return wake.state()
-
-    monkeypatch.setattr(develop, "develop", short)
+    monkeypatch.setattr(develop, "develop", lambda wake, duration, progress: wake.state())
     # A name that looks like markup is printed as it is.
     outcome = cli("develop", tmp_path / "a[red]b[;x.npz", "--duration", "3")
     assert (outcome.code, outcome.err) == (0, "")

@@ -12,7 +12,6 @@ from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.model import model_folder
 from contract.recording import dataset
-from contract.shipped import RECORDING
 from export.program.controller_program import program_of
 from export.reference.mpc import starting_plan
 from train import model_store
@@ -36,12 +35,12 @@ SMALL = tuple(
 
 
 @pytest.fixture
-def model(tmp_path):
+def model(tmp_path, short_recording):
     """Untrained, but for that as `train` writes it, with the sensors of the refinement."""
     torch.manual_seed(0)
     force = ForceError(r2=0.9, l1_over_sigma=0.2)
     one = EncoderMetrics(drag=force, lift=force, rollout=(RolloutError(horizon=5, latent=0.1, drag=0.2, lift=0.3),))
-    recording = dataset.read(RECORDING)
+    recording = dataset.read(short_recording)
     made = model_store.TrainedModel(
         config=Config(model=MODEL, mpc=MpcConfig(horizon=6)),
         scaling=fit_scaling(recording.episodes[:1], recording.layout),
@@ -49,7 +48,7 @@ def model(tmp_path):
         slim=Encoder(len(SENSORS), MODEL).eval(),
         predictor=None,
         sensors=SENSORS,
-        dataset_sha256=hashlib.sha256(RECORDING.read_bytes()).hexdigest(),
+        dataset_sha256=hashlib.sha256(short_recording.read_bytes()).hexdigest(),
         metrics=ModelMetrics(teacher=one, slim=one, slim_latent=0.1),
         ranking=SensorChoice(method=GIVEN, order=SENSORS),
         versions={},
@@ -58,10 +57,11 @@ def model(tmp_path):
     return tmp_path / "model"
 
 
-def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model):
-    odd = cli("refine", tmp_path / "odd", "--model", model, "--sensors", "upper_39,base_0", *SMALL)
+def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model, short_recording):
+    data = ("--dataset", short_recording)
+    odd = cli("refine", tmp_path / "odd", "--model", model, "--sensors", "upper_39,base_0", *data, *SMALL)
     assert odd.code == 1 and "upper_39 and base_0 are not a pair" in odd.err
-    done = cli("refine", tmp_path / "refined", "--model", model, *SMALL, "--json", tmp_path / "refined.json")
+    done = cli("refine", tmp_path / "refined", "--model", model, *data, *SMALL, "--json", tmp_path / "refined.json")
     assert done.code == 0, done.err
     assert "64 control periods of the plant" in done.out
     assert not (tmp_path / "refined.checkpoints").exists()
@@ -78,10 +78,10 @@ def test_a_refined_model_is_exported_and_its_prior_acts(cli, tmp_path, model):
     again = model_store.load(tmp_path / "refined")
     assert again.prior is not None
     assert set(again.prior) == {"filters", "first", "gate", "sums", "output", "predictor"}
-    more = cli("refine", tmp_path / "more", "--model", tmp_path / "refined", "--set", "train.seed=1")
+    more = cli("refine", tmp_path / "more", "--model", tmp_path / "refined", *data, "--set", "train.seed=1")
     assert more.code == 0, more.err
     changed = model_store.load(tmp_path / "more")
     assert changed.config.train.seed == 1 and changed.prior is not None
     assert not np.array_equal(changed.prior["output"], again.prior["output"])
-    bundled = cli("export", tmp_path / "refined", tmp_path / "bundle", "--precision", "float32")
+    bundled = cli("export", tmp_path / "refined", tmp_path / "bundle", "--precision", "float32", *data)
     assert bundled.code == 0, bundled.err

@@ -9,7 +9,6 @@ import pytest
 from stillwake.parts.releases import open_release
 
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-stillwake-vehicle")
-ORDINARY = ("--priority", "0")
 
 
 @pytest.mark.slow
@@ -36,12 +35,15 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
 @pytest.mark.slow  # waits for an ECU
 def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_path: Path) -> None:
     frames = tmp_path / "f.mf4"
-    outcome = cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "5", "--json", tmp_path / "f.json", "--frames", frames)
+    words = ("--priority", "0", "--periods", "5", "--json", tmp_path / "f.json", "--frames", frames)
+    outcome = cli("vehicle", *VIRTUAL, *words, "--set", "operating_point.speed=12.5")
     assert outcome.code == 3
     said = " ".join(outcome.out.split())
     assert "recorded (open loop)" in said
-    assert "vehicle at 25 m/s, control period 20 ms, on virtual test-stillwake-vehicle" in said
+    assert "vehicle at 12.5 m/s, control period 40 ms, on virtual test-stillwake-vehicle" in said
     assert "the pressures do not respond to the jets" in said
+    assert f"warning: bundle {open_release(None).manifest.name} is for 2.5 m, 25 m/s" in said
+    assert "bundle renew ... --set operating_point.speed=12.5" in said
     assert "done: the request for control is withdrawn" in said
     found = json.loads((tmp_path / "f.json").read_text(encoding="utf-8"))
     assert (found["figures"]["periods"], found["figures"]["commands"]) == (5, 0)
@@ -52,12 +54,3 @@ def test_without_an_ecu_the_status_says_so_and_the_figures_are_written(cli, tmp_
     assert set(sent) == {(0x120, False), (0x128, False)}
     # Five periods, and three that withdraw the request.
     assert sent.count((0x128, False)) == 8
-
-
-@pytest.mark.slow
-def test_a_slower_vehicle_has_longer_periods_and_says_what_its_ecu_needs(cli) -> None:
-    slow = ("--set", "operating_point.speed=6.25")
-    said = " ".join(cli("vehicle", *VIRTUAL, *ORDINARY, "--periods", "2", *slow).out.split())
-    assert "vehicle at 6.25 m/s, control period 80 ms" in said
-    assert f"warning: bundle {open_release(None).manifest.name} is for 2.5 m, 25 m/s" in said
-    assert "bundle renew ... --set operating_point.speed=6.25" in said

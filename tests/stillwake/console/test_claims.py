@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from contract.errors import OutputError
-from stillwake.console.claims import claim, release
-from stillwake.console.own_rooms import HOME
+from stillwake.console.outputs import claim, release
+from stillwake.console.start import HOME
 
 WRITING = (
     *("run PLACE", "run PLACE --overwrite", "campaign PLACE", "train PLACE", "record PLACE.h5"),
@@ -21,7 +21,7 @@ WRITING = (
 HOLDER = """
 import sys
 from pathlib import Path
-from stillwake.console.claims import claim
+from stillwake.console.outputs import claim
 claim(Path("out"))
 print("has it", flush=True)
 sys.stdin.read()

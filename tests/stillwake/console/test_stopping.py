@@ -32,7 +32,7 @@ def test_a_stopped_command_clears_away_and_prints_how_to_go_on(capsys):
         cleared: list[bool] = []
 
         def wait(number: int = number, cleared: list[bool] = cleared) -> None:
-            with stopping.go_on_with("the same command continues"):
+            with stopping.go_on_with(lambda: "the same command continues"):
                 try:
                     signal.raise_signal(number)
                 finally:

@@ -1,9 +1,6 @@
 """What commands print: bars that fit a narrow terminal, lines where there is none, and text as it is."""
 
 import io
-import os
-import subprocess
-import sys
 import time
 
 import pytest
@@ -11,7 +8,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from stillwake.console.progress import ProgressBar, ProgressLines, progress, span
-from stillwake.console.terminal import PlainConsole, visible
+from stillwake.console.terminal import PlainConsole, make_console, visible
 
 RUN_NOTE = "CONTROL  Cd 1.031  base Cp -0.512  action +0.0123  step 12.3 ms"
 TRAIN_NOTE = "total 0.4317  prediction 0.2416  force 0.1201  variance 0.9000  covariance 0.0312"
@@ -49,12 +46,11 @@ def test_bar_count_and_time_left_stay_and_the_note_gives_way():
     for unit, task, total, note in (
         ("periods", "closed loop", 625, RUN_NOTE),
         ("iterations", "distil predictor", 123_456, TRAIN_NOTE),
-        ("decades", "settling", 9.0, "t 1234  max |d/dt| 1.2e-05"),
     ):
         for width in (80, 100, 200):
             console, clock = terminal(width), Clock()
-            bar = ProgressBar(unit, console=console, estimate_over=30.0, clock=clock)
-            number = bar.add_task(task, total=total, note=note)
+            bar = ProgressBar(console=console, estimate_over=30.0, clock=clock)
+            number = bar.add_task(task, total=total, note=note, unit=unit)
             for clock.now in (0.0, 10.0, 20.0):
                 # Not through `update`, which would show the bar from a thread of its own.
                 Progress.update(bar, number, completed=total * clock.now / 100.0, note=note)
@@ -72,6 +68,14 @@ def test_nothing_is_shown_before_the_first_report():
         assert text(console) == ""
         report("closed loop", 0, 4)
         assert "0/4 periods" in text(console)
+    # A task may count in a unit of its own.
+    console = log()
+    with progress("phases", console=console) as report:
+        report("export", 0, 4)
+        for done in (0, 70):
+            report("sensor estimator", done, 70, unit="batches")
+    begins = [line.partition(" (")[0] for line in text(console).splitlines()]
+    assert begins == ["export: 0/4 phases", "sensor estimator: 70/70 batches"]
     for console in (terminal(), log()):
         with pytest.raises(ValueError, match="refused"), progress("periods", console=console):
             raise ValueError("refused")
@@ -122,23 +126,11 @@ def test_what_is_over_at_once_is_not_shown_and_reports_are_drawn_at_most_so_ofte
     assert shown == [1.125, 1.25]
 
 
-def test_a_task_may_count_in_a_unit_of_its_own():
-    console = log()
-    with progress("phases", console=console) as report:
-        report("export", 0, 4)
-        for done in (0, 70):
-            report("sensor estimator", done, 70, unit="batches")
-    assert [line.partition(" (")[0] for line in text(console).splitlines()] == [
-        "export: 0/4 phases",
-        "sensor estimator: 70/70 batches",
-    ]
-
-
 def test_one_long_step_is_no_silence():
     for is_begun in (True, False):
         console = log()
-        with ProgressLines("steps", console=console, estimate_over=30.0, clock=time.monotonic, interval=0.1) as bar:
-            task = bar.add_task("compiling", total=3, note="")
+        with ProgressLines(console=console, estimate_over=30.0, clock=time.monotonic, interval=0.1) as bar:
+            task = bar.add_task("compiling", total=3, note="", unit="steps")
             if is_begun:
                 bar.update(task, completed=0)
             deadline = time.monotonic() + 20.0
@@ -149,20 +141,14 @@ def test_one_long_step_is_no_silence():
         assert len(lines) >= 1 + is_begun
 
 
-def test_text_is_printed_as_it_is():
+def test_text_is_printed_as_it_is_and_a_pipe_has_no_right_edge(monkeypatch, capsys):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    make_console().print("all is red 12 " + 300 * "x", style="red")
+    assert capsys.readouterr().out == "all is red 12 " + "x" * 300 + "\n"
     console = PlainConsole(file=io.StringIO(), markup=False, emoji=False, width=200)
     assert visible("a\n\tb") == "a\n\tb"
     odd = {"[red]a[/red]": "[red]a[/red]", ":smile:": ":smile:", "a\x1b[2Jb": "a\\x1b[2Jb", "\udcff": "\\udcff"}
     for given in (*odd, "Zürich"):
         console.print(given)
     assert text(console).splitlines() == [*odd.values(), "Zürich"]
-
-
-PRINTS = "from stillwake.console.terminal import console; console.print('all is red 12 ' + 300 * 'x', style='red')"
-
-
-@pytest.mark.processes
-def test_a_pipe_has_no_right_edge():
-    plain = {name: value for name, value in os.environ.items() if name not in ("FORCE_COLOR", "COLUMNS")}
-    done = subprocess.run([sys.executable, "-c", PRINTS], capture_output=True, text=True, env=plain, check=True)
-    assert done.stdout == "all is red 12 " + "x" * 300 + "\n"

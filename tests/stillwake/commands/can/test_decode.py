@@ -1,26 +1,35 @@
-"""`stillwake can decode` and `monitor`: lines, summary, CSV and JSON of logs, and the table of a bus."""
+"""`stillwake can decode` and `monitor`: lines, summary, CSV and JSON of logs, and the live view, whole at 80
+columns and with what fails in red."""
 
 import csv
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+import sys
+from io import StringIO
+from itertools import count
+from threading import Event, Thread
 
 import can
 import pytest
+from rich.console import Console
+from rich.text import Text
 
+from can_bridge.bus.conversion import to_message
+from can_bridge.tools.summary import Summary
+from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_specs import JET_COMMAND, SPECS
+from contract.config.vehicle import BusConfig
+from stillwake.commands.can.monitor_screen import STALE_S, line, screen
 from tests.can_bridge.logs.log_texts import asc, candump_l, frames
+from tests.can_bridge.tools.test_observed_traffic import frame
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, flat, taken, write
 
 
-def rows_of(path: Path, signal: str) -> list[dict[str, str]]:
+def rows_of(path, signal: str) -> list[dict[str, str]]:
     with path.open(newline="") as file:
         return [row for row in csv.DictReader(file) if row["signal"] == signal]
 
 
-def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(
-    cli: Callable[..., Any], peer: can.BusABC, tmp_path: Path
-) -> None:
+def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(cli, peer, tmp_path):
     """Three genuine frames and the first again, read with their key, with another one, and without."""
     for name in ("bus.key", "other.key"):
         assert cli("keygen", "--secret", tmp_path / name).code == 0
@@ -53,9 +62,7 @@ def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(
         assert list(counts)[-1] in flat(seen.out), key
 
 
-def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(
-    cli: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(cli, tmp_path):
     write(tmp_path / "a.blf", 3)
     decoded = cli("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv")
     assert decoded.code == 0, decoded.err
@@ -80,7 +87,7 @@ def test_decode_prints_a_line_a_frame_and_a_summary_and_writes_a_row_a_signal(
     assert "give another name" in cli("can", "decode", tmp_path / "a.blf", "--csv", tmp_path / "a.csv").err
 
 
-def test_monitor_of_a_log_shows_its_end(cli: Callable[..., Any], tmp_path: Path) -> None:
+def test_monitor_of_a_log_shows_its_end(cli, tmp_path):
     write(tmp_path / "a.asc", 20)
     seen = cli("can", "monitor", tmp_path / "a.asc")
     assert seen.code == 0, seen.err
@@ -92,9 +99,32 @@ def test_monitor_of_a_log_shows_its_end(cli: Callable[..., Any], tmp_path: Path)
     assert "Missed" not in only
 
 
-def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_itself(
-    cli: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_monitor_on_a_terminal_draws_over_its_picture_and_puts_the_cursor_back(cli, peer, monkeypatch):
+    written = StringIO()
+    terminal = Console(file=written, width=100, height=40, force_terminal=True, force_interactive=True)
+    # The package has the function under the module's name.
+    monkeypatch.setattr(sys.modules["stillwake.commands.can.monitor"], "console", terminal)
+
+    is_over = Event()
+
+    def send() -> None:
+        for counter in count():
+            peer.send(to_message(frame(JET_COMMAND, counter % 256)))
+            if is_over.wait(0.02):
+                break
+
+    sending = Thread(target=send, daemon=True)
+    sending.start()
+    assert cli("can", "monitor", "--filter", "flow", "--for", 1, *VIRTUAL).code == 0
+    is_over.set()
+    sending.join()
+    out = written.getvalue()
+    assert "filter: flow" in out and "Flow" in out and "Enable" not in out
+    assert "\x1b[1A" in out
+    assert out.endswith("\n\x1b[?25h")
+
+
+def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_itself(cli, tmp_path):
     """The same 16 frames, 5 ms apart; a request, status or statistic is not on the bus."""
     sent = frames()
     (tmp_path / "plain.asc").write_text("\n".join(asc(sent)) + "\n")
@@ -122,3 +152,48 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
     assert "it has can0, can1" in cli("can", "decode", tmp_path / "two.log", "--channel", "can2").err
     assert "can1 Pressure" in flat(cli("can", "monitor", tmp_path / "two.log").out)
     assert "--channel: needs a log" in cli("can", "monitor", "--channel", "can1").err
+
+
+def summary_of(*frames: Frame) -> Summary:
+    summary = Summary(config=BusConfig())
+    for one in frames:
+        summary.add(to_message(one))
+    return summary
+
+
+def everything() -> Summary:
+    """All twelve messages, one of them out of sequence, one that is not known, and an error frame."""
+    known = [frame(spec, counter, t_ns=counter * 20_000_000) for spec in SPECS for counter in (0, 1, 8)]
+    summary = summary_of(*known, Frame(frame_id=0x18FEF100, data=bytes(64), is_extended=True))
+    summary.add(can.Message(is_error_frame=True))
+    return summary
+
+
+def picture(summary: Summary, width: int, now_s: float = 0.0) -> str:
+    console = Console(file=StringIO(), width=width, force_terminal=True, color_system="standard", record=True)
+    console.print(screen(summary, now_s, source="virtual x", matching="", width=width))
+    return console.export_text(styles=True)
+
+
+def test_it_is_whole_at_80_columns():
+    lines = [one.rstrip() for one in Text.from_ansi(picture(everything(), 80)).plain.rstrip().splitlines()]
+    assert max(map(len, lines)) <= 80
+    text = "\n".join(lines)
+    for spec in SPECS:
+        assert f"\n{spec.name} " in text
+    assert "PressureCounterValid" in text
+    # Three frames, the last six ahead: one wrong sequence, six lost.
+    (command,) = (one for one in lines if one.startswith("JetCommand "))
+    assert command.split()[:2] == ["JetCommand", "130"]
+    assert command.split()[-4:] == ["6", "1", "wrong", "sequence"]
+    # Where no terminal is: twelve messages that each lost six and had one out of sequence, and an unknown one.
+    said = "2 s: 37 data frames of 13 messages, 72 lost, 12 refused, 1 remote or error frames"
+    assert line(everything(), 2.0) == said
+
+
+def test_what_a_receiver_refuses_is_red_and_what_is_old_is_dim():
+    once = frame(SPECS[0], 0)
+    assert "\x1b[31mrepeated" in picture(summary_of(once, once), 100)
+    fresh = picture(summary_of(once), 100)
+    assert "\x1b[31m" not in fresh and "\x1b[2m" not in fresh
+    assert "\x1b[2m" in picture(summary_of(once), 100, now_s=STALE_S + 0.1)

@@ -1,19 +1,50 @@
-"""`stillwake can send` and `keygen --secret`: frames on a virtual bus, and a key that is written once."""
+"""`stillwake can send` and `keygen --secret`: frames on a virtual bus, and a key that is written once; and what no bus
+command can do, which is one line that names the value."""
 
 import stat
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
-import can
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.e2e.profiles import PROFILE_5
-from tests.stillwake.commands.can.virtual_bus import VIRTUAL, taken
+from tests.stillwake.commands.can.virtual_bus import VIRTUAL, taken, write
+
+DECODE = {
+    "empty.log": "empty.log: holds no CAN frame",
+    "cut.blf": "cut.blf: ",
+    "good.log --csv good.log": "is the file to read",
+    "good.log --csv folder": "it is a directory",
+    "good.log --json folder": "it is a directory",
+    "good.log --set bus.interface=virtual": "`can decode` does not use it",
+}
+LOAD = {
+    "--set bus.background.dbc=none.dbc": "none.dbc: No such file or directory",
+    "--set bus.interface=virtual": "--set bus.interface: `can load` does not use it",
+    "--set bus.background.load=0.00001": "must be at least one message per second",
+}
+MONITOR = {
+    "empty.log": "empty.log: holds no CAN frame",
+    "": "that bus exists only within a run",
+    "empty.log --for 2": "--for: needs a bus",
+    "--for inf": "--for inf: must be a number above 0",
+    "--set bus.interface=nonsense": "nonsense",
+}
+SEND = {
+    "Pressure Pressure0=1e9": "smaller than or equal to 3276.7",
+    "Pressures": "other frames, from a log",
+    "PressureSecured": "name its key with --set bus.key=FILE",
+    "PressureSecured --set bus.key=key.bin": "name its power cycle with --trip",
+    "PressureSecured --trip 2 --set bus.key=no.bin": "no.bin: cannot read the key",
+    "Pressure --trip 2": "Pressure has no freshness value",
+    "Pressure --set bus.key=key.bin": "is sent without authentication",
+    "PressureClassic --counter 16": "--counter 16: must be in 0..15 for PressureClassic",
+    "Pressure --period nan": "--period nan: must be a number above 0",
+    "Pressure --set bus.interface=simulated": "that bus exists only within a run",
+    "Pressure --set ecu.delay_steps=1": "`can send` does not use it",
+}
 
 
-def test_send_puts_protected_frames_on_the_bus(cli: Callable[..., Any], peer: can.BusABC) -> None:
+def test_send_puts_protected_frames_on_the_bus(cli, peer):
     got = cli("can", "send", "JetCommand", "Flow=1.5", "Mode=CONTROL", "--count", 3, "--counter", 254, *VIRTUAL)
     assert (got.code, got.out) == (0, "sent 3 frames\n")
     frames = taken(peer)
@@ -28,9 +59,7 @@ def cmac(key: bytes, message: bytes) -> bytes:
     return computing.finalize()
 
 
-def test_send_signs_messages_of_the_secured_set_with_a_key_that_is_written_once(
-    cli: Callable[..., Any], peer: can.BusABC, tmp_path: Path
-) -> None:
+def test_send_signs_messages_of_the_secured_set_with_a_key_that_is_written_once(cli, peer, tmp_path):
     """Against the layout in the DBC's comments: CMAC over data ID, bytes in front of the freshness, and freshness."""
     key = tmp_path / "bus.key"
     made = cli("keygen", "--secret", key)
@@ -48,3 +77,16 @@ def test_send_signs_messages_of_the_secured_set_with_a_key_that_is_written_once(
     secret = bytes.fromhex(content.strip())
     assert [cmac(secret, (0x5704).to_bytes(2, "big") + data[:24])[:8] for data in frames] == [x[24:] for x in frames]
     assert [PROFILE_5.check(data[:16], data_id=0x5704) for data in frames] == [True, True]
+
+
+def test_what_no_bus_command_can_do_is_one_line_and_sends_nothing(all_refused, peer, tmp_path):
+    write(tmp_path / "good.log", 1)
+    write(tmp_path / "cut.blf", 100)
+    (tmp_path / "cut.blf").write_bytes((tmp_path / "cut.blf").read_bytes()[:-100])
+    (tmp_path / "empty.log").touch()
+    (tmp_path / "folder").mkdir()
+    all_refused("can decode --summary", DECODE)
+    all_refused("can load", LOAD)
+    all_refused("can monitor", MONITOR)
+    all_refused(("can", "send", *VIRTUAL), SEND)
+    assert taken(peer) == []

@@ -1,5 +1,8 @@
-"""A check of the available memory before libraries are loaded that hang, or end without an error message, if memory is
+"""Checks before anything else is loaded: no file of the user hides one of the project's packages, and memory is not
 short. `__main__` imports this module first.
+
+The packages have everyday names, and `python -m stillwake` searches the working folder before the installed packages.
+So a user's `train.py` in the working folder would run in place of the package `train`.
 
 If the address space is too small for its buffers, OpenBLAS requests them again and again without end, and LLVM ends the
 process without a message. Both happen only with a limit set by `ulimit -v` or `-d`; if the machine itself has too
@@ -10,8 +13,13 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Final
 
+ROOMS: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "firmware_sim", "stillwake")
+HOME: Final = Path(__file__).resolve().parents[2]
+"""The folder that contains all packages."""
 LEAST_MB: Final = 150
 """Smallest address space in MB with which Python, numpy and the command line load, as measured once."""
 NEEDS_MB: Final = {
@@ -27,6 +35,25 @@ _DATA: Final = 0.5
 """Private data, which `ulimit -d` limits, as a share of a process's address space."""
 _SIGNS: Final = ("failed to map segment", "annot allocate memory", "can't start new thread", "bad_alloc", "to allocate")
 """Parts of the error messages with which the loader, the system, Python, C++ and numpy report that memory is short."""
+
+
+def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] | None:
+    """Return the first of the project's packages that Python finds outside the folder `home`, and where Python finds
+    it; None if there is no such package."""
+    for room in rooms:
+        spec = find_spec(room)
+        if spec is None:
+            continue
+        places = [spec.origin] if spec.origin else list(spec.submodule_search_locations or [])
+        files = [Path(place).resolve() for place in places if place]
+        if files and not any(path.is_relative_to(home / room) for path in files):
+            return room, files[0]
+    return None
+
+
+def explain(room: str, file: Path) -> str:
+    """Return one line that tells the user how to remove the conflict between a package and a file."""
+    return f"{file} hides the package {room!r} of stillwake: rename it, or call `stillwake` from another folder"
 
 
 def shortage(command: str) -> str | None:
@@ -65,6 +92,9 @@ def lacks_memory(error: BaseException | None) -> bool:
     return False
 
 
+if (other := hidden()) is not None:
+    sys.stderr.write(f"error: {explain(*other)}\n")
+    sys.exit(1)
 # Nothing in the project is faster with a second thread of BLAS.
 if "OMP_NUM_THREADS" not in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,5 +1,6 @@
-"""`record --from-steady`: a steady wake that is not there is made."""
+"""`record`: rounds are added, a recording that is whole stays, and a steady wake that is not there is made."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from contract.config.tree import Config
 from contract.recording import dataset
+from wake.recording import recorder
 from wake.recording.round_plan import CalmRound
 from wake.truck import steady
 from wake.truck.develop import start_from_rest
@@ -37,3 +39,37 @@ def test_a_steady_wake_that_is_not_there_is_computed_and_kept(cli, tmp_path, mon
     assert np.array_equal(alone.series["action"], signals[0])
     assert np.array_equal(under.series["action"][:3], signals[1][:3])
     assert not np.isclose(under.series["action"][3:], signals[1][3:]).any()
+
+
+def test_a_recording_that_is_whole_says_so(cli, tmp_path, monkeypatch):
+    (tmp_path / "a.h5").write_bytes(b"whole")
+    seen = dict[str, object]()
+
+    def record(output, plans, config, **options):
+        seen.update(options)
+        return False
+
+    monkeypatch.setattr(recorder, "record", record)
+    outcome = cli("record", tmp_path / "a.h5", "training=20", "--state", "s.npz")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"already complete, nothing to record: {tmp_path / 'a.h5'}: 2020 control steps" in " ".join(
+        outcome.out.split()
+    )
+    assert (seen["start"], seen["overwrite"]) == (Path("s.npz"), False)
+
+
+@pytest.mark.slow
+def test_rounds_under_a_controller_are_added(cli, tmp_path, short_release, coarse):
+    output = tmp_path / "a.h5"
+    for number in (1, 2):
+        what = ("controlled=2", "--episodes", 1, "--role", "train", *coarse.words)
+        outcome = cli("record", output, "--under", short_release, *what)
+        assert (outcome.code, outcome.err) == (0, "")
+        assert f"round {number}, 2 control steps under the controller" in outcome.out.replace("\n", " ")
+    found = dataset.read(output).episodes
+    assert [(one.name, one.role, len(one)) for one in found] == [
+        ("controlled_1_0", "train", 2),
+        ("controlled_2_0", "train", 2),
+    ]
+    assert found[0].provenance["bundle"] == "random"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
