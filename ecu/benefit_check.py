@@ -19,7 +19,7 @@ A new request for control ends the fault.
 
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -54,8 +54,7 @@ class BenefitCheckState:
         resting_suction, resting_swing: mean suction on the base and mean swing without control, divided by the values
             of the release's own wake without jets.
         driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
-        suction, swing: mean suction on the base and mean swing under control, divided by the values of the release's
-            own wake without jets.
+        suction, swing: the same means under control.
         doubt: number of periods in which control did not help minus the number in which it helped, at least 0.
         tested_at: ratio of the speed at which the present test began to the design speed; 0 if there is no test.
         spent: number of periods in tests minus the number of periods in which control helped, 0 to
@@ -77,6 +76,10 @@ class BenefitCheckState:
     def tests(self) -> bool:
         """Whether a test is in progress, for which the jets must be shut."""
         return self.tested_at > 0.0
+
+
+_NOT_DRIVEN: Final[dict[str, Any]] = {"driven": 0, "suction": 0.0, "swing": 0.0, "doubt": 0}
+"""The means under control, and the doubt, before control begins."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +133,10 @@ class BenefitCheck:
         if drives:
             return self._driven(state, cp, speed), None
         waking = max(0, state.waking - 1)
-        after = replace(state, waking=waking, driven=0, suction=0.0, swing=0.0, doubt=0)
+        after = replace(state, waking=waking, **_NOT_DRIVEN)
         if cp is not None and not waking:
             rested = min(state.rested + 1, self.proven)
-            over = min(rested, self.config.mean_periods)
-            after = self._rested(replace(after, rested=rested), cp, speed, over)
+            after = self._rested(replace(after, rested=rested), cp, speed, min(rested, self.config.mean_periods))
         return after, None
 
     def _driven(self, state: BenefitCheckState, cp: Array | None, speed: float) -> BenefitCheckState:
@@ -175,7 +177,7 @@ class BenefitCheck:
             goes_on = after.doubt == 0 or abs(speed - state.tested_at) >= MOVED
         latches = not goes_on and spent >= self.patience
         if goes_on or latches:
-            after = replace(after, driven=0, suction=0.0, swing=0.0, doubt=0, tested_at=0.0)
+            after = replace(after, tested_at=0.0, **_NOT_DRIVEN)
         return after, Reason.NOT_HELPING if latches else None
 
     def _doubt(self, doubt: int, helps: bool) -> int:

@@ -49,14 +49,9 @@ class StepOutcome(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """The request to the command gate in one period.
-
-    Attributes:
-        memory: controller's memory with the new plan, or without a plan.
-        action: action before the command gate, in U_inf W.
-        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2); None without a plan.
-        fault: reason why the controller gave no action in a period that needed one.
-    """
+    """The request to the command gate in one period: the memory with the new plan, or without a plan; the action in
+    U_inf W; the predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and the reason why the controller gave no
+    action in a period that needed one."""
 
     memory: ControllerMemory
     action: float
@@ -83,7 +78,6 @@ class Ecu:
         bundle: Bundle,
         controller: Controller,
         config: Config,
-        *,
         authentication: Authentication | None = None,
     ) -> None:
         check_vehicle(bundle, config)
@@ -167,7 +161,6 @@ class Ecu:
             now_ns: time of the step, in ns in the clock of the frames' timestamps.
             frames: all frames received since the last step, oldest first.
             health: health of the CAN controller, for the status.
-            around: external conditions; see `Surroundings`.
         """
         outcome = self.next(self._state, now_ns, frames, health, **around)
         self._state, self.trace = outcome.state, outcome.trace
@@ -181,8 +174,7 @@ class Ecu:
         health: BusHealth = HEALTHY,
         **around: Unpack[Surroundings],
     ) -> StepOutcome:
-        """Compute a control period from any state, without storing the result; a pure function if the controller is
-        one."""
+        """Compute a control period from any state, without storing the result. Pure if the controller is pure."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
@@ -327,8 +319,7 @@ class Ecu:
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
-        drives = state.fail_safe.mode.drives_jets
-        return self._benefit_check.next(state.benefit, cp, drives=drives, speed=speed)
+        return self._benefit_check.next(state.benefit, cp, drives=state.fail_safe.mode.drives_jets, speed=speed)
 
     def _as_sent(self, flow_m2_per_s: float) -> float:
         """Return the action of a command as sent, rounded to the message's resolution, in U_inf W."""

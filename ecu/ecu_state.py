@@ -46,31 +46,27 @@ class EcuState:
 
     Attributes:
         memory: window, plan and sent actions not yet in force.
-        fail_safe: the mode, and the reason why the ECU is not in control.
-        pressures: state of the receiver of the Pressure message.
+        pressures, verifier: states of the receiver of the Pressure message and of its authentication.
         commands, statuses: states of the senders of JetCommand and EcuStatus.
         pressure_ns: sampling time of the latest usable pressures, in ns; None before the first.
         pressure_counter: counter of the frame with these pressures; None before the first.
         overruns: number of whole control periods left out since power-on.
         missed: number of steps without usable pressures since power-on.
-        health: health of the CAN controller in the latest step.
-        verifier: state of the Pressure message's authentication.
-        freshness: freshness values for the next JetCommand and the next EcuStatus.
-        other_ecu: state of the detection of another ECU on the bus.
-        sensors: state of the sensor check.
         speed: state of the reception of the vehicle's speed; as at power-on if the release does not need the speed.
+        health: health of the CAN controller in the latest step.
+        freshness: freshness values for the next JetCommand and the next EcuStatus.
     """
 
     memory: ControllerMemory
     fail_safe: FailSafe
-    pressures: ReceiverState
-    commands: SenderState
-    statuses: SenderState
-    timing: StepTiming
-    pressure_ns: int | None
-    pressure_counter: int | None
-    overruns: int
-    missed: int
+    pressures: ReceiverState = field(default_factory=ReceiverState)
+    commands: SenderState = field(default_factory=SenderState)
+    statuses: SenderState = field(default_factory=SenderState)
+    timing: StepTiming = field(default_factory=StepTiming)
+    pressure_ns: int | None = None
+    pressure_counter: int | None = None
+    overruns: int = 0
+    missed: int = 0
     sensors: SensorCheckState
     benefit: BenefitCheckState = field(default_factory=BenefitCheckState)
     speed: SpeedState = field(default_factory=SpeedState)
@@ -85,14 +81,6 @@ class EcuState:
         return cls(
             memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay, past=past),
             fail_safe=FailSafe(),
-            pressures=ReceiverState(),
-            commands=SenderState(),
-            statuses=SenderState(),
-            timing=StepTiming(),
-            pressure_ns=None,
-            pressure_counter=None,
-            overruns=0,
-            missed=0,
             sensors=SensorCheckState.start(window=past or window, sensors=sensors),
         )
 

@@ -36,12 +36,11 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
         raise BundleError(
             f"bundle {manifest.name!r} has {len(manifest.sensors)} sensors: the Pressure message carries {SENSORS}"
         )
-    if config.ecu.frozen_actions >= manifest.mpc.horizon:
-        most = manifest.mpc.horizon - 1 - config.ecu.plan_ahead
-        ahead = ", with ecu.plan_ahead" if config.ecu.plan_ahead else ""
+    ecu, horizon = config.ecu, manifest.mpc.horizon
+    if ecu.frozen_actions >= horizon:
+        most, ahead = horizon - 1 - ecu.plan_ahead, ", with ecu.plan_ahead" if ecu.plan_ahead else ""
         raise BundleError(
-            f"ecu.delay_steps = {config.ecu.delay_steps}: must be at most {most} for the horizon of "
-            f"{manifest.mpc.horizon}{ahead}"
+            f"ecu.delay_steps = {ecu.delay_steps}: must be at most {most} for the horizon of {horizon}{ahead}"
         )
 
 
@@ -62,8 +61,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
     for name, there, here in zip(manifest.sensors, built_for, layout.positions[columns], strict=True):
         if np.abs(there - here).max() > SAME_PLACE:
             raise BundleError(
-                f"bundle {manifest.name!r} was built for another body: its sensor {name} is at {_place(there)}, on "
-                f"this plant at {_place(here)}, in W"
+                "bundle {!r} was built for another body: its sensor {} is at ({:g}, {:g}), on this plant at "
+                "({:g}, {:g}), in W".format(manifest.name, name, *there, *here)
             )
 
 
@@ -77,10 +76,6 @@ def positions_of(manifest: Manifest) -> Array | None:
 
 def _values(point: OperatingPoint) -> str:
     return ", ".join(f"{field.name} {getattr(point, field.name)}" for field in fields(point))
-
-
-def _place(position: Array) -> str:
-    return "({:g}, {:g})".format(*position)
 
 
 def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str, remedy: str = "") -> None:

@@ -15,6 +15,7 @@ from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import verify
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import MessageSet
+from can_bridge.wire.message_specs import MessageSpec
 from can_bridge.wire.messages import Reason
 
 SILENCE_NS: Final = 1_000_000_000
@@ -42,14 +43,11 @@ class OtherEcu:
 
 
 def heard_of_another_ecu(frames: Sequence[Frame], messages: MessageSet, key: Key | None) -> int:
-    """Return the number of received frames that another ECU sent."""
-    return sum(is_of_another_ecu(frame, messages, key) for frame in frames)
+    """Return the number of received frames that another ECU sent: valid JetCommands and EcuStatuses."""
+    specs = (messages.command.spec, messages.status.spec)
+    return sum(_is_valid(frame, spec, key) for frame in frames for spec in specs if spec.names(frame))
 
 
-def is_of_another_ecu(frame: Frame, messages: MessageSet, key: Key | None) -> bool:
-    """Return whether a received frame is a valid JetCommand or EcuStatus of the message set in use."""
-    for spec in (messages.command.spec, messages.status.spec):
-        if spec.names(frame):
-            authentic = key is None or verify(frame.data, spec, key) is not None
-            return authentic and profile_of(spec).check(frame.data[: spec.protected], data_id=spec.data_id)
-    return False
+def _is_valid(frame: Frame, spec: MessageSpec, key: Key | None) -> bool:
+    authentic = key is None or verify(frame.data, spec, key) is not None
+    return authentic and profile_of(spec).check(frame.data[: spec.protected], data_id=spec.data_id)

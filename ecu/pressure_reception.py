@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import ReceiverState, Reception, StreamState, receive
+from can_bridge.e2e.receiver import ReceiverState, StreamState, receive
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.securing import VerifierState, verified
 from can_bridge.wire.frame import Frame
@@ -49,7 +49,6 @@ class PressureReception:
     """The reception of pressure frames.
 
     Attributes:
-        key: key of the bus; None without authentication.
         dynamic_pressure: dynamic pressure in Pa at the design speed (Cp = 1).
         fresh_age_ns: largest age in ns of pressures that the controller may use.
     """
@@ -84,28 +83,21 @@ class PressureReception:
         if frame is None or pressure is None or reception.live is None:
             # Only a trusted stream can request control, but any accepted frame can withdraw the request.
             withdrawn = pressure is not None and not pressure.enable_request
-            because = Reason.NOT_AUTHENTIC if none_authentic else _without_live(reception)
+            lost = Reason.STREAM_INVALID if reception.stream is StreamState.INVALID else Reason.STREAM_LOST
+            because = Reason.NOT_AUTHENTIC if none_authentic else lost
             return unusable._replace(enable_request=False if withdrawn else None, unusable_because=because)
         # The age in a frame is counted from the sampling, so it includes the delays before sending.
         sampled_ns = frame.timestamp_ns - pressure.age_ns
-        fresh = 0 <= now_ns - sampled_ns <= self.fresh_age_ns
-        if not (fresh and all(pressure.valid)):
-            because = Reason.SENSOR_INVALID if fresh else Reason.STALE
-            return unusable._replace(enable_request=pressure.enable_request, unusable_because=because)
+        requested = unusable._replace(enable_request=pressure.enable_request)
+        if not 0 <= now_ns - sampled_ns <= self.fresh_age_ns:
+            return requested._replace(unusable_because=Reason.STALE)
+        if not all(pressure.valid):
+            return requested._replace(unusable_because=Reason.SENSOR_INVALID)
         if dynamic_pressure is None:
-            return unusable._replace(enable_request=pressure.enable_request, unusable_because=Reason.NO_SPEED)
-        return Received(
-            verifier,
-            receiver,
+            return requested._replace(unusable_because=Reason.NO_SPEED)
+        return requested._replace(
             cp=np.array(pressure.pressure_pa) / dynamic_pressure,
             reading=np.array(pressure.pressure_pa) / self.dynamic_pressure,
-            enable_request=pressure.enable_request,
-            unusable_because=Reason.NONE,
             sampled_ns=sampled_ns,
             counter=profile_of(spec).counter_of(frame.data),
         )
-
-
-def _without_live(reception: Reception) -> Reason:
-    """Return why a stream has no usable frame."""
-    return Reason.STREAM_INVALID if reception.stream is StreamState.INVALID else Reason.STREAM_LOST

@@ -191,15 +191,14 @@ class SensorCheck:
             window: (L, S + 1) the controller's window, with this period's row.
             rows: number of rows of the window that have data.
             cp: (S,) pressures of this period; None if there are none, and then no sensor is judged.
-            reading: (S,) pressures as received, scaled with the design speed instead of the present speed; `cp` by
-                default.
+            reading: (S,) pressures scaled with the design speed instead of the present speed; `cp` by default.
             skipped: number of skipped periods before the present period; the window has a row for each of them.
         """
-        length, kept_rows = len(window), len(state.estimates)
+        length = len(window)
+        # The window has a new row for each of these periods, so the estimates must get the same number of rows.
+        estimates = _appended(state.estimates, 1 + min(skipped, len(state.estimates)))
         if cp is None or rows == 0:
-            held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
-            kept = replace(state, estimates=held)
-            return kept, Reason.IMPLAUSIBLE if kept.implausible else None
+            return replace(state, estimates=estimates), Reason.IMPLAUSIBLE if state.implausible else None
         seen = window
         if rows < length:
             # Until the window is full after the ECU's start, its missing rows are filled with the first row.
@@ -208,12 +207,8 @@ class SensorCheck:
         try:
             by_view = self.estimator.estimates(seen)
         except ControllerError:
-            # The window has a new row for each of these periods, so the estimates must get the same number of rows.
-            held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
-            return replace(state, estimates=held), Reason.INTERNAL
-        estimates = _appended(state.estimates, state.estimates[-1], min(skipped, kept_rows))
-        own = by_view[self.hypotheses.view.diagonal(), np.arange(len(cp))]
-        estimates = _appended(estimates, own, 1)
+            return replace(state, estimates=estimates), Reason.INTERNAL
+        estimates[-1] = by_view[self.hypotheses.view.diagonal(), np.arange(len(cp))]
         reading = cp if reading is None else reading
         flat = np.where(reading == state.readings, state.flat + 1, 0.0)
         means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
@@ -329,6 +324,6 @@ def _mean(before: Array, value: Array, periods: int) -> Array:
     return before + (value - before) / periods
 
 
-def _appended(rows: Array, row: Array, times: int) -> Array:
-    """Append a row `times` times and drop the same number of the oldest rows."""
-    return np.concatenate([rows, np.tile(row, (times, 1))])[-len(rows) :]
+def _appended(rows: Array, times: int) -> Array:
+    """Append the last row `times` times and drop the same number of the oldest rows."""
+    return np.concatenate([rows, np.tile(rows[-1], (times, 1))])[-len(rows) :]

@@ -20,12 +20,7 @@ NO_BUNDLE: Final = 0
 
 class ShutEcu:
     """An `ecu.stepped.SteppedEcu` that reads no pressures and drives no jets. Raises ConfigError if only one of
-    `bus.key` and `authentication` is given.
-
-    Args:
-        config: bus and E2E settings.
-        authentication: the ECU's data for authenticated frames, needed with `bus.key`.
-    """
+    `bus.key` and `authentication` is given."""
 
     frames_rejected = 0
 

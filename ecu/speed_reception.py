@@ -49,13 +49,8 @@ class SpeedState:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedReception:
-    """The reception of speed frames.
-
-    Attributes:
-        key: key of the bus; None without authentication.
-        design: the operating point of the release.
-        speeds: range of speeds of the release, as ratios to the design speed.
-    """
+    """The reception of speed frames. `design` and `speeds` are the release's operating point and its range of speeds,
+    as ratios to the design speed."""
 
     message: Message[VehicleSpeed]
     key: Key | None
@@ -92,14 +87,14 @@ class SpeedReception:
             state = self._believed(state, stated, frame.timestamp_ns - stated.age_ns, now_ns)
         if now_ns - state.measured_ns > self._oldest_ns or state.ratio is None:
             return replace(state, ratio=None)
-        within = self.config.margin if not state.is_off else 0.0
+        within = 0.0 if state.is_off else self.config.margin
         is_off = not self.speeds.slowest * (1.0 - within) <= state.ratio <= self.speeds.fastest * (1.0 + within)
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
         """Return the dynamic pressure in Pa at the present speed (Cp = 1); None if no speed is in force."""
-        through_air = self.present(state) * self.design.speed
-        return None if state.ratio is None else 0.5 * state.density * through_air * through_air
+        speed = self.present(state) * self.design.speed
+        return None if state.ratio is None else 0.5 * state.density * speed * speed
 
     def present(self, state: SpeedState) -> float:
         """Return the ratio of the speed to the design speed, limited to the release's range; 1 if unknown or too far

@@ -1,5 +1,6 @@
 """The hand-written C sources of the ECU, its loader, its board and its FMUs, which are in this folder."""
 
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Final
 
@@ -26,8 +27,8 @@ def firmware_sources() -> dict[str, bytes]:
 
     The generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`) is not included.
     """
-    around = {"board": sources_in("board"), "loader": loader_sources()}
-    return control_sources() | {f"{part}/{name}": text for part in around for name, text in around[part].items()}
+    around = {f"board/{name}": text for name, text in sources_in("board").items()}
+    return control_sources() | around | {f"loader/{name}": text for name, text in loader_sources().items()}
 
 
 def loader_sources() -> dict[str, bytes]:
@@ -36,25 +37,17 @@ def loader_sources() -> dict[str, bytes]:
 
     Monocypher's sources have names that end in `_c.h`: they are included by another source, not compiled alone.
     """
-    foreign = sources_in("store/vendor")
-    return (
-        sources_in("store")
-        | sources_in("loader")
-        | {
-            name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
-            for name, text in foreign.items()
-        }
-    )
+    return sources_in("store") | sources_in("loader") | {
+        name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
+        for name, text in sources_in("store/vendor").items()
+    }  # fmt: skip
 
 
 def fmu_sources(*parts: str) -> dict[str, bytes]:
     """Return the sources of the FMU around the ECU, including the folders `parts` of `fmu/`: `signals` or `bus`, and
     `fmi2`. The header `sw_fmu_settings.h`, generated for a release (`firmware_sim.fmu.ecu_variables`), is not included.
     """
-    found = sources_in("fmu")
-    for part in parts:
-        found |= sources_in(f"fmu/{part}")
-    return found
+    return sources_in("fmu") | _in_parts(parts)
 
 
 def plant_fmu_sources(*parts: str) -> dict[str, bytes]:
@@ -62,7 +55,11 @@ def plant_fmu_sources(*parts: str) -> dict[str, bytes]:
     (`firmware_sim.fmu.plant_fmu`); `parts` is as in `fmu_sources`."""
     shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c", "sw_fmu_no_events.c")
     others = {name: text for name, text in fmu_sources("signals").items() if name in shared}
-    return sources_in("fmu/plant") | others | {k: v for part in parts for k, v in sources_in(f"fmu/{part}").items()}
+    return sources_in("fmu/plant") | others | _in_parts(parts)
+
+
+def _in_parts(parts: Sequence[str]) -> dict[str, bytes]:
+    return {name: text for part in parts for name, text in sources_in(f"fmu/{part}").items()}
 
 
 def example_sources() -> dict[str, bytes]:

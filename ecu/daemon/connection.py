@@ -9,9 +9,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from threading import Event, Lock, Thread
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
@@ -27,15 +27,13 @@ SEND_TIMEOUT_S: Final = 0.003
 """Longest time in s to send a frame. A period of 20 ms has two frames; if both time out, 14 ms of the period remain."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Lost:
+class Lost(NamedTuple):
     """A report that the bus was lost."""
 
     why: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Back:
+class Back(NamedTuple):
     """A report that the bus is connected again."""
 
     after_s: float
@@ -74,7 +72,7 @@ class Connection:
         self.why_not_sent = ""
 
     def __enter__(self) -> Self:
-        self._connect(self._open())
+        self._bus = _Read(self._open(), self._deliver)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -94,7 +92,7 @@ class Connection:
         if self._bus is None:
             if not self._opened:
                 return None
-            self._connect(self._opened.pop())
+            self._bus = _Read(self._opened.pop(), self._deliver)
             return Back(after_s=time.monotonic() - self._lost_at_s)
         fault = self._bus.receiver.fault
         return None if fault is None else self._lose(self._bus, str(fault))
@@ -130,9 +128,6 @@ class Connection:
         except BusError as error:
             return str(error)
         return ""
-
-    def _connect(self, bus: PythonCanBus) -> None:
-        self._bus = _Read(bus, self._deliver)
 
     def _lose(self, read: "_Read", why: str) -> Lost:
         self._before = replace(self.health(), bus_off=self.health().bus_off + 1)

@@ -64,12 +64,7 @@ class Deadlines:
 
 @dataclass(frozen=True, kw_only=True)
 class Arrivals:
-    """The latest arrivals of a periodic message.
-
-    Attributes:
-        period_ns: time between two arrivals.
-        latest_ns: times of up to REMEMBERED arrivals, oldest first.
-    """
+    """The latest arrivals of a periodic message: the times of up to REMEMBERED arrivals, oldest first."""
 
     period_ns: int
     latest_ns: tuple[int, ...] = ()

@@ -35,12 +35,7 @@ class Privilege(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """The requested privileges.
-
-    Attributes:
-        priority: SCHED_FIFO priority, 1 to 99; 0 to stay an ordinary process.
-        without_collector: whether to switch off garbage collection.
-    """
+    """The requested privileges. `priority` is that of SCHED_FIFO, 1 to 99, or 0 to stay an ordinary process."""
 
     priority: int = PRIORITY
     lock_memory: bool = True
@@ -79,11 +74,8 @@ def stay_ordinary() -> None:
 
 
 def step_back() -> None:
-    """Give this thread a lower priority than its starting thread, if the starting thread has a real-time priority.
-
-    This thread gets the lowest real-time priority, not an ordinary one. Any process could interrupt an ordinary thread
-    that holds the interpreter's lock, and the control loop would have to wait for the lock.
-    """
+    """Give this thread the lowest real-time priority, if its starting thread has a real-time priority. Any process
+    could interrupt an ordinary thread that holds the interpreter's lock, and the control loop would have to wait."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
 

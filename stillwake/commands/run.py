@@ -207,7 +207,7 @@ class _Loop:
         """Run the loop with the ECU in C, or with the ECU in Python if `ecu` is None. The controller of the ECU in
         Python is the C library; without a library, ONNX Runtime computes the controller's steps."""
         from can_bridge.wire.messages import Mode
-        from ecu.in_c.library_controller import open_library
+        from ecu.in_c.host_library import open_library
         from firmware_sim.bench.closed_loop import run_closed_loop
         from firmware_sim.bench.disturbances import Disturbances
         from firmware_sim.runs.metadata import RunOrigin

@@ -13,7 +13,7 @@ from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release import signing
-from ecu.daemon.options import ProcessOptions
+from ecu.daemon.process import ProcessOptions
 from ecu.daemon.store_service import serve_store
 from ecu.flashable.ecu_folder import EcuFolder
 from ecu.flashable.flashable_ecu import FlashableEcu

@@ -25,8 +25,7 @@ from ecu.ecu import Ecu
 from ecu.in_c.c_ecu import CEcu, ecu_sources
 from ecu.in_c.c_structs import differing
 from ecu.in_c.compiler import compile_c, host_compiler
-from ecu.in_c.host_library import CController
-from ecu.in_c.library_controller import open_library
+from ecu.in_c.host_library import CController, open_library
 from tests.each import each
 from tests.ecu.in_c.exported import CONFIG, WINDOW, Exported, Feed
 
