@@ -41,7 +41,7 @@ from ecu.timing import StepTiming
 
 
 class StepOutcome(NamedTuple):
-    """The outcome of a control period. `frames` has the frames to send: a JetCommand and an EcuStatus."""
+    """The outcome of a control period, with the frames to send: a JetCommand and an EcuStatus."""
 
     state: EcuState
     frames: list[Frame]
@@ -129,12 +129,8 @@ class Ecu:
                 f"{own}; build it from the same bundle, settings and calibration"
             )
         self._state = state
-        self.trace = Trace(
-            mode=state.fail_safe.mode.on_wire,
-            action=state.memory.under_way.newest,
-            forces=None,
-            interventions=Intervention(0),
-        )
+        mode, action = state.fail_safe.mode.on_wire, state.memory.under_way.newest
+        self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
 
     def calibrate(self, calibration: Calibration) -> None:
         """Put other values in force; all of them take effect from the next step on.
@@ -178,13 +174,7 @@ class Ecu:
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
-        after = replace(
-            acted,
-            commands=state.commands.next(self._messages.command.spec),
-            statuses=state.statuses.next(self._messages.status.spec),
-            health=health,
-            freshness=state.freshness.next(),
-        )
+        after = replace(acted.answered(self._messages), health=health)
         mode = after.fail_safe.mode
         command = JetCommand(
             flow_m2_per_s=passed.flow_m2_per_s,
@@ -194,14 +184,10 @@ class Ecu:
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
-        trace = Trace(
-            mode=mode.on_wire,
-            action=after.memory.under_way.newest,
-            forces=forces,
-            interventions=passed.interventions,
-        )
+        action, interventions = after.memory.under_way.newest, passed.interventions
+        trace = Trace(mode=mode.on_wire, action=action, forces=forces, interventions=interventions)
         frames_out = answers(state, after, command, now_ns, self._messages, self._key, self._bundle_hash)
-        return StepOutcome(state=after, frames=frames_out, trace=trace)
+        return StepOutcome(after, frames_out, trace)
 
     def status(self) -> EcuStatus:
         """Return the health counters after the latest step."""
@@ -280,17 +266,17 @@ class Ecu:
             now_ns=now_ns,
             limits=self._limits,
         )
-        memory = decision.memory.commanded(self._as_sent(passed.flow_m2_per_s))
+        # The action as it is sent, rounded to the message's resolution.
+        sent_m2_per_s = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
+        memory = decision.memory.commanded(sent_m2_per_s / self._flow_scale)
         after = replace(state, memory=memory, fail_safe=_told_by_the_gate(fail_safe, passed))
         return after, passed, decision.forces
 
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
         """Return the memory with one more row for each skipped period; in these periods the last command stayed in
-        force.
-
-        If the clock is wrong, the length of the step is unknown and the rows are useless: the window is emptied.
-        """
+        force."""
         if timing.fault is Reason.CLOCK:
+            # The length of the step is unknown, and the rows are useless.
             return memory.emptied()
         # More periods change nothing: the window is then empty, and the last command is in force.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
@@ -320,10 +306,6 @@ class Ecu:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
         return self._benefit_check.next(state.benefit, cp, drives=state.fail_safe.mode.drives_jets, speed=speed)
-
-    def _as_sent(self, flow_m2_per_s: float) -> float:
-        """Return the action of a command as sent, rounded to the message's resolution, in U_inf W."""
-        return round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """Return the request to the command gate in this mode; the memory already has this period's row."""

@@ -93,6 +93,15 @@ class EcuState:
         verifier = authentication.verifier(messages.pressure.spec)
         return replace(self, verifier=verifier, speed=speed, freshness=authentication.freshness)
 
+    def answered(self, messages: MessageSet) -> Self:
+        """Return the state after the two frames of a period were sent: the next counters and freshness values."""
+        return replace(
+            self,
+            commands=self.commands.next(messages.command.spec),
+            statuses=self.statuses.next(messages.status.spec),
+            freshness=self.freshness.next(),
+        )
+
     def status(self, bundle_hash: int) -> EcuStatus:
         """Return the status message of an ECU that runs this bundle."""
         return EcuStatus(
@@ -126,15 +135,12 @@ def answers(
         (before.commands, messages.command.spec, messages.command.emit(command)),
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
     )
+    # A frame's time must not be negative. If the clock gives a negative time, the jets are shut anyway.
+    frames = [protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)) for sender, spec, data in contents]
+    specs = messages.command.spec, messages.status.spec
     return [
-        secured(
-            # A frame's time must not be negative. If the clock gives a negative time, the jets are shut anyway.
-            protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
-            spec=spec,
-            key=key,
-            freshness=before.freshness,
-        )
-        for sender, spec, data in contents
+        secured(frame, spec=spec, key=key, freshness=before.freshness)
+        for frame, spec in zip(frames, specs, strict=True)
     ]
 
 

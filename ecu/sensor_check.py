@@ -25,7 +25,7 @@ because no pressure in a flow is constant. The other sensors show whether there 
 very low speed all pressures are nearly constant, and no sensor counts as stuck.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -72,11 +72,11 @@ speed on the bus does not show."""
 
 
 class EstimatorModel(Protocol):
-    """A model that evaluates the estimator network of `sensors.onnx`."""
+    """A model that evaluates the estimator network of `sensors.onnx`, like `OnnxEstimator`."""
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates in Cp of each of the V views, (V, S), for a window (L, S + 1) of L rows and S sensors.
-        Raises ControllerError if the model fails."""
+        """Return the estimates in Cp of each of the V views, (V, S), for a window (L, S + 1). Raises ControllerError if
+        the model fails."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,26 +154,27 @@ class ResidualLevels(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
-    """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) rms in Cp of the fast and slow means of healthy
-    sensors' residuals, for each hypothesis and sensor."""
+    """The check of one bundle's pressures.
+
+    Attributes:
+        fast, slow: (S + P, S) rms in Cp of the fast and slow means of healthy sensors' residuals, for each hypothesis
+            and sensor.
+        sound: mean rms in Cp of the fast means, for the hypotheses that leave the sensor itself out.
+    """
 
     estimator: EstimatorModel
     fast: Array
     slow: Array
+    sound: float
     config: SensorCheckConfig
-    hypotheses: Hypotheses = field(init=False)
-    _sound: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        sensors = self.fast.shape[1]
-        object.__setattr__(self, "hypotheses", Hypotheses.of(sensors))
-        object.__setattr__(self, "_sound", float(self.fast[:sensors].diagonal().mean()))
+    hypotheses: Hypotheses
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: EstimatorModel, config: SensorCheckConfig) -> "SensorCheck":
         """Return the check with the rms values in a manifest."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
-        return cls(estimator=estimator, fast=fast, slow=slow, config=config)
+        sound, hypotheses = float(np.array(figures.fast).diagonal().mean()), Hypotheses.of(len(figures.fast))
+        return cls(estimator=estimator, fast=fast, slow=slow, sound=sound, config=config, hypotheses=hypotheses)
 
     def next(
         self,
@@ -223,16 +224,14 @@ class SensorCheck:
         """Return the levels of evidence that follow from a state's running means."""
         sensors = len(state.readings)
         slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
-        fast_each, slow_each = _split(state.score, sensors), _split(slow, sensors)
-        swapped = state.score[sensors:].mean(axis=1)
-        alone = fast_each.own
+        (alone, others), (slow_alone, slow_others) = _split(state.score, sensors), _split(slow, sensors)
         aside = state.set_aside
-        doubt = alone.mean() if aside is None else fast_each.others[aside] / ASIDE_ALLOWED
-        drift = slow_each.others.min() if aside is None else slow_each.others[aside]
+        doubt = alone.mean() if aside is None else others[aside] / ASIDE_ALLOWED
+        drift = slow_others.min() if aside is None else slow_others[aside]
         return ResidualLevels(
-            liar=alone / (1.0 + fast_each.others),
-            bias=slow_each.own / (1.0 + slow_each.others),
-            swap=alone.mean() / (1.0 + swapped),
+            liar=alone / (1.0 + others),
+            bias=slow_alone / (1.0 + slow_others),
+            swap=alone.mean() / (1.0 + state.score[sensors:].mean(axis=1)),
             doubt=float(doubt),
             drift=float(drift) / DRIFT_ALLOWED,
         )
@@ -255,15 +254,15 @@ class SensorCheck:
         """Return whether the other sensors' readings in the window show a flow while the sensor `resting` had a
         constant reading."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
-        return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
+        return bool(np.median(np.delete(moved, resting)) >= MOVING * self.sound)
 
     def _any_alike(self, window: Array, set_aside: int | None) -> bool:
         """Return whether two sensors in use have nearly equal readings over a window in which the readings vary."""
         one, other = np.transpose([pair for pair in pairs(window.shape[1] - 1) if set_aside not in pair])
         # `cumsum` adds in a fixed order, as C does; `sum` may add in another order.
         squares = np.square(window[:, one] - window[:, other]).cumsum(axis=0)
-        same = squares[-1] <= len(window) * (ALIKE * self._sound) ** 2
-        return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self._sound)).any())
+        same = squares[-1] <= len(window) * (ALIKE * self.sound) ** 2
+        return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self.sound)).any())
 
     def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
         """Return the new values of `set_aside`, `doubt` and `implausible`; `full` is whether all rows of the window
@@ -300,17 +299,11 @@ def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
     return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)
 
 
-class _Split(NamedTuple):
-    """Two parts of an array (S + P, S). `own`: (S,) values of the sensors, each from the row that leaves this sensor
-    out. `others`: (S,) mean values of the other sensors in these rows."""
-
-    own: Array
-    others: Array
-
-
-def _split(values: Array, sensors: int) -> _Split:
+def _split(values: Array, sensors: int) -> tuple[Array, Array]:
+    """Return two parts of an array (S + P, S): the values (S,) of the sensors, each from the row that leaves this
+    sensor out; and the mean values (S,) of the other sensors in these rows."""
     own = values[:sensors].diagonal()
-    return _Split(own=own, others=(values[:sensors].sum(axis=1) - own) / (sensors - 1))
+    return own, (values[:sensors].sum(axis=1) - own) / (sensors - 1)
 
 
 def _with_swaps(table: Array) -> Array:

@@ -64,22 +64,18 @@ class CController(NeverCopied):
             raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
         horizon = sizes.horizon
+        number = ctypes.c_float
+        steps, terms = number * horizon, number * len(TERMS)
         self._input = _structure(
             "sw_input",
-            window=(ctypes.c_float * (sizes.sensors + 1)) * sizes.window,
-            plan=ctypes.c_float * horizon,
-            free=ctypes.c_float * horizon,
-            weights=ctypes.c_float * len(TERMS),
-            speed=ctypes.c_float,
-            limit=ctypes.c_float,
+            window=(number * (sizes.sensors + 1)) * sizes.window,
+            plan=steps,
+            free=steps,
+            weights=terms,
+            speed=number,
+            limit=number,
         )
-        self._output = _structure(
-            "sw_output",
-            plan=ctypes.c_float * horizon,
-            forces=(ctypes.c_float * FORCES) * horizon,
-            terms=ctypes.c_float * len(TERMS),
-            cost=ctypes.c_float,
-        )
+        self._output = _structure("sw_output", plan=steps, forces=(number * FORCES) * horizon, terms=terms, cost=number)
         reset(ctypes.byref(self._input))
         self._window, self._plan, self._free, self._weights = (
             np.ctypeslib.as_array(getattr(self._input, name)) for name in ("window", "plan", "free", "weights")
@@ -117,10 +113,8 @@ class CController(NeverCopied):
         )
         self._check(status)
         found = self._output
-        new_plan, forces, terms, cost = (
-            np.array(value, dtype=np.float64) for value in (found.plan, found.forces, found.terms, found.cost)
-        )
-        return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
+        arrays = {name: np.array(getattr(found, name), dtype=np.float64) for name in ("plan", "forces", "terms")}
+        return ControlStep(**arrays, cost=float(found.cost))
 
     def known_answer(self) -> tuple[float, float]:
         """Return the first action and the cost of the control step in `sw_known_answer.c`. They are computed by a

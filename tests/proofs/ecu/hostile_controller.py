@@ -14,11 +14,7 @@ BAD: Final = ("nan", "inf", "overflow", "raise", "memory", "none", "short", "fla
 
 
 class HostileController:
-    """Does what it was prepared for.
-
-    Attributes:
-        called: a step was asked for since then.
-    """
+    """Does what it was prepared for; `called` tells whether a step was asked for since then."""
 
     def __init__(self) -> None:
         self._kept: list[Array] = []

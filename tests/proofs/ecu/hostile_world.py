@@ -118,16 +118,8 @@ def _foreign(item: Delivered, rng: Random) -> Delivered:
 
 
 class World:
-    """Both nodes, and the two who judge them.
-
-    Args:
-        config: of both nodes.
-        judged_by: what they are held against; the same unless a test plants a fault in the settings.
-
-    Attributes:
-        seen: the latest period.
-        now_ns: the ECU's clock.
-    """
+    """Both nodes, and the two who judge them by `judged_by`, which is `config` unless a test plants a fault in the
+    settings. `seen` is the latest period, `now_ns` is of the ECU's clock."""
 
     def __init__(self, config: Config, judged_by: Config | None = None) -> None:
         self.config, self._bundle, self._controller = config, small_bundle(config), HostileController()
@@ -208,15 +200,8 @@ PERIOD_NS: Final = 20_000_000
 
 
 class RandomEvents:
-    """Periods drawn from a seed: stretches of calm and of hostile times, with losses in bursts.
-
-    Args:
-        seed: of all that happens.
-        hostility: from 0 to 1, kept throughout; without, it changes.
-
-    Attributes:
-        hostility: at present.
-    """
+    """Periods drawn from a seed: stretches of calm and of hostile times, with losses in bursts. A stated hostility,
+    from 0 to 1, is kept throughout; otherwise it changes."""
 
     def __init__(self, seed: int | str, hostility: float | None = None) -> None:
         self._rng, self._request, self._fixed, self.hostility = Random(seed), False, hostility, hostility or 0.0

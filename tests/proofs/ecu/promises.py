@@ -47,12 +47,8 @@ PROMISES: Final = {
 
 
 class Delivered(NamedTuple):
-    """A frame as it came out of the bus, and the truth behind it.
-
-    Attributes:
-        frame: with the receiver's time.
-        sampled: period in which the vehicle sampled the pressures behind it; None if it never did.
-    """
+    """A frame as it came out of the bus, with its receiver's time, and the period in which the vehicle sampled the
+    pressures behind it; None if it never did."""
 
     frame: Frame
     sampled: int | None
@@ -97,11 +93,7 @@ class Used(NamedTuple):
 
 
 class EcuJudge:
-    """What the ECU promises; `judge` each of its steps.
-
-    Attributes:
-        used: the frame that the latest command rests on.
-    """
+    """What the ECU promises; `judge` each of its steps. The latest command rests on the frame `used`."""
 
     def __init__(self, config: Config) -> None:
         ecu, self._config, self._period_ns = config.ecu, config, config.period_ns

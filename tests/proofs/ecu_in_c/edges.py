@@ -29,12 +29,7 @@ LARGEST: Final = 2**32 - 1
 
 
 class Edges:
-    """Moves states to where something changes.
-
-    Args:
-        config: of the vehicle.
-        rng: chance.
-    """
+    """Moves states to where something changes."""
 
     def __init__(self, config: Config, rng: Random) -> None:
         self._config, self._rng = config, rng

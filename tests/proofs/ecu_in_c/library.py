@@ -58,13 +58,8 @@ class Leaf(NamedTuple):
 
 
 class Layout:
-    """How periods lie in memory in one library.
-
-    Attributes:
-        structs: of the ECU.
-        leaves: of a response.
-        compared: a byte for each of a response, 1 where a leaf lies and 0 in between.
-    """
+    """How periods lie in memory in one library: the ECU's structs, the leaves of a response, and a byte for each of its
+    bytes, 1 where a leaf lies and 0 in between."""
 
     def __init__(self, contents: Mapping[str, bytes]) -> None:
         self.structs = Structs(contents, compiler.host_compiler(), header=TWIN)
@@ -109,16 +104,7 @@ def _listed(value: Any) -> Any:
 
 
 class Library:
-    """One library of the ECU in C, compiled and loaded, and one ECU in it.
-
-    Args:
-        contents: its files.
-        output: the shared library.
-        flags: for the compiler.
-
-    Raises:
-        LibraryError: the compiler does not take the files.
-    """
+    """One library of the ECU in C, compiled and loaded, and one ECU in it."""
 
     def __init__(self, contents: Mapping[str, bytes], output: Path, *, flags: Sequence[str] = SHARED) -> None:
         compiler.compile_c(contents, output, compiler=compiler.host_compiler(), flags=flags)

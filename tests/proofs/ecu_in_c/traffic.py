@@ -45,13 +45,7 @@ _LARGE: Final = (0, 1, 127, 255, 256, 65_535, 2**32 - 1)
 
 
 class Traffic:
-    """Periods drawn from a seed.
-
-    Args:
-        config: of the vehicle.
-        horizon: H of the plans.
-        seed: of all that happens.
-    """
+    """Periods drawn from a seed; H of the plans is `horizon`."""
 
     def __init__(self, config: Config, horizon: int, seed: str) -> None:
         self._events, self._rng = RandomEvents(seed), Random(seed)

@@ -28,11 +28,7 @@ def corpus(of: World, file: Path, seeds: range) -> None:
 
 
 def fuzz(executable: Path, file: Path, seed: int, requests: int) -> dict[str, int]:
-    """What the program counted.
-
-    Raises:
-        RuntimeError: a sanitiser complained; the message has its report.
-    """
+    """What the program counted. Raises RuntimeError with a sanitiser's report."""
     command = [str(executable), str(file), str(seed), str(requests)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:

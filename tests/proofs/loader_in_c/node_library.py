@@ -41,11 +41,7 @@ def sources(config: Config) -> dict[str, bytes]:
 
 def build(contents: Mapping[str, bytes], folder: Path, output: str, flags: Sequence[str] = QUICK) -> Path:
     """A shared library, or a program if `output` is one of the sources; with `--coverage` it is compiled in the folder,
-    where its branches are counted then.
-
-    Raises:
-        LibraryError: the compiler does not take it.
-    """
+    where its branches are counted then."""
     folder.mkdir(exist_ok=True)
     path, kept = folder / output.removesuffix(".c"), {**contents}
     if output != _FUZZ:
@@ -82,12 +78,7 @@ class Library:
 
 
 class Host:
-    """A node with a flash memory.
-
-    Args:
-        rules: as `sw_rules` has them.
-        texts: hardware, serial number, software.
-    """
+    """A node with a flash memory, by `sw_rules`, a key, and its hardware, serial number and software."""
 
     def __init__(self, of: Library, rules: bytes, access_key: bytes, texts: Sequence[str]) -> None:
         self._lib, self._ffi, self._structs = of.c, of.ffi, of.structs

@@ -24,16 +24,9 @@ _CONTROL: Final = (0x00, 0x02, 0x10, 0x11, 0x20, 0x21, 0x30, 0x31, 0x32, 0x33)
 
 
 class Program:
-    """One tester, one vehicle, one seed.
-
-    Args:
-        trouble: share of frames and times that are not as they should be.
-        calm: a quick tester, a vehicle that never asks for control, and no release from production.
-
-    Attributes:
-        requests: how many were sent.
-        sent: those of plans, as they stood there.
-    """
+    """One tester, one vehicle, one seed. `trouble` is the share of frames and times that are not as they should be; if
+    `calm`, the tester is quick, the vehicle never asks for control, and no release is from production. `sent` has
+    requests of plans, as they stood there."""
 
     def __init__(self, of: World, seed: int | str, *, trouble: float = 0.02, calm: bool = False) -> None:
         self._rng = rng = Random(seed)

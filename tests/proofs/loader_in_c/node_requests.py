@@ -134,12 +134,7 @@ def guessing(rng: Random, of: World) -> Plan:
 
 
 def any_noise(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
-    """A request that is in no plan.
-
-    Args:
-        sent: before; not empty.
-        seed: that the ECU gave last, None if it gave none.
-    """
+    """A request that is in no plan, made from requests before it and the seed that the ECU gave last."""
     kind = rng.choice(("random", "service", "damaged", "damaged", "again", "again", "wrong key", "routine"))
     if kind == "random":
         return rng.randbytes(rng.randrange(_LONGEST_NOISE))

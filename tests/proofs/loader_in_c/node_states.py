@@ -124,11 +124,8 @@ def _grid(rng: Random) -> bytes:
 
 
 class Prober(Program):
-    """A tester who is answered at once, and says in which state each request finds the ECU.
-
-    Attributes:
-        met: requests by the state in which they came and by their service.
-    """
+    """A tester who is answered at once. `met` counts requests by the state in which each found the ECU, and by
+    service."""
 
     def __init__(self, of: World, seed: str) -> None:
         super().__init__(of, seed, trouble=0.0)

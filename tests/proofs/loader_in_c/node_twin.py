@@ -192,13 +192,8 @@ class _Controller(RecordingController):
 
 
 class Twins:
-    """Both ECUs, just powered on with release "one", or with none. Enter `as_in_c` before.
-
-    Attributes:
-        differences: what differed, in words; nothing is compared after the first.
-        sent: by the Python one in the latest call.
-        seen: how often answers of each kind came, by service and code.
-    """
+    """Both ECUs, just powered on with release "one", or with none. Enter `as_in_c` before. Nothing is compared after
+    the first difference; `seen` counts answers by service and code."""
 
     def __init__(self, of: World, *, first: str | None = "one") -> None:
         self._config = of.config

@@ -61,11 +61,8 @@ def images(seed: int, count: int) -> Iterator[bytes]:
 
 
 def fuzz(program: Path, seed: int, count: int) -> tuple[Counter[str], list[str]]:
-    """How many images have each verdict, and the first of those that both judge differently.
-
-    Raises:
-        RuntimeError: a sanitiser ended the program.
-    """
+    """How many images have each verdict, and the first of those that both judge differently. Raises RuntimeError if a
+    sanitiser ended the program."""
     made = list(images(seed, count))
     head = rules(ONE) + struct.pack(">I", len(LIST)) + LIST
     sent = head + b"".join(struct.pack(">I", len(one)) + hashlib.sha256(one).digest() + one for one in made)

@@ -99,9 +99,10 @@ assert controller_image.read(ONE).facts == FACTS
 
 
 def built(
-    output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1", "-shared", "-fPIC")
+    output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1", "-shared", "-fPIC", "-w")
 ) -> Path:
-    """A library or program of these files, or of `sources`; raises LibraryError if the compiler refuses them."""
+    """A library or program of these files, or of `sources`, in which a planted fault may look odd to the compiler;
+    raises LibraryError if the compiler refuses them."""
     made_from = sources() if contents is None else contents
     compiler.compile_c(made_from, output, compiler=compiler.host_compiler(), flags=(*flags, *GEOMETRY))
     return output

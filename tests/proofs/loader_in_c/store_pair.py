@@ -115,12 +115,8 @@ class Flash:
 
 
 class Pair:
-    """Both stores from an erased memory on; every call compares what they answer, and raises MismatchError.
-
-    Args:
-        cut_at: operation of the flash memory, from here on, in which the supply goes; None: in none.
-        seed: of what a cut leaves behind.
-    """
+    """Both stores from an erased memory on; every call compares what they answer, and raises MismatchError. The supply
+    goes in operation `cut_at`, from here on, if there is one; the seed is of what a cut leaves behind."""
 
     def __init__(self, library: Library, *, cut_at: int | None = None, seed: int = 0) -> None:
         self._ffi, self._c = library.ffi, library.c

@@ -38,9 +38,7 @@ PLANTED: Final = tuple(
 
 def is_found(item: Planted, folder: Path) -> bool:
     """By calls at random, by care for records, by forged records, or by cuts."""
-    # A fault may look odd to the compiler.
-    flags = ("-O1", "-shared", "-fPIC", "-w")
-    library = Library(built(folder / f"planted_{PLANTED.index(item)}.so", item.into(sources()), flags))
+    library = Library(built(folder / f"planted_{PLANTED.index(item)}.so", item.into(sources())))
     try:
         for seed in range(6):
             any_calls(Pair(library), str(seed), 150)
