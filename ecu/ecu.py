@@ -74,11 +74,7 @@ class Ecu:
     """
 
     def __init__(
-        self,
-        bundle: Bundle,
-        controller: Controller,
-        config: Config,
-        authentication: Authentication | None = None,
+        self, bundle: Bundle, controller: Controller, config: Config, authentication: Authentication | None = None
     ) -> None:
         check_vehicle(bundle, config)
         manifest = bundle.manifest

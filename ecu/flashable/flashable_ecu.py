@@ -170,10 +170,7 @@ class FlashableEcu:
 
     def _power_on(self) -> PowerCycle:
         return PowerCycle(
-            *self._made_of,
-            request=lambda: self._request,
-            now_ns=lambda: self._service_ns,
-            on_reset=self._ask_for_reset,
+            *self._made_of, request=lambda: self._request, now_ns=lambda: self._service_ns, on_reset=self._ask_for_reset
         )
 
     def _is_silent(self, now_ns: int) -> bool:

@@ -79,13 +79,10 @@ class Structs:
         return int(self.ffi.offsetof("sw_ecu", "work") if ecu else self.ffi.sizeof(name))
 
     def frames(self, frames: Sequence[Frame]) -> Any:
-        """Return an array of `sw_frame`. A time out of C's range is replaced by the nearest time in this range."""
+        """Return an array of `sw_frame`."""
         found = self.ffi.new("sw_frame[]", len(frames))
         for place, frame in zip(found, frames, strict=True):
-            place.timestamp_ns = min(frame.timestamp_ns, _LARGEST["int64"])
-            place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
-            place.length = len(frame.data)
-            place.data[0 : len(frame.data)] = frame.data
+            fill_frame(place, frame)
         return found
 
     def frame(self, found: Any) -> Frame:
@@ -173,9 +170,7 @@ class Structs:
             ),
             benefit=_value(BenefitCheckState, state.benefit),
             health=_value(
-                BusHealth,
-                state.health,
-                state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE,
+                BusHealth, state.health, state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE
             ),
         )
 
@@ -214,13 +209,13 @@ class Structs:
 
     def _set_memory(self, memory: Any, value: ControllerMemory) -> None:
         memory.rows, memory.gap = value.rows, _count(value.gap)
-        self._copy(memory.window, value.window)
-        self._copy(memory.plan, value.plan.astype(np.float32))
+        self.copy(memory.window, value.window)
+        self.copy(memory.plan, value.plan.astype(np.float32))
         memory.frozen, memory.under_way = len(value.under_way.pending), list(value.under_way.values)
         if value.past is not None:
             memory.past.count = value.past.count
-            self._copy(memory.past.rows, value.past.rows)
-            self._copy(memory.past.speeds, value.past.speeds)
+            self.copy(memory.past.rows, value.past.rows)
+            self.copy(memory.past.speeds, value.past.speeds)
 
     def _set_sensors(self, sensors: Any, value: SensorCheckState) -> None:
         sensors.set_aside = -1 if value.set_aside is None else value.set_aside
@@ -229,14 +224,14 @@ class Structs:
         sensors.has_read = not np.isnan(value.readings).any()
         sensors.flat = [_count(int(item)) for item in value.flat]
         if sensors.judged:
-            self._copy(sensors.residual, value.residual)
+            self.copy(sensors.residual, value.residual)
         if sensors.has_read:
-            self._copy(sensors.readings, value.readings)
+            self.copy(sensors.readings, value.readings)
         for name in _SENSOR_ARRAYS:
-            self._copy(getattr(sensors, name), getattr(value, name))
+            self.copy(getattr(sensors, name), getattr(value, name))
 
-    def _copy(self, member: Any, values: Array) -> None:
-        """Copy an array's bytes into a member of the same shape and type, whose bytes must all be zero before."""
+    def copy(self, member: Any, values: Array) -> None:
+        """Copy an array's bytes into a member of the same shape and type."""
         content = np.ascontiguousarray(values)
         assert content.nbytes == self.ffi.sizeof(member)
         self.ffi.memmove(member, content, content.nbytes)
@@ -265,6 +260,14 @@ class Structs:
     def _known(self, member: Any, *, known: int) -> Array:
         found = self._array(member)
         return found if known else np.full_like(found, np.nan)
+
+
+def fill_frame(place: Any, frame: Frame) -> None:
+    """Fill in a `sw_frame`. A time out of C's range is replaced by the nearest time in this range."""
+    place.timestamp_ns = c_time(frame.timestamp_ns)
+    place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
+    place.length = len(frame.data)
+    place.data[0 : len(frame.data)] = frame.data
 
 
 def _value(kind: type[T], place: Any, **given: Any) -> T:

@@ -38,15 +38,11 @@ class Events:
     """What happens in one control period.
 
     Attributes:
-        request: of the vehicle.
         pressure, command: fates of the two frames.
-        valid: all four transducers work.
         queued_ns: how long the pressure frame waited where its receiver knows of it.
         elapsed_ns: what the ECU's clock makes of the time since its step before.
-        steps: the ECU steps at all.
         bus_off: its CAN controller is; `unseen` if it has recovered before the step.
         deed, value: what the controller does, see `HostileController`.
-        reset_ecu, reset_vehicle: powered on again before it.
         chance: seed of where bits flip and which frame comes again.
     """
 

@@ -58,16 +58,12 @@ class Seen(NamedTuple):
     """One control period, as somebody sees it who watches the wires.
 
     Attributes:
-        request: of the vehicle.
-        reset_vehicle: powered on again before it.
         now_ns: of the ECU's step; None if it did not step.
         pressures: what the ECU received since its step before.
-        answers: what it sent.
         bus_off: its CAN controller is, or was since the step before.
         bad_answer: its controller gave no finite plan in this step.
         commands: what the vehicle received, with what they rest on.
         action: of the jets, U_inf W.
-        error: what left one of the two as an exception.
     """
 
     period: int

@@ -107,11 +107,7 @@ def sharpness(scratch: Path) -> dict[str, Any]:
             "branches_missed": coverage.missed,
         }
     tried = mutants.tried(recordings, scratch)
-    figures |= {
-        "mutants": tried.mutants,
-        "survivors": len(tried.survivors),
-        "survivors_unexplained": tried.unexplained,
-    }
+    figures |= {"mutants": tried.mutants, "survivors": len(tried.survivors), "survivors_unexplained": tried.unexplained}
     if misra.cppcheck() is not None:
         deviations = misra.deviations()
         figures |= {

@@ -19,7 +19,7 @@ from contract.errors import ConfigError
 from ecu.calibrating import limits_of
 from ecu.ecu import Ecu
 from ecu.ecu_state import EcuState
-from ecu.in_c.c_structs import c_time
+from ecu.in_c.c_structs import c_time, fill_frame
 from ecu.sensor_check import SensorCheck
 from tests.proofs.ecu_in_c.library import Layout
 from tests.proofs.ecu_in_c.variants import authentication_of, bundle_of
@@ -40,17 +40,8 @@ class Answers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Period:
-    """What comes to an ECU in one control period, from outside and from its networks.
-
-    Attributes:
-        now_ns: time of the step.
-        frames: received, oldest first.
-        health, fault, updating: as in `Ecu.step`.
-        answers: of the networks.
-        restarts: power-on before it.
-        loads: a state to start from instead.
-        calibration: other values before it, within the limits or not.
-    """
+    """What comes to an ECU in one control period, from outside and from its networks; before it a power-on, a state
+    that is loaded, or other values of the calibration, within the limits or not."""
 
     now_ns: int
     frames: list[Frame]
@@ -155,46 +146,31 @@ class PythonTwin:
             item.id = self._pressure_id
         given = place.answers
         given.is_planned = answers.is_planned
-        copy(ffi, given.plan, answers.plan.astype(np.float32))
-        copy(ffi, given.forces, answers.forces.astype(np.float32))
-        copy(ffi, given.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
+        structs.copy(given.plan, answers.plan.astype(np.float32))
+        structs.copy(given.forces, answers.forces.astype(np.float32))
+        structs.copy(given.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
         if period.restarts or period.loads is not None:
             structs.set_state(ffi.addressof(place, "before"), period.loads or self.power_on)
 
     def _expect(self, sent: list[Frame], place: Any) -> None:
-        ffi, trace, networks = self.layout.ffi, self.ecu.trace, self.networks
+        structs, trace, networks = self.layout.structs, self.ecu.trace, self.networks
         place.sent = len(sent)
         for item, frame in zip(place.frames, sent, strict=False):
             fill_frame(item, frame)
         place.trace.action, place.trace.planned = trace.action, trace.forces is not None
         place.trace.interventions = trace.interventions.value
-        self.layout.structs.set_state(ffi.addressof(place, "state"), self.ecu.state)
+        structs.set_state(structs.ffi.addressof(place, "state"), self.ecu.state)
         place.plans_asked, place.estimates_asked = len(networks.planned_on), len(networks.estimated_on)
         for window, plan, free, weights, (speed, limit) in networks.planned_on:
             asked = place.planned_on
             for member, values in ((asked.window, window), (asked.plan, plan), (asked.free, free)):
-                copy(ffi, member, values.astype(np.float32))
-            copy(ffi, asked.weights, weights.astype(np.float32))
+                structs.copy(member, values.astype(np.float32))
+            structs.copy(asked.weights, weights.astype(np.float32))
             asked.speed, asked.limit = float(speed), float(limit)
         for window in networks.estimated_on:
-            copy(ffi, place.estimated_on, window)
+            structs.copy(place.estimated_on, window)
 
 
 def silent(horizon: int) -> Answers:
     """Networks that answer zeros."""
     return Answers(plan=np.zeros(horizon), forces=np.zeros((horizon, FORCES)), estimates=np.zeros((34, 4)))
-
-
-def copy(ffi: Any, member: Any, values: Array) -> None:
-    """An array's bytes into one of C."""
-    content = np.ascontiguousarray(values)
-    assert content.nbytes == ffi.sizeof(member), (content.nbytes, ffi.sizeof(member))
-    ffi.memmove(member, content, content.nbytes)
-
-
-def fill_frame(place: Any, frame: Frame) -> None:
-    """Into a `sw_frame`."""
-    place.timestamp_ns = c_time(frame.timestamp_ns)
-    place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
-    place.length = len(frame.data)
-    place.data[0 : len(frame.data)] = frame.data

@@ -39,10 +39,7 @@ FAULTS = (
 
 @pytest.mark.parametrize(
     ("names", "faults", "periods"),
-    [
-        ((LONG_WINDOWS,), FAULTS[:1], 300),
-        pytest.param((*SANITISED,), FAULTS, PERIODS, marks=pytest.mark.proofs),
-    ],
+    [((LONG_WINDOWS,), FAULTS[:1], 300), pytest.param((*SANITISED,), FAULTS, PERIODS, marks=pytest.mark.proofs)],
     ids=["one", "all"],
 )
 def test_sanitisers_find_what_is_planted_and_nothing_else(names, faults, periods, tmp_path):

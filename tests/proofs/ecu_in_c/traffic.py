@@ -287,10 +287,7 @@ class Traffic:
         if rng.random() < odd / 40:
             forces[rng.randrange(horizon), rng.randrange(2)] = rng.choice(_WILD)
         return Answers(
-            plan=_as_float32(plan),
-            forces=_as_float32(forces),
-            estimates=estimates,
-            is_planned=rng.random() >= odd / 60,
+            plan=_as_float32(plan), forces=_as_float32(forces), estimates=estimates, is_planned=rng.random() >= odd / 60
         )
 
 

@@ -37,14 +37,8 @@ _MOST_TICKS: Final = 400
 _KEEPS: Final = (Service.READ, Service.REPORT_FAULTS, Service.SECURITY, Service.WRITE, Service.ROUTINE)
 """Services that mostly leave a session as it is."""
 _BAD: Final = (
-    "unsigned",
-    "stranger's",
-    "altered",
-    "old",
-    "of another build",
-    "of another vehicle",
-    "that does not open",
-)
+    "unsigned", "stranger's", "altered", "old", "of another build", "of another vehicle", "that does not open",
+)  # fmt: skip
 
 
 def _announced(rng: Random, of: World, most: int) -> Plan:

@@ -21,20 +21,8 @@ from tests.proofs.loader_in_c.store_pair import Pair
 from tests.proofs.loader_in_c.store_stories import LISTS, flash, provision, transfer
 
 _NAMES: Final = (
-    b"",
-    b"",
-    b"",
-    b"one",
-    b"n" * 64,
-    b"n" * 101,
-    b"n" * 300,
-    b"\0",
-    b"a\nb",
-    b"one\0",
-    b"\x7f",
-    b"\xff",
-    b" ",
-)
+    *(3 * [b""]), b"one", b"n" * 64, b"n" * 101, b"n" * 300, b"\0", b"a\nb", b"one\0", b"\x7f", b"\xff", b" ",
+)  # fmt: skip
 """Not those that only one kind of image may have: a bundle's name has up to 100 characters, and other than ASCII."""
 _COUNTS: Final = (0, 0, 0, 1, 3, 4, 255)
 _VERSIONS: Final = (0, 1, 2, 2**31, 2**32 - 1)

@@ -30,7 +30,7 @@ from tests.proofs.loader_in_c.store_library import (
     Library,
     opens,
     rules,
-)
+)  # fmt: skip
 
 DONE, MORE = range(2)
 FIRST_RECORD: Final = WORD - 2 * SECTOR

@@ -26,7 +26,7 @@ CALLS: Final = 200
 """Calls of one seed."""
 _IMAGES: Final = 5_000
 UNREACHED: Final = {
-    ("sw_records.c", "gathered(records, of, begin,"): "the call has just read them; they would have to fail in between",
+    ("sw_records.c", "gathered(records, of, begin,"): "the call has just read them; they would have to fail in between"
 }
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
 PLANTED: Final = tuple(
