@@ -18,7 +18,6 @@ def memory_of(length: int, *, sensors=1, horizon=4, delay=0) -> ControllerMemory
 
 
 def after(memory: ControllerMemory, cp: list[float], action: float) -> ControllerMemory:
-    """With this row."""
     return replace(memory, under_way=DelayLine((action,))).observed(np.array(cp))
 
 

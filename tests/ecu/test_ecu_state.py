@@ -60,7 +60,6 @@ def periods_of(bench, events: str) -> list[Period]:
 
 
 def identical(one: StepOutcome, other: StepOutcome) -> bool:
-    """In state, frames and trace, to the bit."""
     forces = [None if outcome.trace.forces is None else outcome.trace.forces.tobytes() for outcome in (one, other)]
     rest = [replace(outcome.trace, forces=None) for outcome in (one, other)]
     return (one.state, one.frames, forces[0], vars(rest[0])) == (other.state, other.frames, forces[1], vars(rest[1]))

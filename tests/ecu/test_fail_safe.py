@@ -41,7 +41,6 @@ def after(state: FailSafe, event: str, config: EcuConfig) -> FailSafe:
 
 
 def through(state: FailSafe, events: str, **settings: Any) -> tuple[str, FailSafe]:
-    """The letters of the states gone through, and the last one."""
     letters, config = "", EcuConfig(**settings)
     for event in events:
         state = after(state, event, config)

@@ -98,7 +98,6 @@ def _sound() -> Drive:
 
 
 def sound() -> Drive:
-    """After a hundred periods in order."""
     return copy(_sound())
 
 

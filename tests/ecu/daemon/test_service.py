@@ -66,7 +66,6 @@ def run(release: Bundle, config: Config, write=lambda line: None, *, is_stopped,
 
 @contextmanager
 def running(release: Bundle, config: Config, **options) -> Iterator[Running]:
-    """Serve while the block lasts."""
     its = Running()
 
     def work() -> None:

@@ -79,8 +79,6 @@ def made(kind: str, seed: int, prior_memory: int = 0):
 
 
 class Stepped(CEcu):
-    """An ECU that can be started from an image."""
-
     def __init__(self, files):
         super().__init__({**files, "shim.c": SHIM}, flags=("-O0", "-ffp-contract=off"))
         self.structs.ffi.cdef(DECLARED)

@@ -70,7 +70,6 @@ class Path:
         self._kept: deque[Delivered] = deque(maxlen=KEPT)
 
     def forget(self) -> None:
-        """No frame so far will be replayed."""
         self._kept.clear()
 
     def carried(self, item: Delivered | None, fate: str, period: int, rng: Random) -> list[Delivered]:
@@ -166,7 +165,6 @@ class World:
         return seen._replace(commands=commands, action=action), broken
 
     def _stepped(self, seen: Seen, events: Events, now_ns: int) -> Seen:
-        """With what the ECU received and answered."""
         self.now_ns = now_ns
         pressures, self._inbox = self._inbox, []
         before, count = self._health, self._health.bus_off + events.bus_off

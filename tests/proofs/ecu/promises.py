@@ -101,7 +101,6 @@ class EcuJudge:
         self.reset()
 
     def reset(self) -> None:
-        """After a power-on."""
         self.used: Used | None = None
         self._commands, self._mode = Commands(self._config), wire.OFF
         self._step_ns: int | None = None

@@ -100,7 +100,6 @@ def no_gate(flow_m2_per_s, *, enable, **others):
 
 
 def status_with(change):
-    """The ECU's status of a changed state."""
     return EcuState, "status", lambda self, bundle, status=EcuState.status: status(change(self), bundle)
 
 

@@ -13,12 +13,10 @@ PRESSURE, COMMAND, STATUS = "Pressure", "JetCommand", "EcuStatus"
 
 @cache
 def message(name: str) -> Any:
-    """A message of the DBC, as cantools has it."""
     return DBC.get_message_by_name(name)
 
 
 def is_sound(data: bytes, name: str) -> bool:
-    """Whether a message's length and CRC fit."""
     if len(data) != message(name).length:
         return False
     # autosar-e2e takes a mutable buffer only.

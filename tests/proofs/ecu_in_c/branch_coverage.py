@@ -38,7 +38,6 @@ class Coverage(NamedTuple):
 
 
 def is_possible() -> bool:
-    """Whether gcc and gcovr are here."""
     try:
         subprocess.run(["gcc", "--version"], capture_output=True, check=True)
     except OSError:
@@ -71,7 +70,6 @@ def replay_program(
 
 
 def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Coverage:
-    """Branches taken by recordings, by variant."""
     for name, items in recordings.items():
         program, compared = replay_program(name, folder, ("-O0", "--coverage"))
         for item in items:

@@ -49,12 +49,10 @@ class Stretch:
 
 
 def build(name: str, folder: Path) -> Library:
-    """The library of a variant, compiled."""
     return Library(sources(VARIANTS[name]), folder / f"{name.replace(' ', '_').replace(',', '')}.so")
 
 
 def traffic(name: str, seed: str, horizon: int) -> Iterator[Period]:
-    """The periods of a stretch, without end."""
     source = Traffic(VARIANTS[name], horizon, f"{name} {seed}")
     while True:
         yield source.next()

@@ -27,11 +27,9 @@ class Drive:
 
     @property
     def dynamic_pressure(self) -> float:
-        """Pa at Cp = 1."""
         return 0.5 * self.density * (self.ratio * self._design.speed) ** 2
 
     def move(self, odd: float) -> None:
-        """One period."""
         rng = self._rng
         if rng.random() < 0.03:
             inside = rng.uniform(SPEEDS.slowest, SPEEDS.fastest)
@@ -70,7 +68,6 @@ class Drive:
 
 
 def oldest_ns(oldest_ms: float) -> int:
-    """The largest age that is believed."""
     return round(oldest_ms * 1e6)
 
 

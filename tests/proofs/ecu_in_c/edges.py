@@ -61,7 +61,6 @@ class Edges:
         return max(least, value + self._rng.randrange(-2, 3))
 
     def _bits(self, length: int, count: int) -> int:
-        """So many bits set, or one more or less, of the latest."""
         count = max(0, min(length, self._around(count)))
         return sum(1 << place for place in self._rng.sample(range(length), count))
 

@@ -25,13 +25,11 @@ class Case(NamedTuple):
 
 
 def cases(config: Config, count: int, seed: int = 0) -> list[Case]:
-    """So many for a vehicle."""
     rng, limits = Random(seed), GateLimits.from_config(config)
     return [_case(_arguments(rng, limits), limits) for _ in range(count)]
 
 
 def is_passed(ffi: Any, library: Any, wanted: list[Case]) -> bool:
-    """Whether C answers all of them alike."""
     return all(
         _answer(library.sw_gate(*case.arguments, ffi.new("sw_gate_limits *", case.limits))) == case.answer
         for case in wanted

@@ -27,7 +27,6 @@ FRAMES: Final = 10
 
 
 def ecu_files() -> dict[str, bytes]:
-    """Sources and headers of the ECU, without its networks."""
     step = library.static_sources("float32")
     found = c_sources.control_sources() | {
         name: step[name] for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")
@@ -36,7 +35,6 @@ def ecu_files() -> dict[str, bytes]:
 
 
 def sources(config: Config) -> dict[str, bytes]:
-    """All files of the library for one vehicle."""
     bundle = bundle_of(config)
     manifest = bundle.manifest
     sizes = {"SW_WINDOW": manifest.window, "SW_SENSORS": len(manifest.sensors), "SW_HORIZON": manifest.mpc.horizon}
@@ -71,7 +69,6 @@ class Layout:
         self.compared = bytes(compared)
 
     def periods(self, count: int) -> Any:
-        """Room for so many, all zeros."""
         return self.ffi.new("twin_period[]", count)
 
     def differences(self, expected: Any, found: Any) -> list[str]:

@@ -76,7 +76,6 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         self._structs: dict[str, list[str]] = {}
 
     def _mutant(self, node: Any, before: str, after: str) -> int:
-        """A number for a fault at a node."""
         line = node.coord.line if node.coord is not None else self._line
         self._nth = self._nth + 1 if line == self._line else 1
         self._line = line
@@ -85,7 +84,6 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         return number
 
     def _acts(self, node: Any) -> bool:
-        """Whether the node is code of this file that may be changed."""
         return self._inside and self._quiet == 0 and node.coord is not None and node.coord.file.endswith(self._file)
 
     def _as_it_is(self, node: Any) -> str:

@@ -17,7 +17,6 @@ class Planted(NamedTuple):
     new: str
 
     def into(self, sources: Mapping[str, bytes]) -> dict[str, bytes]:
-        """The sources with it; raises ValueError if they no longer have the place."""
         return changed(sources, self.file, self.old, self.new)
 
 

@@ -63,7 +63,6 @@ class Networks:
     estimated_on: list[Array] = field(default_factory=list)
 
     def prepare(self, answers: Answers) -> None:
-        """For the next period."""
         self.answers = answers
         self.planned_on.clear()
         self.estimated_on.clear()
@@ -77,7 +76,6 @@ class Networks:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """See `Controller`."""
         assert weights is not None and limit is not None
         self.planned_on.append((window, plan, free, weights, np.array([speed, limit])))
         if not self.answers.is_planned:
@@ -85,7 +83,6 @@ class Networks:
         return ControlStep(plan=self.answers.plan, forces=self.answers.forces, terms=np.zeros(len(TERMS)), cost=0.0)
 
     def estimates(self, window: Array) -> Array:
-        """See `EstimatorModel`."""
         self.estimated_on.append(window.copy())
         return self.answers.estimates
 
@@ -172,5 +169,4 @@ class PythonTwin:
 
 
 def silent(horizon: int) -> Answers:
-    """Networks that answer zeros."""
     return Answers(plan=np.zeros(horizon), forces=np.zeros((horizon, FORCES)), estimates=np.zeros((34, 4)))

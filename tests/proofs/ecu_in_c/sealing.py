@@ -20,11 +20,9 @@ class Sealing:
         self._freshness, self._sent = Freshness(trip=6), list[Frame]()
 
     def restart(self) -> None:
-        """Begin the sender's next power cycle."""
         self._freshness = Freshness(trip=self._freshness.trip + 1)
 
     def sealed(self, frame: Frame, spec: MessageSpec, odd: float) -> Frame:
-        """A frame with its protected part as it comes onto the bus."""
         if not self._is_keyed:
             return frame
         rng, freshness = self._rng, self._freshness

@@ -68,7 +68,6 @@ class Traffic:
         self._restarts = True
 
     def next(self) -> Period:
-        """The next period's."""
         rng = self._rng
         events = self._events.next(self._now_ns)
         odd = self._events.hostility

@@ -29,7 +29,6 @@ BUSY, WANTS_RESET, NEEDS_RESET, SESSION, UNLOCKED, REASON, RUNNING, WORST_WRITES
 
 
 def sources(config: Config) -> dict[str, bytes]:
-    """All files for one vehicle."""
     own = Path(__file__).with_name("c")
     ecu = library.sources(config)
     return {name: content for name, content in ecu.items() if name not in _OTHERS} | {

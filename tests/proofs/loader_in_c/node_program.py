@@ -50,7 +50,6 @@ class Program:
         self.requests, self.sent = 0, [b"\x3e\x00"]
 
     def run(self, requests: int) -> Twins:
-        """So many requests of one plan after another, with noise in between."""
         while self.requests < requests and not self.twins.differences:
             self.follow(any_of(self._rng, self._of), requests)
         return self.twins

@@ -33,7 +33,6 @@ _DIGESTS: Final = tuple(sorted(hashlib.sha256(name.encode()).digest() for name i
 
 
 def sealed(body: bytes) -> bytes:
-    """The bytes with their CRC-32."""
     return body + struct.pack(">I", zlib.crc32(body))
 
 
@@ -90,7 +89,6 @@ def any_calibrations(rng: Random) -> bytes:
 
 
 def any_record(rng: Random) -> tuple[RecordKind, bytes]:
-    """A record of any kind."""
     kind = rng.choice((*5 * [RecordKind.STATE], *2 * [RecordKind.CALIBRATION], RecordKind.KEYS, RecordKind.FAULTS))
     faults = rng.randbytes(rng.choice((0, 1, 24, 25, 300)))
     of = {RecordKind.CALIBRATION: any_calibrations, RecordKind.KEYS: lambda rng: rng.choice(LISTS)}
@@ -167,7 +165,6 @@ def _record(words: Sequence[bytes | None]) -> tuple[RecordKind | None, bytes, in
 
 
 def framed(kind: int, raw: bytes) -> bytes:
-    """A record in words."""
     head = struct.pack(">BH", kind, len(raw))
     found = b"\xa5" + head + struct.pack(">I", zlib.crc32(head + raw)) + raw[:24].ljust(24, b"\0")
     return found + b"".join(b"\x5a" + raw[at : at + 31].ljust(31, b"\0") for at in range(24, len(raw), 31))

@@ -46,7 +46,6 @@ FACTS: Final = ImageFacts(
 
 
 def sources() -> dict[str, bytes]:
-    """The store's files, and the flash memory that it stands in."""
     found = {name: content for name, content in loader_sources().items() if name.endswith(".h") or name in MEASURED}
     return found | {TWIN: Path(__file__).with_name("c").joinpath(TWIN).read_bytes()}
 
@@ -120,5 +119,4 @@ class Library:
         self.c = self.ffi.dlopen(str(path))
 
     def judge(self, found: bytes, keys: bytes, least: int = 1) -> int:
-        """The verdict on an image by itself."""
         return int(self.c.twin_judge(found, len(found), keys, len(keys), rules(ONE), least))

@@ -195,12 +195,10 @@ class Pair:
 
     @property
     def is_erasing(self) -> bool:
-        """Whether an erasure is at work."""
         return bool(self._c.sw_store_is_erasing(self._own))
 
     @property
     def has_room(self) -> bool:
-        """Whether the C store has room for the state."""
         return bool(self._c.sw_store_has_room(self._own))
 
     def refuses(self, length: int) -> bool:
@@ -254,7 +252,6 @@ class Pair:
 
     @property
     def operations(self) -> int:
-        """Of the flash memory so far."""
         return self._before + int(self._c.twin_operations(self._twin))
 
     def _power_on(self, *, has_lost: bool = False) -> None:
@@ -292,7 +289,6 @@ class Pair:
         self._take_content(state.StoreState() if kept is None else state.decode(kept))
 
     def _take_content(self, found: state.StoreState) -> None:
-        """Give the Python store the bytes of both slots."""
         for slot, content in self.flash.content.items():
             standing = found.slots[slot]
             content[:] = self._memory[_place(slot, 0) : _place(slot, SLOT_BYTES)]

@@ -113,7 +113,6 @@ def verdicts_on_vectors(library: Library) -> Counter[tuple[str, bool, bool]]:
 
 
 def exercise(library: Library) -> None:
-    """A bit of everything."""
     for seed in range(12):
         any_calls(Pair(library), f"branches {seed}", CALLS)
     Cuts(library, 1, every=3)

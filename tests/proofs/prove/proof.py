@@ -139,7 +139,6 @@ class Outcome:
 
 
 def plan(path: Path = PLAN) -> tuple[list[Item], list[Sabotage]]:
-    """Read all items and all sabotage."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
     tuples = ("define", "sources")
     items = [Item(**{**item, **{name: tuple(item.get(name, ())) for name in tuples}}) for item in tree["item"]]
@@ -156,7 +155,6 @@ def tool() -> Path | None:
 
 
 def tried(item: Item, library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome:
-    """Run the item once."""
     if item.open:
         return Outcome(state="open", why=item.open)
     file, function = item.name.split(".")
