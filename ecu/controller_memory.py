@@ -147,11 +147,8 @@ class ControllerMemory(ArrayValue):
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Return the memory after a period without pressures: the last pressures are repeated, if there is a row.
-
-        A gap of more than `longest_gap` periods empties the window, so that the controller does not plan with old
-        pressures.
-        """
+        """Return the memory after a period without pressures: the last pressures are repeated, if there is a row. A gap
+        of more than `longest_gap` periods empties the window."""
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
             return replace(self.emptied(), gap=gap)

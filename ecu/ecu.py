@@ -33,8 +33,7 @@ from ecu.controller_memory import ControllerMemory
 from ecu.ecu_state import EcuState, Surroundings, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from ecu.fit import check_vehicle
-from ecu.other_ecu import heard_of_another_ecu
-from ecu.pressure_reception import PressureReception, Received
+from ecu.pressure_reception import PressureReception, Received, heard_of_another_ecu
 from ecu.sensor_check import SensorCheckState, sensor_check_of
 from ecu.speed_reception import SpeedReception
 from ecu.timing import StepTiming
@@ -129,12 +128,8 @@ class Ecu:
         self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force; all of them take effect from the next step on.
-
-        If the range of commands becomes narrower, the command gate limits the next command to this range, even if the
-        previous command was outside the range. Raises ConfigError if a value is outside the limits of this release and
-        vehicle; then no value changes.
-        """
+        """Put other values in force; all of them take effect from the next step on, also a narrower range of commands.
+        Raises ConfigError if a value is outside the limits of this release and vehicle; then no value changes."""
         self._calibration_limits.check(calibration)
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())

@@ -21,20 +21,15 @@ from contract.arrays import Array
 from ecu.benefit_check import BenefitCheckState
 from ecu.controller_memory import ControllerMemory
 from ecu.fail_safe import FailSafe
-from ecu.other_ecu import OtherEcu
+from ecu.pressure_reception import OtherEcu
 from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
 from ecu.timing import StepTiming
 
 
 class Surroundings(TypedDict, total=False):
-    """External conditions of an ECU in a control period.
-
-    Attributes:
-        fault: reason for which the ECU must switch itself off.
-        updating: whether a release is being written. If so, the ECU switches itself off as soon as no jet may run, and
-            stays off until a reset.
-    """
+    """External conditions of an ECU in a control period: a reason for which it must switch itself off, and whether a
+    release is being written. If so, it switches itself off as soon as no jet may run, and stays off until a reset."""
 
     fault: Reason | None
     updating: bool
@@ -146,12 +141,8 @@ def answers(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """Results of the latest step for observers; no part of the ECU reads them.
-
-    Attributes:
-        action: action that was sent, in U_inf W.
-        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed; or None.
-    """
+    """Results of the latest step for observers; no part of the ECU reads them. `action` was sent, in U_inf W; `forces`
+    are the predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed, or None."""
 
     mode: Mode
     action: float

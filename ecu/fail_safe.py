@@ -71,11 +71,9 @@ class PeriodInputs:
         usable: whether pressures arrived that the controller may use.
         enable_request: enable request of the vehicle, from a trusted frame of this period; None if there is none.
         unusable_because: reason why the pressures are not usable; ignored if they are usable.
-        window_full: whether the window is full, so that the controller can plan.
         off_speed: whether the vehicle is slower or faster than the range of speeds of the release.
         tests: whether the jets must be shut to measure the wake without control.
         fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
-        updating: whether a new release is being written.
     """
 
     usable: bool
@@ -300,8 +298,7 @@ class FailSafe:
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Return the state after a fault of the ECU itself that is found in this period; the count of good frames
-        becomes 0."""
+        """Return the state after a fault of the ECU itself that is found in this period."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )

@@ -45,11 +45,7 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
 
 
 def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
-    """Raise BundleError if a sensor of the controller is missing on the plant or has another position there.
-
-    A bundle that states no positions is from a version whose only body was the truck. So its sensors have the names,
-    and therefore the positions, of the truck's sensors.
-    """
+    """Raise BundleError if a sensor of the controller is missing on the plant or has another position there."""
     manifest = bundle.manifest
     try:
         columns = layout.indices(manifest.sensors)
@@ -67,8 +63,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
 
 
 def positions_of(manifest: Manifest) -> Array | None:
-    """Return a release's sensor positions (S, 2); None if it states no positions and its sensors are not the
-    truck's."""
+    """Return a release's sensor positions (S, 2). A bundle that states none is from a version whose only body was the
+    truck; None if its sensors are not the truck's either."""
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)
     return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None

@@ -34,7 +34,6 @@ class SpeedState:
         ratio: ratio of the last accepted speed to the design speed; None if no speed is in force.
         density: density of the air in kg/m3: as stated by the vehicle with this speed, otherwise that of the operating
             point.
-        measured_ns: time in ns at which the speed was measured.
         is_off: whether the speed has left the release's range by more than the margin and has not returned into the
             range.
     """

@@ -41,11 +41,7 @@ class Back(NamedTuple):
 
 class Connection:
     """A connection that is open in its `with` block; entering the block raises BusError if the bus cannot be opened.
-
-    Args:
-        open_bus: opens the bus; raises BusError.
-        deliver: called with every received frame, by the thread that reads the bus.
-        first_pause_s: pause before the first attempt to open a lost bus again, in s.
+    The thread that reads the bus calls `deliver` with every received frame.
 
     Attributes:
         not_sent: number of frames that the bus refused, including the frames while the bus was lost.

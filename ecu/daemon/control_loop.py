@@ -22,7 +22,7 @@ from ecu.daemon.connection import Back, Connection, Lost
 from ecu.daemon.counters import Counters
 from ecu.daemon.reception import FrameReception
 from ecu.fail_safe import FailSafe
-from ecu.other_ecu import OtherEcu
+from ecu.pressure_reception import OtherEcu
 from ecu.real_time import clock
 from ecu.real_time.deadlines import Arrivals, Deadlines
 from ecu.real_time.stage_times import NOTHING, EcuStage, PlanTimes, StageTimes
@@ -162,7 +162,6 @@ class ControlLoop:
             dropped=self._reception.dropped,
             not_sent=self._connection.not_sent,
             losses=self._connection.losses,
-            other_ecu=self._ecu.state.other_ecu.frames,
             action=self._ecu.trace.action,
             busy_ns=before.busy_ns + sent_ns - woke_ns,
             longest_ns=max(before.longest_ns, sent_ns - woke_ns),

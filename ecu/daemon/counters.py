@@ -12,8 +12,6 @@ class Counters:
     """The counters after a control step, counted since the process started.
 
     Attributes:
-        dropped: number of pressure frames that were dropped because the queue was full.
-        not_sent: number of frames that the bus refused.
         action: action that was sent last, in U_inf W.
         busy_ns: total time of all steps in ns, each from its waking until its frames were sent.
         latest_wake_ns: largest time in ns from a deadline until the loop woke.
@@ -26,7 +24,6 @@ class Counters:
     dropped: int = 0
     not_sent: int = 0
     losses: int = 0
-    other_ecu: int = 0
     action: float = 0.0
     busy_ns: int = 0
     longest_ns: int = 0
@@ -51,7 +48,7 @@ def text(c: Counters, *, bundle: str) -> str:
         "frames_not_sent": (c.not_sent, "Frames that the bus refused."),
         "bus_losses": (c.losses, "Times that the bus was lost."),
         "bus_off": (state.health.bus_off, "Times that the CAN controller was bus-off or the bus was lost."),
-        "other_ecu_frames": (c.other_ecu, "Commands and statuses of another ECU."),
+        "other_ecu_frames": (state.other_ecu.frames, "Commands and statuses of another ECU."),
         "busy_seconds": (c.busy_ns / 1e9, "Total time of all steps, from waking to the sent frames."),
     }
     gauges = {

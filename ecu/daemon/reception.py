@@ -26,12 +26,8 @@ may send more frames with the same identifier. Checking this number of frames ta
 
 
 class Taken(NamedTuple):
-    """The frames received since the last step.
-
-    Attributes:
-        pressures: Pressure frames, oldest first, stamped in the ECU's clock.
-        others: VehicleSpeed frames, and frames with identifiers of the ECU itself, which only another ECU can send.
-    """
+    """The frames received since the last step, oldest first, stamped in the ECU's clock: Pressure frames, and others:
+    VehicleSpeed frames, and frames with identifiers of the ECU itself, which only another ECU can send."""
 
     pressures: list[Frame]
     others: list[Frame]

@@ -54,13 +54,12 @@ class Reporter:
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.
+        bundle: name of the release in the file of counters.
         metrics: file to which the counters are written; None for no file.
         keep: called with the counters once an interval to store freshness values; may raise StillwakeError.
-        interval_s: time between two readings of the counters, in s.
 
     Attributes:
         counters: set by the control loop after each step.
-        bundle: name of the release in the file of counters.
     """
 
     def __init__(

@@ -78,11 +78,9 @@ class PowerCycle:
         on_reset: called when the reset that a tester requested is due.
 
     Attributes:
-        store, boot: the store and the result of its boot.
         ecu: the control, just powered on; without a release, an ECU that keeps the jets shut.
         calibration: link to a calibration tool; None without a release.
         link: link to the tester.
-        watch: detector of faults in the control periods.
     """
 
     def __init__(

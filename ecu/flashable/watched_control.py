@@ -20,12 +20,8 @@ REMEMBERED_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleRequest:
-    """The vehicle's request for control, according to the control steps.
-
-    Attributes:
-        asked_ns: time in ns of the latest step with usable pressures and a request for control; None before the first.
-        drives_jets: whether the jets could run after the latest step.
-    """
+    """The vehicle's request for control: the time in ns of the latest step with usable pressures and a request, None
+    before the first, and whether the jets could run after the latest step."""
 
     asked_ns: int | None = None
     drives_jets: bool = False

@@ -186,12 +186,9 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 
 
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
-    """Return the sources of a library's ECU for a release in a vehicle, with the settings of this vehicle.
-
-    The `sw_ecu_settings.h` in the folder has the settings of the export; the returned one has those of `config`. Raises
-    LibraryError if the folder holds no library, a library of another program, or a library without an ECU;
-    StillwakeError if the ECU in C does not support a setting.
-    """
+    """Return the sources of a library's ECU for a release, with the settings of this vehicle instead of the export's.
+    Raises LibraryError if the folder holds no library, a library of another program, or a library without an ECU;
+    StillwakeError if the ECU in C does not support a setting."""
     sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:

@@ -33,7 +33,7 @@ from ecu import benefit_check, sensor_check
 from ecu.benefit_check import BenefitCheck, resting_of
 from ecu.calibrating import limits_of, release_calibration
 from ecu.fit import check_vehicle
-from ecu.other_ecu import SILENCE_NS
+from ecu.pressure_reception import SILENCE_NS
 from ecu.speed_reception import SHORTEST_S
 from ecu.timing import LATEST_NS
 

@@ -28,7 +28,7 @@ from ecu.controller_memory import ControllerMemory, DelayLine, Past
 from ecu.ecu_state import EcuState, Trace
 from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.in_c.compiler import preprocessed
-from ecu.other_ecu import OtherEcu
+from ecu.pressure_reception import OtherEcu
 from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
 from ecu.timing import StepTiming
@@ -54,8 +54,6 @@ class Structs:
     sources contain no ECU, or if the compiler rejects the header.
 
     Args:
-        sources: the library's files by name.
-        compiler: command that preprocesses C.
         header: the header to read; a header that includes the ECU's header gives access to more types.
     """
 
@@ -335,10 +333,7 @@ def flattened(value: object, name: str = "") -> dict[str, Any]:
 
 def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
     """Return a state field by field, as far as C stores it: counts saturate at their largest value in C, and the state
-    of authentication is included only with a key.
-
-    An ECU in C and an ECU in Python are in equal states if these values agree; `differing` compares them.
-    """
+    of authentication is included only with a key."""
     left_out = () if is_keyed else _OF_KEY
     found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(left_out)}
     found["health.state"] = found["health.state"] is BusState.BUS_OFF

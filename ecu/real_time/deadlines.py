@@ -23,7 +23,6 @@ class Deadlines:
     """The next period and its deadline; times are in ns of one clock that never goes back.
 
     Attributes:
-        period_ns: time from one deadline to the next.
         due_ns: deadline at which the period begins.
         number: number of the period; omitted periods are counted too.
         left_out: number of periods so far that were omitted, because the work of an earlier period took too long.

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 PRIORITY: Final = 50
@@ -48,16 +49,14 @@ def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
 
     The priority applies to this thread and to the threads that it starts afterwards.
     """
+    steps = (
+        ("timer slack 1 ns", _timer_slack, True),
+        ("no garbage collection", _no_collector, wanted.without_collector),
+        ("memory locked", _lock_memory, wanted.lock_memory),
+        (f"SCHED_FIFO {wanted.priority}", partial(_priority, wanted.priority), bool(wanted.priority)),
+    )
     with ExitStack() as undo:
-        found = [_attempt("timer slack 1 ns", _timer_slack, undo)]
-        if wanted.without_collector:
-            found.append(_attempt("no garbage collection", _no_collector, undo))
-        if wanted.lock_memory:
-            found.append(_attempt("memory locked", _lock_memory, undo))
-        if wanted.priority:
-            priority = wanted.priority
-            found.append(_attempt(f"SCHED_FIFO {priority}", lambda back: _priority(priority, back), undo))
-        yield found
+        yield [_attempt(what, ask, undo) for what, ask, is_wanted in steps if is_wanted]
 
 
 def in_words(privileges: list[Privilege]) -> str:

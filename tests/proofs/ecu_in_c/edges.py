@@ -20,7 +20,7 @@ from ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
 from ecu.controller_memory import DelayLine
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
-from ecu.other_ecu import SILENCE_NS, OtherEcu
+from ecu.pressure_reception import SILENCE_NS, OtherEcu
 from ecu.timing import LATEST_NS
 from tests.proofs.ecu_in_c.drive import edges, oldest_ns
 
