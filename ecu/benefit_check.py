@@ -212,8 +212,8 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """Return the base pressure and the swing of the release's wake without jets at this speed, interpolated, in
-        Cp."""
+        """Return the base pressure and the swing in Cp of the release's wake without jets at this speed,
+        interpolated."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:

@@ -1,5 +1,4 @@
-"""A policy that runs a release's controller with the ECU's window and warm start, but without bus, latency and
-fail-safe."""
+"""A policy that runs a release's controller with the ECU's window and warm start, without bus and fail-safe."""
 
 import numpy as np
 
@@ -38,8 +37,8 @@ class BundlePolicy:
         return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Return the command and the new memory. Raises ControllerError if the controller fails or its answer is not
-        finite."""
+        """Return command and new memory. Raises ControllerError if the controller fails or answers no finite
+        numbers."""
         before = ControllerMemory(
             window=memory[1 : -self._horizon].reshape(self._shape),
             rows=int(memory[0]),

@@ -80,8 +80,7 @@ class Past(ArrayValue):
         )
 
     def read(self, length: int) -> tuple[Array, int]:
-        """Return the window (L, S + 1), interpolated at L equal steps of travelled distance, and the number of rows
-        with data."""
+        """Return the window (L, S + 1), at L equal steps of travelled distance, and the number of rows with data."""
         window, first = np.zeros((length, self.rows.shape[1])), len(self.rows) - self.count
         if not self.count:
             return window, 0
@@ -142,8 +141,7 @@ class ControllerMemory(ArrayValue):
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """Return the memory with this period's row: pressures `cp`, (S,), at a ratio of the speed to the design
-        speed."""
+        """Return the memory with this period's row: pressures `cp`, (S,), at a ratio of the design speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":

@@ -264,8 +264,7 @@ class Ecu:
         return after, passed, decision.forces
 
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
-        """Return the memory with one more row for each skipped period; in these periods the last command stayed in
-        force."""
+        """Return the memory with a row for each skipped period, in which the last command stayed in force."""
         if timing.fault is Reason.CLOCK:
             # The length of the step is unknown, and the rows are useless.
             return memory.emptied()
@@ -277,8 +276,8 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the state of the sensor check, the memory with estimates instead of a faulty sensor's readings, and
-        the reason to shut the jets, or None."""
+        """Return the state of the sensor check, the memory with estimates of a faulty sensor, and a reason to shut the
+        jets."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(

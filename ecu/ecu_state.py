@@ -80,8 +80,7 @@ class EcuState:
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
-        """Return the power-on state with the data for authentication with `bus.key`; without a key, the state
-        itself."""
+        """Return the power-on state with the data for authentication; without a key, the state itself."""
         if authentication is None:
             return self
         speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))

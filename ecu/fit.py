@@ -1,5 +1,4 @@
-"""Checks that a release was made for this flow and this vehicle. An error states the release's and the present
-value."""
+"""Checks that a release was made for this flow and vehicle. An error states the release's and the present value."""
 
 from dataclasses import fields
 
@@ -26,8 +25,7 @@ def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
-    """Raise BundleError if the controller was built for another vehicle, another bus or another delay of the
-    actuator."""
+    """Raise BundleError if the controller was built for another vehicle, bus or delay of the actuator."""
     manifest = bundle.manifest
     points = (_values(point) for point in (manifest.operating_point, config.operating_point))
     _check_equal(bundle, "operating point", *points, owner="vehicle")

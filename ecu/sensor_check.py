@@ -251,8 +251,7 @@ class SensorCheck:
         }
 
     def _others_move(self, resting: int, window: Array) -> bool:
-        """Return whether the other sensors' readings in the window show a flow while the sensor `resting` had a
-        constant reading."""
+        """Return whether the other sensors' readings show a flow while the sensor `resting` had a constant reading."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
         return bool(np.median(np.delete(moved, resting)) >= MOVING * self.sound)
 
@@ -265,8 +264,7 @@ class SensorCheck:
         return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self.sound)).any())
 
     def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
-        """Return the new values of `set_aside`, `doubt` and `implausible`; `full` is whether all rows of the window
-        have data."""
+        """Return new values of `set_aside`, `doubt` and `implausible`; `full`: all rows of the window have data."""
         config, levels = self.config, self.levels(state)
         flat = np.flatnonzero(state.flat >= config.flat_periods)
         others_flat = [j for j in flat if j != state.set_aside]
@@ -292,8 +290,7 @@ class SensorCheck:
 
 
 def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
-    """Return the check of a bundle's pressures; None if the bundle has no estimator, or the settings disable the
-    check."""
+    """Return the check of a bundle's pressures; None without an estimator, or if the settings disable the check."""
     figures, wanted = bundle.manifest.sensor_estimator, config.ecu.sensor_check
     estimator = OnnxEstimator.of(bundle) if wanted.enabled else None
     return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)

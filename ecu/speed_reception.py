@@ -22,8 +22,7 @@ from contract.config.vehicle import E2eConfig, SpeedConfig
 from contract.release.manifest import Manifest, SpeedRange
 
 SHORTEST_S: Final = 0.1
-"""Shortest time in s over which a change of speed is judged: over a shorter time, rounding or a late frame may look
-like an acceleration."""
+"""Shortest time in s over which a change of speed is judged, because of rounding and late frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,8 +95,7 @@ class SpeedReception:
         return None if state.ratio is None else 0.5 * state.density * speed * speed
 
     def present(self, state: SpeedState) -> float:
-        """Return the ratio of the speed to the design speed, limited to the release's range; 1 if unknown or too far
-        outside."""
+        """Return the ratio to the design speed, limited to the release's range; 1 if unknown or too far outside."""
         if state.ratio is None or state.is_off:
             return 1.0
         return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)

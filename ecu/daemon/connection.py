@@ -105,8 +105,8 @@ class Connection:
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus accepted all of them. If two threads send at the same time, their frames
-        may alternate."""
+        """Send frames; return whether the bus accepted all. Frames of two threads that send at the same time may
+        alternate."""
         sent = True
         for frame in frames:
             with self._sending:

@@ -169,28 +169,18 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Return the counter in a pressure frame's E2E header; NOTHING if the frame does not have the message's
-        length."""
+        """Return the counter in a pressure frame's E2E header; NOTHING if the frame has not the message's length."""
         if len(frame.data) != self._pressure.length:
             return NOTHING
         return profile_of(self._pressure).counter_of(frame.data)
 
-    def _note(
-        self,
-        stages: StageTimes,
-        frames: Sequence[Frame],
-        due_ns: int,
-        woke_ns: int,
-        began_ns: int,
-        ended_ns: int,
-        sent_ns: int,
-    ) -> None:
-        newest = frames[-1] if frames else None
+    def _note(self, stages: StageTimes, frames: Sequence[Frame], *times_ns: int) -> None:
+        """Store this period's times: when it was due, woke, began and ended its step, and had sent its frames."""
+        due_ns, woke_ns, began_ns, ended_ns, sent_ns = times_ns
         usage = _usage()
         since = [now - before for now, before in zip(usage, self._usage, strict=True)]
         self._usage = usage
-        counter = NOTHING if newest is None else self._counter(newest)
-        arrived_ns = 0 if newest is None else newest.timestamp_ns
+        counter, arrived_ns = (self._counter(frames[-1]), frames[-1].timestamp_ns) if frames else (NOTHING, 0)
         until = self._deadlines.number, due_ns, woke_ns, counter, arrived_ns, began_ns
         values = (*until, self._times.began_ns, self._times.ended_ns, ended_ns, sent_ns, *since)
         stages.begin()

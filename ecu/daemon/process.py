@@ -98,8 +98,7 @@ class ServedEcu:
 
 
 def check(config: Config, options: ProcessOptions) -> None:
-    """Raise StillwakeError for options that would cause a failure later: a step offset that is too long, an output file
-    that cannot be written."""
+    """Raise StillwakeError if the step offset is too long, or an output file cannot be written."""
     check_offset(config)
     for path in (options.stage_times, options.metrics):
         if path is not None:

@@ -15,8 +15,7 @@ from can_bridge.wire.message_sets import MessageSet
 from ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
-"""Largest age in ns of a frame when it is read from the bus. A larger age means that the frame is useless or the clock
-was set."""
+"""Largest age in ns of a frame when it is read; a larger one means that it is useless or the clock was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces that stamp a received frame with the computer's date. A `virtual` bus has the sender's stamp, and vendors'
 drivers have clocks of their own; on these interfaces a frame counts as received when it is read."""

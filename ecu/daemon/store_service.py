@@ -43,8 +43,8 @@ SENDING_S: Final = 0.001
 
 
 class DiagnosisThread:
-    """A thread that serves the tester of an ECU while its `with` block runs; `failed` is called with an error that ends
-    the thread early."""
+    """A thread that serves the tester of an ECU while its `with` block runs; an error that ends it is given to
+    `failed`."""
 
     def __init__(
         self,
@@ -87,8 +87,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s that the control, once awake, waits until another thread releases the interpreter; Python's default
-is 5 ms."""
+"""Longest time in s that the control, once awake, waits for another thread; Python's default is 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float

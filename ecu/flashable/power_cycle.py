@@ -25,8 +25,7 @@ from ecu.stepped import CalibratedEcu
 
 
 class TesterAccess(NamedTuple):
-    """The session of a tester, the security level that it has unlocked, and the number of its wrong keys in a row for
-    each security level."""
+    """The session of a tester, its unlocked security level, and its wrong keys in a row for each security level."""
 
     session: Session
     unlocked: Level | None

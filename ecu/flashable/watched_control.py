@@ -1,5 +1,4 @@
-"""Data that diagnosis takes from the control periods: whether the vehicle requests control, and which faults
-occurred."""
+"""Data that diagnosis takes from the control periods: the vehicle's request for control, and faults."""
 
 import struct
 from dataclasses import dataclass, replace
@@ -33,8 +32,7 @@ class VehicleRequest:
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:
-        """Return CONDITIONS_NOT_CORRECT while the jets may run, or until `REMEMBERED_NS` after a request for
-        control."""
+        """Return CONDITIONS_NOT_CORRECT while the jets may run, or until `REMEMBERED_NS` after a request."""
         asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
 

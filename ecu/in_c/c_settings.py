@@ -46,8 +46,7 @@ _COUNTED: Final = (
 _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
     _COUNTED, 2**29
 )
-"""Largest values, in periods, for which the state of the ECU in C has space; their sums in the C code fit into an
-int."""
+"""Largest values, in periods, for which the ECU in C has space; their sums in the C code fit into an int."""
 _CLASSIC_ONLY: Final = {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
 """The largest cost weights of a calibration; the C code also allows the release's own weight if it is larger."""

@@ -319,8 +319,7 @@ def _set_speed(speed: Any, value: SpeedState) -> None:
 
 
 def flattened(value: object, name: str = "") -> dict[str, Any]:
-    """Return a state, or any part of it, as a dictionary from dotted names to the values of single fields: numbers,
-    arrays, enumerations and None."""
+    """Return a state, or any part of it, as a dictionary from dotted names to the values of single fields."""
     if is_dataclass(value) and not isinstance(value, type | DelayLine):
         parts = ((item.name, getattr(value, item.name)) for item in fields(value))
         return {

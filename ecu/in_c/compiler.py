@@ -22,8 +22,7 @@ multiply-adds, because it ignores the pragma in the sources."""
 
 
 def host_compiler() -> list[str]:
-    """Return the command of the first compiler that exists: $CC, cc, gcc, clang, or the compiler of `ziglang`. Raises
-    LibraryError if there is none."""
+    """Return the command of $CC, cc, gcc, clang, or the compiler of `ziglang`. Raises LibraryError if there is none."""
     named = os.environ.get("CC", "").split()
     if named:
         return named
@@ -36,8 +35,7 @@ def host_compiler() -> list[str]:
 
 
 def zig_compiler() -> list[str] | None:
-    """Return the command of `ziglang`'s compiler, which also compiles for other processors; None if it is not
-    installed."""
+    """Return the command of `ziglang`'s compiler, which also compiles for other processors; None without it."""
     return None if importlib.util.find_spec("ziglang") is None else [sys.executable, "-m", "ziglang", "cc"]
 
 
@@ -47,8 +45,7 @@ def compiler_version(compiler: Sequence[str]) -> str:
 
 
 def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> None:
-    """Compile and link C files; warnings are errors. Raises LibraryError with the compiler's first error message if the
-    compiler rejects the files."""
+    """Compile and link C files; warnings are errors. Raises LibraryError with the compiler's first error message."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)

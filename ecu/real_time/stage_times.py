@@ -96,8 +96,7 @@ class StageTimes:
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """Write an .npz file, completely or not at all, with `columns`, the names of the stages, and `rows`. Raises
-        StillwakeError on failure."""
+        """Write an .npz file with `columns`, the names of the stages, and `rows`. Raises StillwakeError on failure."""
         with replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(file, columns=np.array(_columns(self._stages)), rows=self.rows())
 

@@ -175,7 +175,7 @@ def test_steps_make_no_garbage_that_needs_collecting(rig):
         for delay in (rig.delay, lambda number: None):
             rig.delay = delay
             for _ in range(3):
-                rig.run(25)
+                rig.run(10)
                 left.append(gc.collect())
     finally:
         gc.enable()
