@@ -133,7 +133,7 @@ class Rig(FlashingSteps):
         self.request = False
         self.run(100)
         self.request = True
-        self.run(2000)
+        self.run(1000)
         assert self.statuses[-1].state is Mode.CONTROL
 
     def pressure(self, enable: bool) -> Frame:
