@@ -2,8 +2,8 @@
 
 Judged from what went over the wire, when, and what the vehicle's jets did; range, rate and jets by the judge of every
 bench (`firmware_sim.bench.invariants`). Each holds for an ECU that plans ahead, whose commands the vehicle follows in
-the period after (`ecu.plan_ahead`), and for one that does not. Frames are read by cantools and autosar-e2e from the DBC,
-and limits are worked out here from the settings: nothing of the ECU's own code has a part in it.
+the period after (`ecu.plan_ahead`), and for one that does not. Frames are read by cantools and autosar-e2e, from the
+DBC, and limits are worked out here from the settings: nothing of the ECU's own code has a part in it.
 """
 
 from collections import deque
