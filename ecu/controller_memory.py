@@ -27,9 +27,9 @@ class DelayLine:
     values: tuple[float, ...]
 
     @classmethod
-    def filled(cls, delay: int, value: float = 0.0) -> Self:
-        """Return a line filled with `value`; `delay` is in control periods."""
-        return cls((value,) * (delay + 1))
+    def filled(cls, delay: int) -> Self:
+        """Return a line of zeros; `delay` is in control periods."""
+        return cls((0.0,) * (delay + 1))
 
     @property
     def in_force(self) -> float:

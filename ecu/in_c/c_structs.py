@@ -68,6 +68,8 @@ class Structs:
             text = preprocessed(Path(folder, header), compiler=compiler, flags=("-nostdinc", "-I", folder))
         try:
             self.ffi.cdef(text)
+            self._has_key = "freshness" in dict(self.ffi.typeof("sw_ecu_state").fields)
+            self._serves_speeds = "past" in dict(self.ffi.typeof("sw_memory").fields)
         except (cffi.CDefError, cffi.FFIError, NotImplementedError) as error:
             raise LibraryError(f"{_HEADER}: {str(error).splitlines()[0]}") from error
 
@@ -245,15 +247,6 @@ class Structs:
         flat = np.frombuffer(self.ffi.buffer(member), dtype=dtype).astype(np.float64)
         rows = self.ffi.typeof(member)
         return flat if rows.item.kind == "primitive" else flat.reshape(rows.length, -1)
-
-    @property
-    def _has_key(self) -> bool:
-        return "freshness" in dict(self.ffi.typeof("sw_ecu_state").fields)
-
-    @property
-    def _serves_speeds(self) -> bool:
-        """Whether the library's release has a range of speeds."""
-        return "past" in dict(self.ffi.typeof("sw_memory").fields)
 
     def _known(self, member: Any, *, known: int) -> Array:
         found = self._array(member)
