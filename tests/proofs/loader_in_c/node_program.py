@@ -104,9 +104,7 @@ class Program:
         for tick in range(patience):
             self._tick()
             for answer in self._tester.take():
-                self.twins.seen[f"{answer[0]:02x} {answer[1:3].hex() if answer[0] == 0x7F else ''}".strip()] += 1
-                if answer[:1] == b"\x67" and len(answer) == 18:
-                    self._seed = answer[2:]
+                self._count(answer)
                 if answer[0] != 0x7F or answer[2] != 0x78:
                     found = answer
                 if answer[0] == 0x51 and rng.random() >= self._trouble:
@@ -114,6 +112,11 @@ class Program:
             if found is not None or self.twins.differences or (tick > 60 and not self.twins.python.is_busy):
                 break
         return found
+
+    def _count(self, answer: bytes) -> None:
+        self.twins.seen[f"{answer[0]:02x} {answer[1:3].hex() if answer[0] == 0x7F else ''}".strip()] += 1
+        if answer[:1] == b"\x67" and len(answer) == 18:
+            self._seed = answer[2:]
 
     def _tick(self) -> None:
         twins, rng = self.twins, self._rng

@@ -151,9 +151,7 @@ class Prober(Program):
             for frame in heard:
                 self._tester.receive(twins.now_ns, frame)
             for answer in self._tester.take():
-                twins.seen[f"{answer[0]:02x} {answer[1:3].hex() if answer[0] == 0x7F else ''}".strip()] += 1
-                if answer[:1] == b"\x67" and len(answer) == 18:
-                    self._seed = answer[2:]
+                self._count(answer)
                 if answer[0] == 0x51:
                     self.control(3, None)
             self.wait(MS)
