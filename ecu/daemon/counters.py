@@ -1,5 +1,6 @@
 """The ECU's counters after a control step, and their file for Prometheus (text format 0.0.4)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from can_bridge.e2e.receiver import FrameCheck
@@ -71,7 +72,7 @@ def text(c: Counters, *, bundle: str) -> str:
     )
 
 
-def _metric(name: str, kind: str, meaning: str, values: dict[str, float]) -> str:
+def _metric(name: str, kind: str, meaning: str, values: Mapping[str, float]) -> str:
     """Return the lines of a metric; `values` has its values by their labels."""
     full = f"stillwake_ecu_{name}"
     samples = (f"{full}{label} {value!r}\n" for label, value in values.items())

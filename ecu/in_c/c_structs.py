@@ -263,7 +263,7 @@ def fill_frame(place: Any, frame: Frame) -> None:
 
 def _value(kind: type[T], place: Any, **given: Any) -> T:
     """Return a dataclass whose fields are the members of the same names of a struct, except those that are given."""
-    names = (item.name for item in fields(kind) if item.name not in given)
+    names = (item.name for item in fields(kind) if item.name not in given)  # type: ignore[arg-type]  # any dataclass
     return kind(**{name: getattr(place, name) for name in names}, **given)
 
 
