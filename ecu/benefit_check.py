@@ -38,8 +38,8 @@ PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
 the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Values for `BenefitCheck.resting`, in Cp, if a release does not state its wake without jets. Suction and swing are
-smaller than in any wake, so the measured values are always the larger ones."""
+"""Values for `BenefitCheck.resting`, in Cp, if a release states none: smaller than in any wake, so the measured values
+are always the larger ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,8 +109,7 @@ class BenefitCheck:
 
     @property
     def proven(self) -> int:
-        """The number of periods after which the means without control no longer depend on the time before power-on: by
-        then the wake has recovered, and the means cover their whole averaging time."""
+        """The number of periods after which the means without control no longer depend on the time before power-on."""
         return self.config.wake_periods + self.config.mean_periods
 
     @property
@@ -162,9 +161,8 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` during a test: compare the means under control with the means since the jets were shut. The
-        means with shut jets cover more cycles than those under control, because a wrong result by chance would resume
-        harmful control."""
+        """Compute `next` during a test: compare the means under control with the means since the jets were shut, which
+        cover more cycles, because a wrong result by chance would resume harmful control."""
         if cp is None:
             return state, None
         config = self.config

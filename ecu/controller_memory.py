@@ -176,13 +176,12 @@ class ControllerMemory(ArrayValue):
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":
-        """Return the memory for another delay of the actuator; call this between two control periods. `delay` is less
-        than the horizon.
+        """Return the memory for another delay of the actuator, less than the horizon; call this between two periods.
 
         The sent actions stay, but take effect at other times: the latest `delay` actions are under way, and each row of
         the window gets the action that would have been in force with the new delay. Actions older than the window are
-        unknown; the action of the window's oldest row, which is zero before the first row, is used for them. The plan
-        is shifted by the change of the delay, so that its action for the next period stays. `past` loses its rows.
+        unknown; the action of the window's oldest row is used for them. The plan is shifted by the change of the delay,
+        so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:

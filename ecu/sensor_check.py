@@ -19,10 +19,8 @@ So the differences between consecutive residuals show how much noise remains in 
 this noise. Noise on all sensors, which the controller tolerates, is therefore no fault.
 
 If two sensors have nearly equal readings over a whole window, and the readings vary in this window, one sensor is a
-copy of the other, for example because of a broken multiplexer, and the jets are shut. Mirrored sensors whose readings
-hardly vary do not count as copies, because a calm wake is symmetric. A sensor whose reading never changes is stuck,
-because no pressure in a flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at
-very low speed all pressures are nearly constant, and no sensor counts as stuck.
+copy of the other, for example because of a broken multiplexer, and the jets are shut. A sensor whose reading never
+changes is stuck, if the other sensors show that there is a flow: on a vehicle at rest all pressures are constant.
 """
 
 from dataclasses import dataclass, replace
@@ -48,9 +46,9 @@ NOISE_ALLOWED: Final = 0.3
 the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
 
 MOVING: Final = 0.4
-"""The limit for the median of the other sensors' ranges of readings, in standard deviations of healthy sensors'
-residuals. A constant reading counts as stuck only if this median reaches the limit. With the shipped recording the
-limit is 0.015 in Cp; in this recording, the median in ten periods is 0.022 or more."""
+"""Smallest median of the other sensors' ranges of readings at which a constant reading counts as stuck, in standard
+deviations of healthy sensors' residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least
+0.022."""
 
 ALIKE: Final = 0.1
 """Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
@@ -137,8 +135,8 @@ class ResidualLevels(NamedTuple):
     """The levels of evidence for each hypothesis, from mean squares of residuals, relative to those of healthy sensors.
 
     Attributes:
-        liar: (S,) level for the hypothesis that this sensor reads wrongly and the other sensors read correctly.
-        bias: (S,) level for the same hypothesis, computed from the slow means.
+        liar, bias: (S,) levels for the hypothesis that this sensor reads wrongly and the other sensors read correctly,
+            from the fast and from the slow means.
         swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
         drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out. If

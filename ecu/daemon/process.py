@@ -40,12 +40,11 @@ class ProcessOptions:
     """Options of one process.
 
     Attributes:
-        spin_ns: see `clock.sleep_until`.
         periods: number of periods after which the process ends; None for no limit.
-        stage_times: file to which the times of each period's stages are written at the end.
+        stage_times, frames: files to which the times of each period's stages, and the frames that the ECU sent and
+            accepted, are written at the end.
         metrics: file to which the counters are written for Prometheus.
         freshness: file that stores freshness values over a power cycle, needed with `bus.key`.
-        frames: file to which the frames that the ECU sent and accepted are written at the end.
     """
 
     wanted: Wanted = field(default_factory=Wanted)
