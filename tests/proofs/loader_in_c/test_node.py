@@ -111,7 +111,7 @@ def noticed(fault: tuple[str, str, str], folder: Path) -> bool:
         contents = changed(sources(config), *fault)
         # A library that is loaded stays: each needs a name of its own.
         name = next(name for name in map("{}.so".format, count()) if not (folder / kind / name).exists())
-        of = world(kind, Library(contents, build(contents, folder / kind, name, (*QUICK, "-Wno-error"))))
+        of = world(kind, Library(contents, build(contents, folder / kind, name)))
         if play_plan(of, confirmations(of)).differences:
             return True
         for seed in range(MOST_SEEDS):
