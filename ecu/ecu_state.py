@@ -5,6 +5,7 @@ for bit as the first ECU would have continued.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Self, TypedDict
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
@@ -130,11 +131,9 @@ def answers(
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
     )
     # A frame's time must not be negative. If the clock gives a negative time, the jets are shut anyway.
-    frames = [protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)) for sender, spec, data in contents]
-    specs = messages.command.spec, messages.status.spec
+    sent_ns, secure = max(0, now_ns), partial(secured, key=key, freshness=before.freshness)
     return [
-        secured(frame, spec=spec, key=key, freshness=before.freshness)
-        for frame, spec in zip(frames, specs, strict=True)
+        secure(protected_frame(sender, data, spec=spec, now_ns=sent_ns), spec=spec) for sender, spec, data in contents
     ]
 
 
