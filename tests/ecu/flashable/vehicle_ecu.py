@@ -133,7 +133,7 @@ class Rig(FlashingSteps):
         self.request = False
         self.run(100)
         self.request = True
-        self.run(1000)
+        self.run(1300)
         assert self.statuses[-1].state is Mode.CONTROL
 
     def pressure(self, enable: bool) -> Frame:
