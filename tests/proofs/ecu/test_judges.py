@@ -67,7 +67,7 @@ def test_nothing_is_broken_as_it_is():
             assert broken_in(World(Config(ecu=settings)), story) == set(), (name, story)
         for hostility in (0.03, 0.3):
             world, events = World(Config(ecu=settings)), RandomEvents(1, hostility)
-            for _ in range(75):
+            for _ in range(40):
                 assert world.period(events.next(world.now_ns)) == [], (name, hostility, world.seen)
     assert broken_in(World(CONFIG), HALF_LOST) == set()
 

@@ -24,7 +24,7 @@ def library(tmp_path_factory):
 
 def test_every_call_has_the_same_answer_and_leaves_the_same_store(library):
     for seed in range(2):
-        any_calls(Pair(library), str(seed), 100)
+        any_calls(Pair(library), str(seed), 50)
 
 
 def test_a_cut_in_any_operation_leaves_a_state_of_the_specification_and_a_release_that_runs(library):
