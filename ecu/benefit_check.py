@@ -19,7 +19,7 @@ A new request for control ends the fault.
 
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -38,8 +38,8 @@ PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
 the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Values for `BenefitCheck.resting`, in Cp, if a release does not state its wake without jets. Suction and swing are
-smaller than in any wake, so the measured values are always the larger ones."""
+"""Values for `BenefitCheck.resting`, in Cp, if a release states none: smaller than in any wake, so the measured values
+are always the larger ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +54,7 @@ class BenefitCheckState:
         resting_suction, resting_swing: mean suction on the base and mean swing without control, divided by the values
             of the release's own wake without jets.
         driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
-        suction, swing: mean suction on the base and mean swing under control, divided by the values of the release's
-            own wake without jets.
+        suction, swing: the same means under control.
         doubt: number of periods in which control did not help minus the number in which it helped, at least 0.
         tested_at: ratio of the speed at which the present test began to the design speed; 0 if there is no test.
         spent: number of periods in tests minus the number of periods in which control helped, 0 to
@@ -77,6 +76,10 @@ class BenefitCheckState:
     def tests(self) -> bool:
         """Whether a test is in progress, for which the jets must be shut."""
         return self.tested_at > 0.0
+
+
+_NOT_DRIVEN: Final[dict[str, Any]] = {"driven": 0, "suction": 0.0, "swing": 0.0, "doubt": 0}
+"""The means under control, and the doubt, before control begins."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,8 +109,7 @@ class BenefitCheck:
 
     @property
     def proven(self) -> int:
-        """The number of periods after which the means without control no longer depend on the time before power-on: by
-        then the wake has recovered, and the means cover their whole averaging time."""
+        """The number of periods after which the means without control no longer depend on the time before power-on."""
         return self.config.wake_periods + self.config.mean_periods
 
     @property
@@ -130,11 +132,10 @@ class BenefitCheck:
         if drives:
             return self._driven(state, cp, speed), None
         waking = max(0, state.waking - 1)
-        after = replace(state, waking=waking, driven=0, suction=0.0, swing=0.0, doubt=0)
+        after = replace(state, waking=waking, **_NOT_DRIVEN)
         if cp is not None and not waking:
             rested = min(state.rested + 1, self.proven)
-            over = min(rested, self.config.mean_periods)
-            after = self._rested(replace(after, rested=rested), cp, speed, over)
+            after = self._rested(replace(after, rested=rested), cp, speed, min(rested, self.config.mean_periods))
         return after, None
 
     def _driven(self, state: BenefitCheckState, cp: Array | None, speed: float) -> BenefitCheckState:
@@ -160,9 +161,8 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` during a test: compare the means under control with the means since the jets were shut. The
-        means with shut jets cover more cycles than those under control, because a wrong result by chance would resume
-        harmful control."""
+        """Compute `next` during a test: compare the means under control with the means since the jets were shut, which
+        cover more cycles, because a wrong result by chance would resume harmful control."""
         if cp is None:
             return state, None
         config = self.config
@@ -175,7 +175,7 @@ class BenefitCheck:
             goes_on = after.doubt == 0 or abs(speed - state.tested_at) >= MOVED
         latches = not goes_on and spent >= self.patience
         if goes_on or latches:
-            after = replace(after, driven=0, suction=0.0, swing=0.0, doubt=0, tested_at=0.0)
+            after = replace(after, tested_at=0.0, **_NOT_DRIVEN)
         return after, Reason.NOT_HELPING if latches else None
 
     def _doubt(self, doubt: int, helps: bool) -> int:
@@ -210,8 +210,8 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """Return the base pressure and the swing of the release's wake without jets at this speed, interpolated, in
-        Cp."""
+        """Return the base pressure and the swing in Cp of the release's wake without jets at this speed,
+        interpolated."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:

@@ -1,5 +1,4 @@
-"""A policy that runs a release's controller with the ECU's window and warm start, but without bus, latency and
-fail-safe."""
+"""A policy that runs a release's controller with the ECU's window and warm start, without bus and fail-safe."""
 
 import numpy as np
 
@@ -15,13 +14,9 @@ from ecu.fit import check_sensors
 
 class BundlePolicy:
     """A `wake.recording.episode_job.Policy`: its action is zero until the window is full, then the first action of each
-    plan.
-
-    The memory holds the number of rows in the window, the rows (Cp_k, a_{k-1}), and the last plan as computed. The
-    graph shifts this plan by one step, so that its first action, which exploration has changed, is not used again. No
-    other data are needed, because every sample has its pressures, and the plant reports the action in force. Raises
-    BundleError if the model does not load, or if the plant does not have a sensor that the model reads, or has it at
-    another position.
+    plan. The graph shifts the plan in the memory by one step, so that its first action, which exploration has changed,
+    is not used again. Raises BundleError if the model does not load, or if the plant does not have a sensor that the
+    model reads, or has it at another position.
 
     Args:
         controller: runs the bundle's `controller.onnx`; default: ONNX Runtime on one thread.
@@ -32,8 +27,7 @@ class BundlePolicy:
         manifest = bundle.manifest
         check_sensors(bundle, layout)
         self._columns = layout.indices(manifest.sensors)
-        self._shape = (manifest.window, len(manifest.sensors) + 1)
-        self._horizon = manifest.mpc.horizon
+        self._shape, self._horizon = (manifest.window, len(manifest.sensors) + 1), manifest.mpc.horizon
         self._weights = np.array(manifest.mpc.weights.as_tuple())
         self._controller = OnnxController.of(bundle) if controller is None else controller
 
@@ -43,23 +37,20 @@ class BundlePolicy:
         return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Return the command and the new memory. Raises ControllerError if the controller fails or its answer is not
-        finite."""
-        after = self._unpacked(memory, action).observed(Cp[self._columns])
-        if not after.is_full:
-            return 0.0, _packed(after)
-        after, answer = after.planned(self._controller, self._weights)
-        return float(answer.plan[0]), _packed(after)
-
-    def _unpacked(self, memory: Array, action: float) -> ControllerMemory:
-        """Return the controller's memory that an array holds, with the given action in force."""
-        return ControllerMemory(
+        """Return command and new memory. Raises ControllerError if the controller fails or answers no finite
+        numbers."""
+        before = ControllerMemory(
             window=memory[1 : -self._horizon].reshape(self._shape),
             rows=int(memory[0]),
             gap=0,
             plan=memory[-self._horizon :],
             under_way=DelayLine((action,)),
         )
+        after = before.observed(Cp[self._columns])
+        if not after.is_full:
+            return 0.0, _packed(after)
+        after, answer = after.planned(self._controller, self._weights)
+        return float(answer.plan[0]), _packed(after)
 
 
 def _packed(memory: ControllerMemory) -> Array:

@@ -40,13 +40,9 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
         command_step=LEAST_SHARE * own.command_step,
         delay_steps=0,
     )
-    greatest = Calibration(
-        weights=CostWeights(**{name: max(LARGEST_WEIGHT, value) for name, value in vars(own.weights).items()}),
-        action_limit=own.action_limit,
-        command_step=own.command_step,
-        delay_steps=bundle.manifest.mpc.horizon - 1 - config.ecu.plan_ahead,
-    )
-    return CalibrationLimits(least=least, greatest=greatest)
+    heaviest = CostWeights(**{name: max(LARGEST_WEIGHT, value) for name, value in vars(own.weights).items()})
+    longest = bundle.manifest.mpc.horizon - 1 - config.ecu.plan_ahead
+    return CalibrationLimits(least=least, greatest=replace(own, weights=heaviest, delay_steps=longest))
 
 
 def with_calibration(config: Config, calibration: Calibration) -> Config:
@@ -60,12 +56,7 @@ def with_calibration(config: Config, calibration: Calibration) -> Config:
     def bound(value: float, own: float) -> float:
         return own if value == as_float32(own) else float(np.float32(value))
 
-    return replace(
-        config,
-        flow=replace(config.flow, action_limit=bound(calibration.action_limit, config.flow.action_limit)),
-        ecu=replace(
-            config.ecu,
-            command_step=bound(calibration.command_step, config.ecu.command_step),
-            delay_steps=calibration.delay_steps,
-        ),
-    )
+    limit = bound(calibration.action_limit, config.flow.action_limit)
+    step = bound(calibration.command_step, config.ecu.command_step)
+    ecu = replace(config.ecu, command_step=step, delay_steps=calibration.delay_steps)
+    return replace(config, flow=replace(config.flow, action_limit=limit), ecu=ecu)

@@ -22,19 +22,18 @@ from contract.controller.resampling import followed, places
 
 @dataclass(frozen=True)
 class DelayLine:
-    """The latest `delay + 1` values that were sent to an actuator, oldest first; `delay` is the actuator's delay in
-    control periods. `values` has shape (delay + 1,)."""
+    """The latest `delay + 1` values that were sent to an actuator, oldest first."""
 
     values: tuple[float, ...]
 
     @classmethod
-    def filled(cls, delay: int, value: float = 0.0) -> Self:
-        """Return a line filled with `value`; `delay` is in control periods."""
-        return cls((value,) * (delay + 1))
+    def filled(cls, delay: int) -> Self:
+        """Return a line of zeros; `delay` is in control periods."""
+        return cls((0.0,) * (delay + 1))
 
     @property
     def in_force(self) -> float:
-        """The value that takes effect now; it was pushed `delay` periods ago."""
+        """The value that takes effect now."""
         return self.values[0]
 
     @property
@@ -80,15 +79,8 @@ class Past(ArrayValue):
             count=min(self.count + 1, len(self.rows)),
         )
 
-    def with_column(self, sensor: int, values: Array) -> "Past":
-        """Return the past with the pressures of one sensor replaced by `values`, (N,), in the rows with data."""
-        rows, first = self.rows.copy(), len(self.rows) - self.count
-        rows[first:, sensor] = values[first:]
-        return replace(self, rows=rows)
-
     def read(self, length: int) -> tuple[Array, int]:
-        """Return the window (L, S + 1), interpolated at L equal steps of travelled distance, and the number of rows
-        with data."""
+        """Return the window (L, S + 1), at L equal steps of travelled distance, and the number of rows with data."""
         window, first = np.zeros((length, self.rows.shape[1])), len(self.rows) - self.count
         if not self.count:
             return window, 0
@@ -121,15 +113,9 @@ class ControllerMemory(ArrayValue):
 
     @staticmethod
     def empty(*, length: int, sensors: int, horizon: int, delay: int, past: int = 0) -> "ControllerMemory":
-        """Return a memory without rows, with a plan of zeros and no jet action.
-
-        Args:
-            length: number L of rows of the window.
-            sensors: number S of sensors.
-            horizon: number H of steps of the plan.
-            delay: delay of the actuator, in control periods.
-            past: number of stored periods for a release with a range of speeds; 0 for other releases.
-        """
+        """Return a memory without rows, with a plan of zeros and no jet action: L = `length`, S = `sensors`, H =
+        `horizon`; `delay` of the actuator in control periods. `past` is the number of stored periods for a release with
+        a range of speeds, and 0 for other releases."""
         return ControllerMemory(
             window=np.zeros((length, sensors + 1)),
             rows=0,
@@ -146,8 +132,7 @@ class ControllerMemory(ArrayValue):
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """The number of rows L, sensors S, steps H of a plan, and periods of delay; equal in all of a controller's
-        memories."""
+        """The numbers L, S and H, and the periods of delay; equal in all of a controller's memories."""
         return len(self.window), self.window.shape[1] - 1, len(self.plan), len(self.under_way.pending)
 
     @property
@@ -156,16 +141,12 @@ class ControllerMemory(ArrayValue):
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """Return the memory with this period's row: pressures `cp`, (S,), and the ratio `speed` of the speed to the
-        design speed."""
+        """Return the memory with this period's row: pressures `cp`, (S,), at a ratio of the design speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Return the memory after a period without pressures: the last pressures are repeated, if there is a row.
-
-        A gap of more than `longest_gap` periods empties the window, so that the controller does not plan with old
-        pressures.
-        """
+        """Return the memory after a period without pressures: the last pressures are repeated, if there is a row. A gap
+        of more than `longest_gap` periods empties the window."""
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
             return replace(self.emptied(), gap=gap)
@@ -181,26 +162,26 @@ class ControllerMemory(ArrayValue):
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
         """Return the memory with the pressures of one sensor replaced by `values` in the rows with data: (L,), or (N,)
         if there is a past of N periods."""
-        if self.past is not None:
-            past = self.past.with_column(sensor, values)
-            return replace(self, past=past, window=past.read(len(self.window))[0])
-        window = self.window.copy()
-        first = len(window) - self.rows
-        window[first:, sensor] = values[first:]
-        return replace(self, window=window)
+        rows = self.window if self.past is None else self.past.rows
+        count = self.rows if self.past is None else self.past.count
+        changed, first = rows.copy(), len(rows) - count
+        changed[first:, sensor] = values[first:]
+        if self.past is None:
+            return replace(self, window=changed)
+        past = replace(self.past, rows=changed)
+        return replace(self, past=past, window=past.read(len(self.window))[0])
 
     def commanded(self, action: float) -> "ControllerMemory":
         """Return the memory after `action`, in U_inf W, was sent in this period."""
         return replace(self, under_way=self.under_way.pushed(action))
 
     def with_delay(self, delay: int) -> "ControllerMemory":
-        """Return the memory for another delay of the actuator; call this between two control periods. `delay` is less
-        than the horizon.
+        """Return the memory for another delay of the actuator, less than the horizon; call this between two periods.
 
         The sent actions stay, but take effect at other times: the latest `delay` actions are under way, and each row of
         the window gets the action that would have been in force with the new delay. Actions older than the window are
-        unknown; the action of the window's oldest row, which is zero before the first row, is used for them. The plan
-        is shifted by the change of the delay, so that its action for the next period stays. `past` loses its rows.
+        unknown; the action of the window's oldest row is used for them. The plan is shifted by the change of the delay,
+        so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:

@@ -33,15 +33,14 @@ from ecu.controller_memory import ControllerMemory
 from ecu.ecu_state import EcuState, Surroundings, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode, PeriodInputs
 from ecu.fit import check_vehicle
-from ecu.other_ecu import heard_of_another_ecu
-from ecu.pressure_reception import PressureReception, Received
+from ecu.pressure_reception import PressureReception, Received, heard_of_another_ecu
 from ecu.sensor_check import SensorCheckState, sensor_check_of
 from ecu.speed_reception import SpeedReception
 from ecu.timing import StepTiming
 
 
 class StepOutcome(NamedTuple):
-    """The outcome of a control period. `frames` has the frames to send: a JetCommand and an EcuStatus."""
+    """The outcome of a control period, with the frames to send: a JetCommand and an EcuStatus."""
 
     state: EcuState
     frames: list[Frame]
@@ -49,14 +48,9 @@ class StepOutcome(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """The request to the command gate in one period.
-
-    Attributes:
-        memory: controller's memory with the new plan, or without a plan.
-        action: action before the command gate, in U_inf W.
-        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2); None without a plan.
-        fault: reason why the controller gave no action in a period that needed one.
-    """
+    """The request to the command gate in one period: the memory with the new plan, or without a plan; the action in
+    U_inf W; the predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and the reason why the controller gave no
+    action in a period that needed one."""
 
     memory: ControllerMemory
     action: float
@@ -79,12 +73,7 @@ class Ecu:
     """
 
     def __init__(
-        self,
-        bundle: Bundle,
-        controller: Controller,
-        config: Config,
-        *,
-        authentication: Authentication | None = None,
+        self, bundle: Bundle, controller: Controller, config: Config, authentication: Authentication | None = None
     ) -> None:
         check_vehicle(bundle, config)
         manifest = bundle.manifest
@@ -135,20 +124,12 @@ class Ecu:
                 f"{own}; build it from the same bundle, settings and calibration"
             )
         self._state = state
-        self.trace = Trace(
-            mode=state.fail_safe.mode.on_wire,
-            action=state.memory.under_way.newest,
-            forces=None,
-            interventions=Intervention(0),
-        )
+        mode, action = state.fail_safe.mode.on_wire, state.memory.under_way.newest
+        self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force; all of them take effect from the next step on.
-
-        If the range of commands becomes narrower, the command gate limits the next command to this range, even if the
-        previous command was outside the range. Raises ConfigError if a value is outside the limits of this release and
-        vehicle; then no value changes.
-        """
+        """Put other values in force; all of them take effect from the next step on, also a narrower range of commands.
+        Raises ConfigError if a value is outside the limits of this release and vehicle; then no value changes."""
         self._calibration_limits.check(calibration)
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())
@@ -167,7 +148,6 @@ class Ecu:
             now_ns: time of the step, in ns in the clock of the frames' timestamps.
             frames: all frames received since the last step, oldest first.
             health: health of the CAN controller, for the status.
-            around: external conditions; see `Surroundings`.
         """
         outcome = self.next(self._state, now_ns, frames, health, **around)
         self._state, self.trace = outcome.state, outcome.trace
@@ -181,18 +161,11 @@ class Ecu:
         health: BusHealth = HEALTHY,
         **around: Unpack[Surroundings],
     ) -> StepOutcome:
-        """Compute a control period from any state, without storing the result; a pure function if the controller is
-        one."""
+        """Compute a control period from any state, without storing the result. Pure if the controller is pure."""
         received, inputs = self._receive(state, now_ns, frames, health, around)
         decided = replace(received, fail_safe=received.fail_safe.next(inputs, self._config.ecu))
         acted, passed, forces = self._act(decided, state.timing, now_ns)
-        after = replace(
-            acted,
-            commands=state.commands.next(self._messages.command.spec),
-            statuses=state.statuses.next(self._messages.status.spec),
-            health=health,
-            freshness=state.freshness.next(),
-        )
+        after = replace(acted.answered(self._messages), health=health)
         mode = after.fail_safe.mode
         command = JetCommand(
             flow_m2_per_s=passed.flow_m2_per_s,
@@ -202,14 +175,10 @@ class Ecu:
             pressure_counter=after.pressure_counter if inputs.usable or mode.drives_jets else None,
             next_period=self._config.ecu.plan_ahead,
         )
-        trace = Trace(
-            mode=mode.on_wire,
-            action=after.memory.under_way.newest,
-            forces=forces,
-            interventions=passed.interventions,
-        )
+        action, interventions = after.memory.under_way.newest, passed.interventions
+        trace = Trace(mode=mode.on_wire, action=action, forces=forces, interventions=interventions)
         frames_out = answers(state, after, command, now_ns, self._messages, self._key, self._bundle_hash)
-        return StepOutcome(state=after, frames=frames_out, trace=trace)
+        return StepOutcome(after, frames_out, trace)
 
     def status(self) -> EcuStatus:
         """Return the health counters after the latest step."""
@@ -288,17 +257,16 @@ class Ecu:
             now_ns=now_ns,
             limits=self._limits,
         )
-        memory = decision.memory.commanded(self._as_sent(passed.flow_m2_per_s))
+        # The action as it is sent, rounded to the message's resolution.
+        sent_m2_per_s = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
+        memory = decision.memory.commanded(sent_m2_per_s / self._flow_scale)
         after = replace(state, memory=memory, fail_safe=_told_by_the_gate(fail_safe, passed))
         return after, passed, decision.forces
 
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
-        """Return the memory with one more row for each skipped period; in these periods the last command stayed in
-        force.
-
-        If the clock is wrong, the length of the step is unknown and the rows are useless: the window is emptied.
-        """
+        """Return the memory with a row for each skipped period, in which the last command stayed in force."""
         if timing.fault is Reason.CLOCK:
+            # The length of the step is unknown, and the rows are useless.
             return memory.emptied()
         # More periods change nothing: the window is then empty, and the last command is in force.
         for _ in range(min(timing.skipped, max(self._longest_gap, len(memory.under_way.pending)) + 1)):
@@ -308,8 +276,8 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the state of the sensor check, the memory with estimates instead of a faulty sensor's readings, and
-        the reason to shut the jets, or None."""
+        """Return the state of the sensor check, the memory with estimates of a faulty sensor, and a reason to shut the
+        jets."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -327,12 +295,7 @@ class Ecu:
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
-        drives = state.fail_safe.mode.drives_jets
-        return self._benefit_check.next(state.benefit, cp, drives=drives, speed=speed)
-
-    def _as_sent(self, flow_m2_per_s: float) -> float:
-        """Return the action of a command as sent, rounded to the message's resolution, in U_inf W."""
-        return round(flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S / self._flow_scale
+        return self._benefit_check.next(state.benefit, cp, drives=state.fail_safe.mode.drives_jets, speed=speed)
 
     def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
         """Return the request to the command gate in this mode; the memory already has this period's row."""

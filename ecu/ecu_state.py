@@ -5,6 +5,7 @@ for bit as the first ECU would have continued.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Self, TypedDict
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
@@ -21,20 +22,15 @@ from contract.arrays import Array
 from ecu.benefit_check import BenefitCheckState
 from ecu.controller_memory import ControllerMemory
 from ecu.fail_safe import FailSafe
-from ecu.other_ecu import OtherEcu
+from ecu.pressure_reception import OtherEcu
 from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
 from ecu.timing import StepTiming
 
 
 class Surroundings(TypedDict, total=False):
-    """External conditions of an ECU in a control period.
-
-    Attributes:
-        fault: reason for which the ECU must switch itself off.
-        updating: whether a release is being written. If so, the ECU switches itself off as soon as no jet may run, and
-            stays off until a reset.
-    """
+    """External conditions of an ECU in a control period: a reason for which it must switch itself off, and whether a
+    release is being written. If so, it switches itself off as soon as no jet may run, and stays off until a reset."""
 
     fault: Reason | None
     updating: bool
@@ -46,31 +42,27 @@ class EcuState:
 
     Attributes:
         memory: window, plan and sent actions not yet in force.
-        fail_safe: the mode, and the reason why the ECU is not in control.
-        pressures: state of the receiver of the Pressure message.
+        pressures, verifier: states of the receiver of the Pressure message and of its authentication.
         commands, statuses: states of the senders of JetCommand and EcuStatus.
         pressure_ns: sampling time of the latest usable pressures, in ns; None before the first.
         pressure_counter: counter of the frame with these pressures; None before the first.
         overruns: number of whole control periods left out since power-on.
         missed: number of steps without usable pressures since power-on.
-        health: health of the CAN controller in the latest step.
-        verifier: state of the Pressure message's authentication.
-        freshness: freshness values for the next JetCommand and the next EcuStatus.
-        other_ecu: state of the detection of another ECU on the bus.
-        sensors: state of the sensor check.
         speed: state of the reception of the vehicle's speed; as at power-on if the release does not need the speed.
+        health: health of the CAN controller in the latest step.
+        freshness: freshness values for the next JetCommand and the next EcuStatus.
     """
 
     memory: ControllerMemory
     fail_safe: FailSafe
-    pressures: ReceiverState
-    commands: SenderState
-    statuses: SenderState
-    timing: StepTiming
-    pressure_ns: int | None
-    pressure_counter: int | None
-    overruns: int
-    missed: int
+    pressures: ReceiverState = field(default_factory=ReceiverState)
+    commands: SenderState = field(default_factory=SenderState)
+    statuses: SenderState = field(default_factory=SenderState)
+    timing: StepTiming = field(default_factory=StepTiming)
+    pressure_ns: int | None = None
+    pressure_counter: int | None = None
+    overruns: int = 0
+    missed: int = 0
     sensors: SensorCheckState
     benefit: BenefitCheckState = field(default_factory=BenefitCheckState)
     speed: SpeedState = field(default_factory=SpeedState)
@@ -85,25 +77,25 @@ class EcuState:
         return cls(
             memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay, past=past),
             fail_safe=FailSafe(),
-            pressures=ReceiverState(),
-            commands=SenderState(),
-            statuses=SenderState(),
-            timing=StepTiming(),
-            pressure_ns=None,
-            pressure_counter=None,
-            overruns=0,
-            missed=0,
             sensors=SensorCheckState.start(window=past or window, sensors=sensors),
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:
-        """Return the power-on state with the data for authentication with `bus.key`; without a key, the state
-        itself."""
+        """Return the power-on state with the data for authentication; without a key, the state itself."""
         if authentication is None:
             return self
         speed = replace(self.speed, verifier=authentication.verifier(messages.speed.spec))
         verifier = authentication.verifier(messages.pressure.spec)
         return replace(self, verifier=verifier, speed=speed, freshness=authentication.freshness)
+
+    def answered(self, messages: MessageSet) -> Self:
+        """Return the state after the two frames of a period were sent: the next counters and freshness values."""
+        return replace(
+            self,
+            commands=self.commands.next(messages.command.spec),
+            statuses=self.statuses.next(messages.status.spec),
+            freshness=self.freshness.next(),
+        )
 
     def status(self, bundle_hash: int) -> EcuStatus:
         """Return the status message of an ECU that runs this bundle."""
@@ -138,26 +130,17 @@ def answers(
         (before.commands, messages.command.spec, messages.command.emit(command)),
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
     )
+    # A frame's time must not be negative. If the clock gives a negative time, the jets are shut anyway.
+    sent_ns, secure = max(0, now_ns), partial(secured, key=key, freshness=before.freshness)
     return [
-        secured(
-            # A frame's time must not be negative. If the clock gives a negative time, the jets are shut anyway.
-            protected_frame(sender, data, spec=spec, now_ns=max(0, now_ns)),
-            spec=spec,
-            key=key,
-            freshness=before.freshness,
-        )
-        for sender, spec, data in contents
+        secure(protected_frame(sender, data, spec=spec, now_ns=sent_ns), spec=spec) for sender, spec, data in contents
     ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """Results of the latest step for observers; no part of the ECU reads them.
-
-    Attributes:
-        action: action that was sent, in U_inf W.
-        forces: predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed; or None.
-    """
+    """Results of the latest step for observers; no part of the ECU reads them. `action` was sent, in U_inf W; `forces`
+    are the predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed, or None."""
 
     mode: Mode
     action: float

@@ -9,7 +9,7 @@ pressures, or when more than `hold_periods` + `decay_periods` = 3 consecutive pe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Final, NamedTuple
 
@@ -71,11 +71,9 @@ class PeriodInputs:
         usable: whether pressures arrived that the controller may use.
         enable_request: enable request of the vehicle, from a trusted frame of this period; None if there is none.
         unusable_because: reason why the pressures are not usable; ignored if they are usable.
-        window_full: whether the window is full, so that the controller can plan.
         off_speed: whether the vehicle is slower or faster than the range of speeds of the release.
         tests: whether the jets must be shut to measure the wake without control.
         fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
-        updating: whether a new release is being written.
     """
 
     usable: bool
@@ -89,13 +87,12 @@ class PeriodInputs:
 
 
 class Period(NamedTuple):
-    """The data from which conditions are evaluated: the inputs of one period, and the counts up to and including it.
+    """The data from which conditions are evaluated: the inputs of one period, and the counts of `FailSafe` up to and
+    including it.
 
     Attributes:
         request: the vehicle's request for control, as last received.
         rises: whether the request was low before this period and is high now.
-        misses: number of consecutive periods without usable pressures.
-        good: number of consecutive periods with usable pressures, counted from the latest fault of the ECU itself on.
         lost: number of periods without usable pressures among the latest `loss_window` periods in which control was
             requested.
         kept: the reason that was reported before this period.
@@ -188,7 +185,7 @@ SHORT: Final = Condition(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Transition:
     """One row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
 
@@ -205,8 +202,7 @@ class Transition:
 
 
 def _row(start: str, when: Condition, to: OperatingMode, reason: Because, within: str = "1") -> Transition:
-    states = frozenset(OperatingMode[name] for name in start.split())
-    return Transition(start=states, when=when, to=to, reason=reason, within=within)
+    return Transition(frozenset(OperatingMode[name] for name in start.split()), when, to, reason, within)
 
 
 _S = OperatingMode
@@ -248,13 +244,7 @@ TRANSITIONS: Final = (
 """All transitions, in the order in which they are examined; see `Transition`."""
 
 
-def _rows_of(mode: OperatingMode) -> tuple[list[Transition], Transition]:
-    """Return the rows of a state in their order, and its last row, which has no condition."""
-    *rows, otherwise = (row for row in TRANSITIONS if mode in row.start)
-    return rows, otherwise
-
-
-_FROM: Final = {mode: _rows_of(mode) for mode in OperatingMode}
+_FROM: Final = {mode: [row for row in TRANSITIONS if mode in row.start] for mode in OperatingMode}
 _UNWANTED: Final = frozenset({_S.INIT, _S.STANDBY, _S.ARMED})
 _COUNTS_NO_LOSS: Final = frozenset({_S.FAULT, _S.UPDATE})
 
@@ -282,8 +272,7 @@ class FailSafe:
     enable_request: bool = True
 
     def next(self, inputs: PeriodInputs, config: EcuConfig) -> "FailSafe":
-        """Return the state after a period with these inputs; `config` has the lengths of HOLD and DECAY, and the limits
-        on frames and losses."""
+        """Return the state after a period with these inputs."""
         request = self.enable_request if inputs.enable_request is None else inputs.enable_request
         rises = request and not self.enable_request
         usable = inputs.usable
@@ -309,17 +298,13 @@ class FailSafe:
         )
 
     def latch(self, reason: Reason) -> "FailSafe":
-        """Return the state after a fault of the ECU itself that is found in this period; the count of good frames
-        becomes 0."""
+        """Return the state after a fault of the ECU itself that is found in this period."""
         inputs = PeriodInputs(
             usable=False, enable_request=None, unusable_because=reason, window_full=False, fault=reason
         )
-        request, misses = self.enable_request, self.misses
-        period = Period(inputs, request, False, misses, 0, 0, _NO_LIMITS, self.reason)
+        period = Period(inputs, self.enable_request, False, self.misses, 0, 0, _NO_LIMITS, self.reason)
         row = taken(self.mode, period)
-        return FailSafe(
-            mode=row.to, misses=misses, good=0, lost=0, reason=row.reason.of(period), enable_request=request
-        )
+        return replace(self, mode=row.to, good=0, lost=0, reason=row.reason.of(period))
 
 
 _NO_LIMITS: Final = EcuConfig()
@@ -328,7 +313,7 @@ _NO_LIMITS: Final = EcuConfig()
 
 def taken(mode: OperatingMode, period: Period) -> Transition:
     """Return the row of the table for this mode and period. There is always one: a mode's last row has no condition."""
-    rows, otherwise = _FROM[mode]
+    *rows, otherwise = _FROM[mode]
     for row in rows:
         if row.when.holds(period):
             return row

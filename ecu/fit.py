@@ -1,5 +1,4 @@
-"""Checks that a release was made for this flow and this vehicle. An error states the release's and the present
-value."""
+"""Checks that a release was made for this flow and vehicle. An error states the release's and the present value."""
 
 from dataclasses import fields
 
@@ -26,8 +25,7 @@ def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None
 
 
 def check_vehicle(bundle: Bundle, config: Config) -> None:
-    """Raise BundleError if the controller was built for another vehicle, another bus or another delay of the
-    actuator."""
+    """Raise BundleError if the controller was built for another vehicle, bus or delay of the actuator."""
     manifest = bundle.manifest
     points = (_values(point) for point in (manifest.operating_point, config.operating_point))
     _check_equal(bundle, "operating point", *points, owner="vehicle")
@@ -36,21 +34,16 @@ def check_vehicle(bundle: Bundle, config: Config) -> None:
         raise BundleError(
             f"bundle {manifest.name!r} has {len(manifest.sensors)} sensors: the Pressure message carries {SENSORS}"
         )
-    if config.ecu.frozen_actions >= manifest.mpc.horizon:
-        most = manifest.mpc.horizon - 1 - config.ecu.plan_ahead
-        ahead = ", with ecu.plan_ahead" if config.ecu.plan_ahead else ""
+    ecu, horizon = config.ecu, manifest.mpc.horizon
+    if ecu.frozen_actions >= horizon:
+        most, ahead = horizon - 1 - ecu.plan_ahead, ", with ecu.plan_ahead" if ecu.plan_ahead else ""
         raise BundleError(
-            f"ecu.delay_steps = {config.ecu.delay_steps}: must be at most {most} for the horizon of "
-            f"{manifest.mpc.horizon}{ahead}"
+            f"ecu.delay_steps = {ecu.delay_steps}: must be at most {most} for the horizon of {horizon}{ahead}"
         )
 
 
 def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
-    """Raise BundleError if a sensor of the controller is missing on the plant or has another position there.
-
-    A bundle that states no positions is from a version whose only body was the truck. So its sensors have the names,
-    and therefore the positions, of the truck's sensors.
-    """
+    """Raise BundleError if a sensor of the controller is missing on the plant or has another position there."""
     manifest = bundle.manifest
     try:
         columns = layout.indices(manifest.sensors)
@@ -62,14 +55,14 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
     for name, there, here in zip(manifest.sensors, built_for, layout.positions[columns], strict=True):
         if np.abs(there - here).max() > SAME_PLACE:
             raise BundleError(
-                f"bundle {manifest.name!r} was built for another body: its sensor {name} is at {_place(there)}, on "
-                f"this plant at {_place(here)}, in W"
+                "bundle {!r} was built for another body: its sensor {} is at ({:g}, {:g}), on this plant at "
+                "({:g}, {:g}), in W".format(manifest.name, name, *there, *here)
             )
 
 
 def positions_of(manifest: Manifest) -> Array | None:
-    """Return a release's sensor positions (S, 2); None if it states no positions and its sensors are not the
-    truck's."""
+    """Return a release's sensor positions (S, 2). A bundle that states none is from a version whose only body was the
+    truck; None if its sensors are not the truck's either."""
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)
     return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None
@@ -77,10 +70,6 @@ def positions_of(manifest: Manifest) -> Array | None:
 
 def _values(point: OperatingPoint) -> str:
     return ", ".join(f"{field.name} {getattr(point, field.name)}" for field in fields(point))
-
-
-def _place(position: Array) -> str:
-    return "({:g}, {:g})".format(*position)
 
 
 def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str, remedy: str = "") -> None:

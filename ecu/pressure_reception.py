@@ -2,20 +2,26 @@
 none.
 
 The checks are, in this order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
+
+Another ECU on the bus is also detected here. A node does not receive its own frames, so any ECU frame that it receives
+comes from another ECU. Two ECUs on one bus would both drive the jets, in turn. So an ECU keeps the jets shut until it
+has received no frame of another ECU for `SILENCE_NS`. With a key only authentic frames count: a forged frame does not
+shut the jets, but a recorded authentic frame that is sent again does.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.e2e.receiver import ReceiverState, Reception, StreamState, receive
+from can_bridge.e2e.receiver import ReceiverState, StreamState, receive
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.securing import VerifierState, verified
+from can_bridge.secoc.securing import VerifierState, verified, verify
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import Message
+from can_bridge.wire.message_sets import Message, MessageSet
+from can_bridge.wire.message_specs import MessageSpec
 from can_bridge.wire.messages import Pressure, Reason
 from contract.arrays import Array
 from contract.config.vehicle import E2eConfig
@@ -30,7 +36,6 @@ class Received(NamedTuple):
         reading: (S,) the same pressures divided by the dynamic pressure at the design speed, so that the reading of a
             stuck sensor is constant at any vehicle speed.
         enable_request: enable request of the vehicle; None if no trusted frame states it.
-        unusable_because: reason why there are no usable pressures; NONE if there are usable pressures.
         sampled_ns: sampling time of the usable pressures, in ns.
     """
 
@@ -49,7 +54,6 @@ class PressureReception:
     """The reception of pressure frames.
 
     Attributes:
-        key: key of the bus; None without authentication.
         dynamic_pressure: dynamic pressure in Pa at the design speed (Cp = 1).
         fresh_age_ns: largest age in ns of pressures that the controller may use.
     """
@@ -69,12 +73,8 @@ class PressureReception:
         receiver: ReceiverState,
         dynamic_pressure: float | None,
     ) -> Received:
-        """Return the newest trusted pressures of a period, or the reason why there are none.
-
-        Args:
-            verifier, receiver: states of the authentication and of the E2E receiver before the period.
-            dynamic_pressure: dynamic pressure in Pa at the present speed (Cp = 1); None without a speed.
-        """
+        """Return the newest trusted pressures of a period, or the reason why there are none. `dynamic_pressure` is that
+        at the present speed, in Pa (Cp = 1); None without a speed."""
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(receiver, frames, spec=spec, config=self.e2e)
@@ -84,28 +84,56 @@ class PressureReception:
         if frame is None or pressure is None or reception.live is None:
             # Only a trusted stream can request control, but any accepted frame can withdraw the request.
             withdrawn = pressure is not None and not pressure.enable_request
-            because = Reason.NOT_AUTHENTIC if none_authentic else _without_live(reception)
+            lost = Reason.STREAM_INVALID if reception.stream is StreamState.INVALID else Reason.STREAM_LOST
+            because = Reason.NOT_AUTHENTIC if none_authentic else lost
             return unusable._replace(enable_request=False if withdrawn else None, unusable_because=because)
         # The age in a frame is counted from the sampling, so it includes the delays before sending.
         sampled_ns = frame.timestamp_ns - pressure.age_ns
-        fresh = 0 <= now_ns - sampled_ns <= self.fresh_age_ns
-        if not (fresh and all(pressure.valid)):
-            because = Reason.SENSOR_INVALID if fresh else Reason.STALE
-            return unusable._replace(enable_request=pressure.enable_request, unusable_because=because)
+        requested = unusable._replace(enable_request=pressure.enable_request)
+        if not 0 <= now_ns - sampled_ns <= self.fresh_age_ns:
+            return requested._replace(unusable_because=Reason.STALE)
+        if not all(pressure.valid):
+            return requested._replace(unusable_because=Reason.SENSOR_INVALID)
         if dynamic_pressure is None:
-            return unusable._replace(enable_request=pressure.enable_request, unusable_because=Reason.NO_SPEED)
-        return Received(
-            verifier,
-            receiver,
+            return requested._replace(unusable_because=Reason.NO_SPEED)
+        return requested._replace(
             cp=np.array(pressure.pressure_pa) / dynamic_pressure,
             reading=np.array(pressure.pressure_pa) / self.dynamic_pressure,
-            enable_request=pressure.enable_request,
-            unusable_because=Reason.NONE,
             sampled_ns=sampled_ns,
             counter=profile_of(spec).counter_of(frame.data),
         )
 
 
-def _without_live(reception: Reception) -> Reason:
-    """Return why a stream has no usable frame."""
-    return Reason.STREAM_INVALID if reception.stream is StreamState.INVALID else Reason.STREAM_LOST
+SILENCE_NS: Final = 1_000_000_000
+"""Time in ns without a frame of another ECU after which that ECU counts as gone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherEcu:
+    """The state after a control period. `until_ns` is the time until which another ECU counts as present, or None."""
+
+    frames: int = 0
+    until_ns: int | None = None
+
+    @property
+    def fault(self) -> Reason | None:
+        """The fault for which the ECU must switch itself off, or None."""
+        return None if self.until_ns is None else Reason.OTHER_ECU
+
+    def next(self, heard: int, step_ns: int) -> "OtherEcu":
+        """Return the state after a step in which `heard` frames of another ECU were received."""
+        if heard:
+            return OtherEcu(frames=self.frames + heard, until_ns=step_ns + SILENCE_NS)
+        is_gone = self.until_ns is not None and step_ns > self.until_ns
+        return replace(self, until_ns=None) if is_gone else self
+
+
+def heard_of_another_ecu(frames: Sequence[Frame], messages: MessageSet, key: Key | None) -> int:
+    """Return the number of received frames that another ECU sent: valid JetCommands and EcuStatuses."""
+    specs = (messages.command.spec, messages.status.spec)
+    return sum(_is_valid(frame, spec, key) for frame in frames for spec in specs if spec.names(frame))
+
+
+def _is_valid(frame: Frame, spec: MessageSpec, key: Key | None) -> bool:
+    authentic = key is None or verify(frame.data, spec, key) is not None
+    return authentic and profile_of(spec).check(frame.data[: spec.protected], data_id=spec.data_id)

@@ -19,13 +19,11 @@ So the differences between consecutive residuals show how much noise remains in 
 this noise. Noise on all sensors, which the controller tolerates, is therefore no fault.
 
 If two sensors have nearly equal readings over a whole window, and the readings vary in this window, one sensor is a
-copy of the other, for example because of a broken multiplexer, and the jets are shut. Mirrored sensors whose readings
-hardly vary do not count as copies, because a calm wake is symmetric. A sensor whose reading never changes is stuck,
-because no pressure in a flow is constant. The other sensors show whether there is a flow: on a vehicle at rest or at
-very low speed all pressures are nearly constant, and no sensor counts as stuck.
+copy of the other, for example because of a broken multiplexer, and the jets are shut. A sensor whose reading never
+changes is stuck, if the other sensors show that there is a flow: on a vehicle at rest all pressures are constant.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
@@ -48,9 +46,9 @@ NOISE_ALLOWED: Final = 0.3
 the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
 
 MOVING: Final = 0.4
-"""The limit for the median of the other sensors' ranges of readings, in standard deviations of healthy sensors'
-residuals. A constant reading counts as stuck only if this median reaches the limit. With the shipped recording the
-limit is 0.015 in Cp; in this recording, the median in ten periods is 0.022 or more."""
+"""Smallest median of the other sensors' ranges of readings at which a constant reading counts as stuck, in standard
+deviations of healthy sensors' residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least
+0.022."""
 
 ALIKE: Final = 0.1
 """Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
@@ -72,11 +70,11 @@ speed on the bus does not show."""
 
 
 class EstimatorModel(Protocol):
-    """A model that evaluates the estimator network of `sensors.onnx`."""
+    """A model that evaluates the estimator network of `sensors.onnx`, like `OnnxEstimator`."""
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates in Cp of each of the V views, (V, S), for a window (L, S + 1) of L rows and S sensors.
-        Raises ControllerError if the model fails."""
+        """Return the estimates in Cp of each of the V views, (V, S), for a window (L, S + 1). Raises ControllerError if
+        the model fails."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,8 +135,8 @@ class ResidualLevels(NamedTuple):
     """The levels of evidence for each hypothesis, from mean squares of residuals, relative to those of healthy sensors.
 
     Attributes:
-        liar: (S,) level for the hypothesis that this sensor reads wrongly and the other sensors read correctly.
-        bias: (S,) level for the same hypothesis, computed from the slow means.
+        liar, bias: (S,) levels for the hypothesis that this sensor reads wrongly and the other sensors read correctly,
+            from the fast and from the slow means.
         swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
         drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out. If
@@ -154,26 +152,27 @@ class ResidualLevels(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheck:
-    """The check of one bundle's pressures. `fast`, `slow`: (S + P, S) rms in Cp of the fast and slow means of healthy
-    sensors' residuals, for each hypothesis and sensor."""
+    """The check of one bundle's pressures.
+
+    Attributes:
+        fast, slow: (S + P, S) rms in Cp of the fast and slow means of healthy sensors' residuals, for each hypothesis
+            and sensor.
+        sound: mean rms in Cp of the fast means, for the hypotheses that leave the sensor itself out.
+    """
 
     estimator: EstimatorModel
     fast: Array
     slow: Array
+    sound: float
     config: SensorCheckConfig
-    hypotheses: Hypotheses = field(init=False)
-    _sound: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        sensors = self.fast.shape[1]
-        object.__setattr__(self, "hypotheses", Hypotheses.of(sensors))
-        object.__setattr__(self, "_sound", float(self.fast[:sensors].diagonal().mean()))
+    hypotheses: Hypotheses
 
     @classmethod
     def of(cls, figures: SensorEstimator, estimator: EstimatorModel, config: SensorCheckConfig) -> "SensorCheck":
         """Return the check with the rms values in a manifest."""
         fast, slow = (_with_swaps(np.array(table)) for table in (figures.fast, figures.slow))
-        return cls(estimator=estimator, fast=fast, slow=slow, config=config)
+        sound, hypotheses = float(np.array(figures.fast).diagonal().mean()), Hypotheses.of(len(figures.fast))
+        return cls(estimator=estimator, fast=fast, slow=slow, sound=sound, config=config, hypotheses=hypotheses)
 
     def next(
         self,
@@ -191,15 +190,14 @@ class SensorCheck:
             window: (L, S + 1) the controller's window, with this period's row.
             rows: number of rows of the window that have data.
             cp: (S,) pressures of this period; None if there are none, and then no sensor is judged.
-            reading: (S,) pressures as received, scaled with the design speed instead of the present speed; `cp` by
-                default.
+            reading: (S,) pressures scaled with the design speed instead of the present speed; `cp` by default.
             skipped: number of skipped periods before the present period; the window has a row for each of them.
         """
-        length, kept_rows = len(window), len(state.estimates)
+        length = len(window)
+        # The window has a new row for each of these periods, so the estimates must get the same number of rows.
+        estimates = _appended(state.estimates, 1 + min(skipped, len(state.estimates)))
         if cp is None or rows == 0:
-            held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
-            kept = replace(state, estimates=held)
-            return kept, Reason.IMPLAUSIBLE if kept.implausible else None
+            return replace(state, estimates=estimates), Reason.IMPLAUSIBLE if state.implausible else None
         seen = window
         if rows < length:
             # Until the window is full after the ECU's start, its missing rows are filled with the first row.
@@ -208,12 +206,8 @@ class SensorCheck:
         try:
             by_view = self.estimator.estimates(seen)
         except ControllerError:
-            # The window has a new row for each of these periods, so the estimates must get the same number of rows.
-            held = _appended(state.estimates, state.estimates[-1], 1 + min(skipped, kept_rows))
-            return replace(state, estimates=held), Reason.INTERNAL
-        estimates = _appended(state.estimates, state.estimates[-1], min(skipped, kept_rows))
-        own = by_view[self.hypotheses.view.diagonal(), np.arange(len(cp))]
-        estimates = _appended(estimates, own, 1)
+            return replace(state, estimates=estimates), Reason.INTERNAL
+        estimates[-1] = by_view[self.hypotheses.view.diagonal(), np.arange(len(cp))]
         reading = cp if reading is None else reading
         flat = np.where(reading == state.readings, state.flat + 1, 0.0)
         means = self._averaged(state, self.hypotheses.residuals(cp, by_view)) if rows == length else {}
@@ -228,16 +222,14 @@ class SensorCheck:
         """Return the levels of evidence that follow from a state's running means."""
         sensors = len(state.readings)
         slow = np.square(state.slow) / (np.square(self.slow) + state.noise / (2 * SLOW_PERIODS - 1))
-        fast_each, slow_each = _split(state.score, sensors), _split(slow, sensors)
-        swapped = state.score[sensors:].mean(axis=1)
-        alone = fast_each.own
+        (alone, others), (slow_alone, slow_others) = _split(state.score, sensors), _split(slow, sensors)
         aside = state.set_aside
-        doubt = alone.mean() if aside is None else fast_each.others[aside] / ASIDE_ALLOWED
-        drift = slow_each.others.min() if aside is None else slow_each.others[aside]
+        doubt = alone.mean() if aside is None else others[aside] / ASIDE_ALLOWED
+        drift = slow_others.min() if aside is None else slow_others[aside]
         return ResidualLevels(
-            liar=alone / (1.0 + fast_each.others),
-            bias=slow_each.own / (1.0 + slow_each.others),
-            swap=alone.mean() / (1.0 + swapped),
+            liar=alone / (1.0 + others),
+            bias=slow_alone / (1.0 + slow_others),
+            swap=alone.mean() / (1.0 + state.score[sensors:].mean(axis=1)),
             doubt=float(doubt),
             drift=float(drift) / DRIFT_ALLOWED,
         )
@@ -257,22 +249,20 @@ class SensorCheck:
         }
 
     def _others_move(self, resting: int, window: Array) -> bool:
-        """Return whether the other sensors' readings in the window show a flow while the sensor `resting` had a
-        constant reading."""
+        """Return whether the other sensors' readings show a flow while the sensor `resting` had a constant reading."""
         moved = np.ptp(window[-self.config.flat_periods :, :-1], axis=0)
-        return bool(np.median(np.delete(moved, resting)) >= MOVING * self._sound)
+        return bool(np.median(np.delete(moved, resting)) >= MOVING * self.sound)
 
     def _any_alike(self, window: Array, set_aside: int | None) -> bool:
         """Return whether two sensors in use have nearly equal readings over a window in which the readings vary."""
         one, other = np.transpose([pair for pair in pairs(window.shape[1] - 1) if set_aside not in pair])
         # `cumsum` adds in a fixed order, as C does; `sum` may add in another order.
         squares = np.square(window[:, one] - window[:, other]).cumsum(axis=0)
-        same = squares[-1] <= len(window) * (ALIKE * self._sound) ** 2
-        return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self._sound)).any())
+        same = squares[-1] <= len(window) * (ALIKE * self.sound) ** 2
+        return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self.sound)).any())
 
     def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
-        """Return the new values of `set_aside`, `doubt` and `implausible`; `full` is whether all rows of the window
-        have data."""
+        """Return new values of `set_aside`, `doubt` and `implausible`; `full`: all rows of the window have data."""
         config, levels = self.config, self.levels(state)
         flat = np.flatnonzero(state.flat >= config.flat_periods)
         others_flat = [j for j in flat if j != state.set_aside]
@@ -298,24 +288,17 @@ class SensorCheck:
 
 
 def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
-    """Return the check of a bundle's pressures; None if the bundle has no estimator, or the settings disable the
-    check."""
+    """Return the check of a bundle's pressures; None without an estimator, or if the settings disable the check."""
     figures, wanted = bundle.manifest.sensor_estimator, config.ecu.sensor_check
     estimator = OnnxEstimator.of(bundle) if wanted.enabled else None
     return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)
 
 
-class _Split(NamedTuple):
-    """Two parts of an array (S + P, S). `own`: (S,) values of the sensors, each from the row that leaves this sensor
-    out. `others`: (S,) mean values of the other sensors in these rows."""
-
-    own: Array
-    others: Array
-
-
-def _split(values: Array, sensors: int) -> _Split:
+def _split(values: Array, sensors: int) -> tuple[Array, Array]:
+    """Return two parts of an array (S + P, S): the values (S,) of the sensors, each from the row that leaves this
+    sensor out; and the mean values (S,) of the other sensors in these rows."""
     own = values[:sensors].diagonal()
-    return _Split(own=own, others=(values[:sensors].sum(axis=1) - own) / (sensors - 1))
+    return own, (values[:sensors].sum(axis=1) - own) / (sensors - 1)
 
 
 def _with_swaps(table: Array) -> Array:
@@ -329,6 +312,6 @@ def _mean(before: Array, value: Array, periods: int) -> Array:
     return before + (value - before) / periods
 
 
-def _appended(rows: Array, row: Array, times: int) -> Array:
-    """Append a row `times` times and drop the same number of the oldest rows."""
-    return np.concatenate([rows, np.tile(row, (times, 1))])[-len(rows) :]
+def _appended(rows: Array, times: int) -> Array:
+    """Append the last row `times` times and drop the same number of the oldest rows."""
+    return np.concatenate([rows, np.tile(rows[-1], (times, 1))])[-len(rows) :]

@@ -20,12 +20,7 @@ NO_BUNDLE: Final = 0
 
 class ShutEcu:
     """An `ecu.stepped.SteppedEcu` that reads no pressures and drives no jets. Raises ConfigError if only one of
-    `bus.key` and `authentication` is given.
-
-    Args:
-        config: bus and E2E settings.
-        authentication: the ECU's data for authenticated frames, needed with `bus.key`.
-    """
+    `bus.key` and `authentication` is given."""
 
     frames_rejected = 0
 
@@ -63,14 +58,8 @@ class ShutEcu:
         """Do one control period as `ecu.ecu.Ecu.step` does. The ECU reports the missing release even during a fault."""
         before = self._state
         updating = updating or before.fail_safe.mode is OperatingMode.UPDATE
-        self._state = replace(
-            before,
-            fail_safe=_UPDATING if updating else _NO_RELEASE,
-            commands=before.commands.next(self._messages.command.spec),
-            statuses=before.statuses.next(self._messages.status.spec),
-            freshness=before.freshness.next(),
-            health=health,
-        )
+        fail_safe = _UPDATING if updating else _NO_RELEASE
+        self._state = replace(before.answered(self._messages), fail_safe=fail_safe, health=health)
         command = JetCommand(
             flow_m2_per_s=0.0, mode=self.trace.mode, enable=False, pressure_counter=None, next_period=self._next_period
         )

@@ -22,8 +22,7 @@ from contract.config.vehicle import E2eConfig, SpeedConfig
 from contract.release.manifest import Manifest, SpeedRange
 
 SHORTEST_S: Final = 0.1
-"""Shortest time in s over which a change of speed is judged: over a shorter time, rounding or a late frame may look
-like an acceleration."""
+"""Shortest time in s over which a change of speed is judged, because of rounding and late frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +33,6 @@ class SpeedState:
         ratio: ratio of the last accepted speed to the design speed; None if no speed is in force.
         density: density of the air in kg/m3: as stated by the vehicle with this speed, otherwise that of the operating
             point.
-        measured_ns: time in ns at which the speed was measured.
         is_off: whether the speed has left the release's range by more than the margin and has not returned into the
             range.
     """
@@ -49,13 +47,8 @@ class SpeedState:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedReception:
-    """The reception of speed frames.
-
-    Attributes:
-        key: key of the bus; None without authentication.
-        design: the operating point of the release.
-        speeds: range of speeds of the release, as ratios to the design speed.
-    """
+    """The reception of speed frames. `design` and `speeds` are the release's operating point and its range of speeds,
+    as ratios to the design speed."""
 
     message: Message[VehicleSpeed]
     key: Key | None
@@ -92,18 +85,17 @@ class SpeedReception:
             state = self._believed(state, stated, frame.timestamp_ns - stated.age_ns, now_ns)
         if now_ns - state.measured_ns > self._oldest_ns or state.ratio is None:
             return replace(state, ratio=None)
-        within = self.config.margin if not state.is_off else 0.0
+        within = 0.0 if state.is_off else self.config.margin
         is_off = not self.speeds.slowest * (1.0 - within) <= state.ratio <= self.speeds.fastest * (1.0 + within)
         return replace(state, is_off=is_off)
 
     def dynamic_pressure(self, state: SpeedState) -> float | None:
         """Return the dynamic pressure in Pa at the present speed (Cp = 1); None if no speed is in force."""
-        through_air = self.present(state) * self.design.speed
-        return None if state.ratio is None else 0.5 * state.density * through_air * through_air
+        speed = self.present(state) * self.design.speed
+        return None if state.ratio is None else 0.5 * state.density * speed * speed
 
     def present(self, state: SpeedState) -> float:
-        """Return the ratio of the speed to the design speed, limited to the release's range; 1 if unknown or too far
-        outside."""
+        """Return the ratio to the design speed, limited to the release's range; 1 if unknown or too far outside."""
         if state.ratio is None or state.is_off:
             return 1.0
         return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)

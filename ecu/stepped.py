@@ -57,7 +57,7 @@ class LoopEcu:
     """An ECU for a closed loop, and the data that a run records of the ECU.
 
     Attributes:
-        kind: kind of the ECU: python, c or mcu.
+        kind: python, c or mcu.
         computed_by: description of the code that computes the control step, in words.
         step_ns: returns the duration in ns of the latest step, in virtual time; if None, the loop uses
             `ecu.compute_time_ms`.

@@ -29,7 +29,6 @@ class StepTiming:
         off_time: one bit for each of the latest `ecu.deadline_window` steps, the lowest bit for the newest: 1 if the
             accumulated lateness or earliness reached half a period.
         skipped: number of whole periods left out before the step.
-        fault: reason for which the ECU must switch itself off, or None.
     """
 
     step_ns: int | None = None

@@ -9,9 +9,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from threading import Event, Lock, Thread
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.backends.receive_thread import ReceiveThread
@@ -27,15 +27,13 @@ SEND_TIMEOUT_S: Final = 0.003
 """Longest time in s to send a frame. A period of 20 ms has two frames; if both time out, 14 ms of the period remain."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Lost:
+class Lost(NamedTuple):
     """A report that the bus was lost."""
 
     why: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Back:
+class Back(NamedTuple):
     """A report that the bus is connected again."""
 
     after_s: float
@@ -43,11 +41,7 @@ class Back:
 
 class Connection:
     """A connection that is open in its `with` block; entering the block raises BusError if the bus cannot be opened.
-
-    Args:
-        open_bus: opens the bus; raises BusError.
-        deliver: called with every received frame, by the thread that reads the bus.
-        first_pause_s: pause before the first attempt to open a lost bus again, in s.
+    The thread that reads the bus calls `deliver` with every received frame.
 
     Attributes:
         not_sent: number of frames that the bus refused, including the frames while the bus was lost.
@@ -74,7 +68,7 @@ class Connection:
         self.why_not_sent = ""
 
     def __enter__(self) -> Self:
-        self._connect(self._open())
+        self._bus = _Read(self._open(), self._deliver)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -94,7 +88,7 @@ class Connection:
         if self._bus is None:
             if not self._opened:
                 return None
-            self._connect(self._opened.pop())
+            self._bus = _Read(self._opened.pop(), self._deliver)
             return Back(after_s=time.monotonic() - self._lost_at_s)
         fault = self._bus.receiver.fault
         return None if fault is None else self._lose(self._bus, str(fault))
@@ -111,8 +105,8 @@ class Connection:
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus accepted all of them. If two threads send at the same time, their frames
-        may alternate."""
+        """Send frames; return whether the bus accepted all. Frames of two threads that send at the same time may
+        alternate."""
         sent = True
         for frame in frames:
             with self._sending:
@@ -130,9 +124,6 @@ class Connection:
         except BusError as error:
             return str(error)
         return ""
-
-    def _connect(self, bus: PythonCanBus) -> None:
-        self._bus = _Read(bus, self._deliver)
 
     def _lose(self, read: "_Read", why: str) -> Lost:
         self._before = replace(self.health(), bus_off=self.health().bus_off + 1)

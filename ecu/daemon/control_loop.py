@@ -8,7 +8,7 @@ The deadlines follow the arrival times of the pressures that were used.
 import gc
 import resource
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from can_bridge.bus.heard import SILENCE_S, Heard, Silence
@@ -22,7 +22,7 @@ from ecu.daemon.connection import Back, Connection, Lost
 from ecu.daemon.counters import Counters
 from ecu.daemon.reception import FrameReception
 from ecu.fail_safe import FailSafe
-from ecu.other_ecu import OtherEcu
+from ecu.pressure_reception import OtherEcu
 from ecu.real_time import clock
 from ecu.real_time.deadlines import Arrivals, Deadlines
 from ecu.real_time.stage_times import NOTHING, EcuStage, PlanTimes, StageTimes
@@ -38,14 +38,6 @@ _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 Tell = Callable[..., None]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RealTime:
-    """The clock of the loop, in ns, and a sleep until a time of this clock."""
-
-    now_ns: Callable[[], int] = clock.now_ns
-    sleep_until: Callable[[int], None] = clock.sleep_until
-
-
 class ControlLoop:
     """The control loop of one ECU on one bus. Raises ConfigError if the step's offset is not shorter than the period.
 
@@ -53,6 +45,7 @@ class ControlLoop:
         tell: called with an event's name, its text, and its fields.
         after_step: called with the time and the counters after each step.
         stage_times: table in which the times of each period's stages are stored, or None.
+        now_ns, sleep_until: the clock of the loop, in ns, and a sleep until a time of this clock.
     """
 
     def __init__(
@@ -66,10 +59,12 @@ class ControlLoop:
         tell: Tell,
         after_step: Callable[[int, Counters], None] = lambda now_ns, counters: None,
         stage_times: StageTimes | None = None,
-        real_time: RealTime = RealTime(),
+        now_ns: Callable[[], int] = clock.now_ns,
+        sleep_until: Callable[[int], None] = clock.sleep_until,
     ) -> None:
         self._ecu, self._times, self._connection, self._reception = ecu, times, connection, reception
-        self._tell, self._after_step, self._stages, self._clock = tell, after_step, stage_times, real_time
+        self._tell, self._after_step, self._stages = tell, after_step, stage_times
+        self._now_ns, self._sleep_until = now_ns, sleep_until
         messages = message_set(config.bus)
         self._pressure = messages.pressure.spec
         self._silence = Silence(self._pressure, messages, "vehicle", lambda text: tell("heard", text))
@@ -77,9 +72,7 @@ class ControlLoop:
         self._offset_ns = check_offset(config)
         period_ns = config.period_ns
         self._look_every = max(1, round(SILENCE_S * 1e9 / period_ns))
-        self._deadlines = Deadlines(
-            period_ns=period_ns, due_ns=real_time.now_ns() + period_ns, grace_ns=period_ns // GRACE
-        )
+        self._deadlines = Deadlines(period_ns=period_ns, due_ns=now_ns() + period_ns, grace_ns=period_ns // GRACE)
         self._arrivals = Arrivals(period_ns=period_ns)
         self._told: tuple[Mode, Reason] | None = None
         self._usage = _usage()
@@ -93,17 +86,17 @@ class ControlLoop:
     def period(self) -> None:
         """Wait for the deadline, do a step, and set the next deadline."""
         due_ns = self._deadlines.due_ns
-        self._clock.sleep_until(due_ns)
-        woke_ns = self._clock.now_ns()
+        self._sleep_until(due_ns)
+        woke_ns = self._now_ns()
         self._look_at_bus()
         pressures, others = self._reception.take()
         before = self._ecu.state
         self._times.forget()
-        began_ns = self._clock.now_ns()
+        began_ns = self._now_ns()
         answers = self._ecu.step(began_ns, others + pressures, self._connection.health())
-        ended_ns = self._clock.now_ns()
+        ended_ns = self._now_ns()
         sent = self._connection.send(answers)
-        sent_ns = self._clock.now_ns()
+        sent_ns = self._now_ns()
         if self._stages is not None:
             self._note(self._stages, pressures, due_ns, woke_ns, began_ns, ended_ns, sent_ns if sent else 0)
         if self._ecu.state.missed == before.missed:
@@ -119,7 +112,7 @@ class ControlLoop:
             self._silence.look(self._used, self._reception.heard, self._connection.rejected())
             self._reception.heard = Heard()
         self._after_step(sent_ns, self.counters)
-        self._deadlines = self._deadlines.after(self._clock.now_ns())
+        self._deadlines = self._deadlines.after(self._now_ns())
         if (expected_ns := self._arrivals.expected_ns) is not None:
             self._deadlines = self._deadlines.slewed(expected_ns + self._offset_ns)
 
@@ -127,9 +120,9 @@ class ControlLoop:
         """Send the last frames, in which the jet flow is zero and the jets are not enabled, as at power-on."""
         self._ecu.restore(replace(self._ecu.state, fail_safe=FailSafe()))
         for _ in range(SHUT_FRAMES):
-            self._clock.sleep_until(self._deadlines.due_ns)
-            self._connection.send(self._ecu.step(self._clock.now_ns(), [], self._connection.health()))
-            self._deadlines = self._deadlines.after(self._clock.now_ns())
+            self._sleep_until(self._deadlines.due_ns)
+            self._connection.send(self._ecu.step(self._now_ns(), [], self._connection.health()))
+            self._deadlines = self._deadlines.after(self._now_ns())
 
     def _look_at_bus(self) -> None:
         match self._connection.look():
@@ -169,7 +162,6 @@ class ControlLoop:
             dropped=self._reception.dropped,
             not_sent=self._connection.not_sent,
             losses=self._connection.losses,
-            other_ecu=self._ecu.state.other_ecu.frames,
             action=self._ecu.trace.action,
             busy_ns=before.busy_ns + sent_ns - woke_ns,
             longest_ns=max(before.longest_ns, sent_ns - woke_ns),
@@ -177,28 +169,18 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Return the counter in a pressure frame's E2E header; NOTHING if the frame does not have the message's
-        length."""
+        """Return the counter in a pressure frame's E2E header; NOTHING if the frame has not the message's length."""
         if len(frame.data) != self._pressure.length:
             return NOTHING
         return profile_of(self._pressure).counter_of(frame.data)
 
-    def _note(
-        self,
-        stages: StageTimes,
-        frames: Sequence[Frame],
-        due_ns: int,
-        woke_ns: int,
-        began_ns: int,
-        ended_ns: int,
-        sent_ns: int,
-    ) -> None:
-        newest = frames[-1] if frames else None
+    def _note(self, stages: StageTimes, frames: Sequence[Frame], *times_ns: int) -> None:
+        """Store this period's times: when it was due, woke, began and ended its step, and had sent its frames."""
+        due_ns, woke_ns, began_ns, ended_ns, sent_ns = times_ns
         usage = _usage()
         since = [now - before for now, before in zip(usage, self._usage, strict=True)]
         self._usage = usage
-        counter = NOTHING if newest is None else self._counter(newest)
-        arrived_ns = 0 if newest is None else newest.timestamp_ns
+        counter, arrived_ns = (self._counter(frames[-1]), frames[-1].timestamp_ns) if frames else (NOTHING, 0)
         until = self._deadlines.number, due_ns, woke_ns, counter, arrived_ns, began_ns
         values = (*until, self._times.began_ns, self._times.ended_ns, ended_ns, sent_ns, *since)
         stages.begin()

@@ -5,9 +5,13 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from typing import Final
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.freshness_store import FreshnessStore
+from can_bridge.secoc.key import read_key
+from can_bridge.secoc.node import Authentication
 from can_bridge.tools.live_log import live_log
 from can_bridge.tools.measurement import check_measurement
 from can_bridge.wire.frame import Frame
@@ -15,30 +19,73 @@ from can_bridge.wire.message_sets import SETS, message_set
 from contract.atomic import check_writable
 from contract.config.diagnosis import CanId
 from contract.config.tree import Config
+from contract.errors import ConfigError
 from ecu.daemon.connection import Connection
-from ecu.daemon.control_loop import ControlLoop, RealTime, check_offset
+from ecu.daemon.control_loop import ControlLoop, check_offset
 from ecu.daemon.counters import Counters
-from ecu.daemon.options import ProcessOptions
 from ecu.daemon.reception import FrameReception
-from ecu.daemon.reporter import Reporter
+from ecu.daemon.reporter import DatedEvent, Reporter, plain
 from ecu.daemon.systemd import Notifier
 from ecu.real_time import clock
-from ecu.real_time.privileges import in_words, taken
+from ecu.real_time.privileges import Wanted, in_words, taken
 from ecu.real_time.stage_times import USUAL_PERIODS, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
+
+FRESHNESS: Final = "freshness.json"
+"""Name of the file with the freshness values, in the state directory that systemd gives to a service."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessOptions:
+    """Options of one process.
+
+    Attributes:
+        periods: number of periods after which the process ends; None for no limit.
+        stage_times, frames: files to which the times of each period's stages, and the frames that the ECU sent and
+            accepted, are written at the end.
+        metrics: file to which the counters are written for Prometheus.
+        freshness: file that stores freshness values over a power cycle, needed with `bus.key`.
+    """
+
+    wanted: Wanted = field(default_factory=Wanted)
+    spin_ns: int = 0
+    periods: int | None = None
+    stage_times: Path | None = None
+    metrics: Path | None = None
+    freshness: Path | None = None
+    frames: Path | None = None
+    as_line: Callable[[DatedEvent], str] = plain
+    environment: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
+
+
+def freshness_file(options: ProcessOptions) -> Path:
+    """Return the file that stores freshness values over a power cycle. Raises ConfigError if there is neither the
+    option nor systemd's state directory."""
+    if options.freshness is not None:
+        return options.freshness
+    folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
+    if not folder:
+        raise ConfigError("bus.key: name a file that stores the freshness values with --freshness FILE")
+    return Path(folder) / FRESHNESS
+
+
+def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
+    """Return the freshness store and the node's authentication data for a new power cycle, or (None, None) without
+    `bus.key`. Raises KeyFileError if the key cannot be read; also the errors of `FreshnessStore.begin`."""
+    if not config.bus.key:
+        return None, None
+    key, store = read_key(Path(config.bus.key)), FreshnessStore(freshness_file(options))
+    return store, store.begin(key)
+
 
 Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU and the further parts of its process.
-
-    Attributes:
-        hears: functions that receive the frames of further identifiers, by identifier; called by the thread that reads
-            the bus.
-        beside: context that is active while the bus is open, in parallel with the control.
-    """
+    """An ECU and the further parts of its process. The thread that reads the bus calls the functions in `hears` with
+    the frames of further identifiers; the context `beside` is active while the bus is open, in parallel with the
+    control."""
 
     ecu: SteppedEcu
     times: PlanTimes
@@ -50,8 +97,7 @@ class ServedEcu:
 
 
 def check(config: Config, options: ProcessOptions) -> None:
-    """Raise StillwakeError for options that would cause a failure later: a step offset that is too long, an output file
-    that cannot be written."""
+    """Raise StillwakeError if the step offset is too long, or an output file cannot be written."""
     check_offset(config)
     for path in (options.stage_times, options.metrics):
         if path is not None:
@@ -69,8 +115,7 @@ def run(
     write: Callable[[str], object],
     freshness: FreshnessStore | None,
 ) -> Counters:
-    """Run the ECU until it is stopped. Its last frames shut the jets, whatever the cause of the end. Raises
-    StillwakeError if the bus cannot be opened, or a file cannot be written."""
+    """Run the ECU until it is stopped; see `ecu.daemon.service.serve`."""
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec
     reception = FrameReception(messages=messages, interface=config.bus.interface)
@@ -122,7 +167,7 @@ def run(
             tell=tell,
             after_step=after_step,
             stage_times=stages,
-            real_time=RealTime(sleep_until=partial(clock.sleep_until, spin_ns=options.spin_ns)),
+            sleep_until=partial(clock.sleep_until, spin_ns=options.spin_ns),
         )
         bus = f"{config.bus.interface} {config.bus.channel!r}, {messages.name}"
         period_ms = config.period_ns / 1e6

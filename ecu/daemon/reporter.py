@@ -7,12 +7,11 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 from contract.atomic import replacing
 from contract.errors import StillwakeError
@@ -20,14 +19,13 @@ from ecu.daemon.counters import Counters, text
 from ecu.real_time.privileges import step_back
 
 
-@dataclass(frozen=True, kw_only=True)
-class DatedEvent:
+class DatedEvent(NamedTuple):
     """An event with its date; `date_ns` is the time in ns since the Unix epoch."""
 
     date_ns: int
     name: str
     text: str
-    fields: Mapping[str, str | int | float] = field(default_factory=dict)
+    fields: Mapping[str, str | int | float]
 
 
 def plain(event: DatedEvent) -> str:
@@ -56,13 +54,12 @@ class Reporter:
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.
+        bundle: name of the release in the file of counters.
         metrics: file to which the counters are written; None for no file.
         keep: called with the counters once an interval to store freshness values; may raise StillwakeError.
-        interval_s: time between two readings of the counters, in s.
 
     Attributes:
         counters: set by the control loop after each step.
-        bundle: name of the release in the file of counters.
     """
 
     def __init__(
@@ -129,7 +126,8 @@ class Reporter:
         if (more := counters.not_sent - self._not_sent) > 0:
             self._not_sent = counters.not_sent
             self.tell("not_sent", f"{more} frames not sent, {counters.not_sent} in all", more=more)
-        self._attempt("metrics", lambda: self._write_metrics(counters))
+        if (path := self._metrics) is not None:
+            self._attempt("metrics", lambda: _write_file(path, text(counters, bundle=self.bundle)))
         self._attempt("freshness", lambda: self._keep(counters))
 
     def _attempt(self, name: str, work: Callable[[], None]) -> None:
@@ -144,7 +142,7 @@ class Reporter:
             if self._trouble.pop(name, None) is not None:
                 self.tell(f"{name}_written", f"{name} file written again")
 
-    def _write_metrics(self, counters: Counters) -> None:
-        if self._metrics is not None:
-            with replacing(self._metrics) as temporary:
-                temporary.write_text(text(counters, bundle=self.bundle), encoding="utf-8")
+
+def _write_file(path: Path, content: str) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")

@@ -8,18 +8,14 @@ from contract.controller.calibration import Calibration
 from contract.controller.interface import RunnableController
 from contract.release.checks import Bundle
 from ecu.daemon.counters import Counters
-from ecu.daemon.options import ProcessOptions, authentication_of, freshness_file
-from ecu.daemon.process import ServedEcu, check, run
+from ecu.daemon.process import ProcessOptions, ServedEcu, authentication_of, check, run
 from ecu.ecu import Ecu
 from ecu.fit import check_vehicle
 from ecu.real_time import clock
 from ecu.real_time.stage_times import TimedController
 
-__all__ = ["WARM_UP_STEPS", "ProcessOptions", "freshness_file", "serve"]
-
 WARM_UP_STEPS: Final = 50
-"""Number of warm-up steps of the controller on zeros, and of the ECU without frames; together they take half a
-second."""
+"""Number of warm-up steps of the controller on zeros, and of the ECU without frames: half a second together."""
 
 
 def serve(
@@ -46,7 +42,7 @@ def serve(
     freshness, authentication = authentication_of(config, options)
     controller.warm_up(WARM_UP_STEPS)
     timed = TimedController(controller, clock.now_ns)
-    ecu = Ecu(release, timed, config, authentication=authentication)
+    ecu = Ecu(release, timed, config, authentication)
     if calibration is not None:
         ecu.calibrate(calibration)
     now_ns = clock.now_ns()

@@ -21,8 +21,7 @@ from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.connection import Connection
 from ecu.daemon.counters import Counters
-from ecu.daemon.options import ProcessOptions, authentication_of
-from ecu.daemon.process import ServedEcu, check, run
+from ecu.daemon.process import ProcessOptions, ServedEcu, authentication_of, check, run
 from ecu.daemon.reporter import Reporter
 from ecu.daemon.service import WARM_UP_STEPS
 from ecu.flashable.ecu_folder import EcuFolder, held
@@ -44,12 +43,8 @@ SENDING_S: Final = 0.001
 
 
 class DiagnosisThread:
-    """A thread that serves the tester of an ECU while its `with` block runs.
-
-    Args:
-        ecu: the ECU whose diagnosis the thread serves; its control steps run in another thread.
-        failed: called with an error that ends the thread early.
-    """
+    """A thread that serves the tester of an ECU while its `with` block runs; an error that ends it is given to
+    `failed`."""
 
     def __init__(
         self,
@@ -92,8 +87,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s that the control, once awake, waits until another thread releases the interpreter; Python's default
-is 5 ms."""
+"""Longest time in s that the control, once awake, waits for another thread; Python's default is 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float
@@ -136,15 +130,8 @@ def serve_store(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
 ) -> Counters:
-    """Run the ECU until it is stopped. Its last frames shut the jets, whatever the cause of the end. Raises
-    StillwakeError if another process runs this ECU, the bus cannot be opened, or a file cannot be written. Also raises
-    it if a reset within the process failed; then the process must be started again to boot.
-
-    Args:
-        access: key shared with the tester.
-        config: settings of the vehicle; the bus in them is a real bus.
-        is_stopped, write: see `ecu.daemon.service.serve`.
-    """
+    """Run the ECU like `ecu.daemon.service.serve`. Also raises StillwakeError if another process runs this ECU, or if a
+    reset within the process failed; then the process must be started again to boot."""
     check(config, options)
     times, log = PlanTimes(), _EarlyLog()
 

@@ -33,13 +33,7 @@ _LOCK: Final = "lock"
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFolder:
-    """An ECU's folder after its provisioning.
-
-    Attributes:
-        root: public key that verifies key lists.
-        hardware: name of the hardware.
-        serial: serial number of this ECU.
-    """
+    """An ECU's folder after its provisioning. `root` is the public key that verifies key lists."""
 
     folder: Path
     root: PublicKey
@@ -91,7 +85,6 @@ def provision(
         root: file of the public root key.
         keys: signed key list.
         image: image of the release that runs from the start; None if the first release is to be flashed.
-        fits: checks whether a bundle is for this vehicle.
 
     Raises:
         OutputError: the folder exists and is not empty.

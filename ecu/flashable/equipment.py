@@ -13,14 +13,10 @@ from contract.release.checks import Bundle, dbc_sha256
 from contract.release.signing import PublicKey
 from contract.runtime.onnx_session import OnnxController
 from ecu.ecu import Ecu
-from ecu.flashable.event_log import Log, no_log
 from ecu.stepped import CalibratedEcu
 
-
-def _in_python(
-    bundle: Bundle, controller: Controller, config: Config, authentication: Authentication | None
-) -> CalibratedEcu:
-    return Ecu(bundle, controller, config, authentication=authentication)
+Log = Callable[..., None]
+"""The function that logs an event, called with the event's name, its text line, and its fields."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,10 +28,8 @@ class Equipment:
         access: secret shared with the tester.
         random_bytes: returns the given number of unpredictable bytes.
         hardware: name of the hardware, which a bundle may require.
-        serial: serial number of this ECU.
         controller_of: creates a bundle's controller; raises BundleError if it does not run on this computer.
         ecu_of: creates the ECU around the controller, with its authentication for `bus.key`.
-        log: called with an event's name, its text line, and its fields.
     """
 
     root: PublicKey
@@ -45,8 +39,8 @@ class Equipment:
     serial: str = "0"
     software: str = ""
     controller_of: Callable[[Bundle], Controller] = OnnxController.of
-    ecu_of: Callable[[Bundle, Controller, Config, Authentication | None], CalibratedEcu] = _in_python
-    log: Log = no_log
+    ecu_of: Callable[[Bundle, Controller, Config, Authentication | None], CalibratedEcu] = Ecu
+    log: Log = lambda event, line, **fields: None
 
 
 def identification(equipment: Equipment, config: Config) -> Mapping[Did, bytes]:

@@ -20,9 +20,8 @@ from can_bridge.wire.messages import EcuStatus, Reason
 from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
 from ecu.flashable.equipment import Equipment
-from ecu.flashable.event_log import TesterAccess, log_access
 from ecu.flashable.links import MOST_FRAMES
-from ecu.flashable.power_cycle import PowerCycle
+from ecu.flashable.power_cycle import PowerCycle, TesterAccess, log_access
 from ecu.flashable.watched_control import VehicleRequest
 from ecu.shut_ecu import ShutEcu
 from ecu.stepped import CalibratedEcu
@@ -33,10 +32,6 @@ class FlashableEcu:
     `authentication` is given.
 
     Args:
-        backing: backing of the store.
-        config: bus, E2E and fail-safe settings, operating point and control period of the vehicle.
-        equipment: data from production and access to the surroundings.
-        authentication: keys and counters of the node, needed with `bus.key`.
         boot_ns: time in ns after a reset in which the ECU neither receives nor sends. In real time, the boot itself
             takes additional time.
         serviced_apart: whether `step` is only a control period, and another thread calls `service`.
@@ -55,8 +50,8 @@ class FlashableEcu:
         boot_ns: int = 0,
         serviced_apart: bool = False,
     ) -> None:
-        self._backing, self._config, self._equipment = backing, config, equipment
-        self._authentication, self._boot_ns, self._serviced_apart = authentication, boot_ns, serviced_apart
+        self._made_of, self._log = (backing, config, equipment, authentication), equipment.log
+        self._boot_ns, self._serviced_apart = boot_ns, serviced_apart
         self._heard, self._xcp_command = config.bus.diagnosis.heard, config.bus.diagnosis.xcp_command
         self._request = VehicleRequest()
         self._silent_until_ns: int | None = None
@@ -126,15 +121,9 @@ class FlashableEcu:
         return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """Run one control period and, unless `serviced_apart`, one call of `service`. Returns a JetCommand, an
-        EcuStatus, and the frames of diagnosis. While the ECU boots, no frames are returned. JetCommand and EcuStatus
-        are not returned while a tester has silenced them and no jet can run.
-
-        Args:
-            now_ns: time of the step in ns, on the clock of the frames' timestamps.
-            frames: all frames received since the last step, oldest first.
-            health: state of the CAN controller, for the status.
-        """
+        """Run one control period and, unless `serviced_apart`, one call of `service`; the arguments are as in
+        `Ecu.step`. Returns a JetCommand, an EcuStatus, and the frames of diagnosis. While the ECU boots, no frames are
+        returned. JetCommand and EcuStatus are not returned while a tester has silenced them and no jet can run."""
         if self._serviced_apart:
             return self.control(now_ns, frames, health)
         for_service = [frame for frame in frames if frame.identifier in self._heard]
@@ -171,7 +160,7 @@ class FlashableEcu:
         cycle.settle_faults()
         before = cycle.access
         sent = cycle.link.service(now_ns, [frame for frame in frames if frame.identifier != self._xcp_command])
-        log_access(self._equipment.log, before, cycle.access)
+        log_access(self._log, before, cycle.access)
         if cycle.calibration is not None:
             for_xcp = [frame for frame in frames if frame.identifier == self._xcp_command]
             sent += cycle.calibration.xcp(now_ns, for_xcp, room=cycle.link.room, may_store=not cycle.link.is_working)
@@ -181,13 +170,7 @@ class FlashableEcu:
 
     def _power_on(self) -> PowerCycle:
         return PowerCycle(
-            self._backing,
-            self._config,
-            self._equipment,
-            self._authentication,
-            request=lambda: self._request,
-            now_ns=lambda: self._service_ns,
-            on_reset=self._ask_for_reset,
+            *self._made_of, request=lambda: self._request, now_ns=lambda: self._service_ns, on_reset=self._ask_for_reset
         )
 
     def _is_silent(self, now_ns: int) -> bool:

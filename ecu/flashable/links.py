@@ -45,11 +45,7 @@ def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettin
 
 
 class DiagnosticLink:
-    """The link between a tester and the server of diagnosis, just after power-on.
-
-    Args:
-        config: settings of the bus: CAN FD or classic frames, identifiers.
-    """
+    """The link between a tester and the server of diagnosis, just after power-on."""
 
     def __init__(self, config: BusConfig, server: UdsServer) -> None:
         self._settings = isotp_settings(config)
@@ -110,13 +106,8 @@ class DiagnosticLink:
 
 
 class CalibrationLink:
-    """The calibration of an ECU, in Python or in C; it is created at the boot of a release.
-
-    Args:
-        bundle: the running release.
-        ecu: the ECU that runs the release.
-        refusal: returns the reason why values may not be stored now, or None. Values in force can always be changed.
-    """
+    """The calibration of an ECU, in Python or in C; it is created at the boot of a release. `refusal` returns the
+    reason why values may not be stored now, or None; values in force can always be changed."""
 
     def __init__(
         self,
@@ -193,14 +184,8 @@ class CalibrationLink:
         packets, self._waiting = self._waiting[:room], self._waiting[room:]
         packets += self._xcp.daq.packets(room - len(packets))
         self.is_sending = bool(packets)
-        number, is_extended = self._response
+        (number, is_extended), sent_ns = self._response, max(0, now_ns)
         return [
-            Frame(
-                frame_id=number,
-                data=packet,
-                timestamp_ns=max(0, now_ns),
-                is_fd=self._is_fd,
-                is_extended=is_extended,
-            )
+            Frame(frame_id=number, data=packet, timestamp_ns=sent_ns, is_fd=self._is_fd, is_extended=is_extended)
             for packet in packets
         ]

@@ -1,26 +1,70 @@
 """The parts of an ECU that a power loss clears: a boot creates them, and each reset creates them again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import cast
+from typing import NamedTuple, cast
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, MediumError
+from can_bridge.flashing.boot import Boot, BootReason
+from can_bridge.flashing.state import TRIAL_BOOTS
 from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_memory import FaultMemory
 from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Nrc
+from can_bridge.uds.services import Nrc, Session
 from contract.config.tree import Config
 from contract.release.checks import Bundle
-from ecu.flashable.equipment import Equipment, identification
-from ecu.flashable.event_log import TesterAccess, log_boot
+from ecu.flashable.equipment import Equipment, Log, identification
 from ecu.flashable.links import CalibrationLink, DiagnosticLink
 from ecu.flashable.vehicle_fit import VehicleFit, self_test
 from ecu.flashable.watched_control import FaultWatch, VehicleRequest
 from ecu.shut_ecu import ShutEcu
 from ecu.stepped import CalibratedEcu
+
+
+class TesterAccess(NamedTuple):
+    """The session of a tester, its unlocked security level, and its wrong keys in a row for each security level."""
+
+    session: Session
+    unlocked: Level | None
+    attempts: Mapping[Level, int]
+
+
+def log_boot(log: Log, boot: Boot) -> None:
+    """Log the booted release, and the verdicts on the slots."""
+    verdicts = {f"slot_{slot.name.lower()}": verdict.in_words for slot, verdict in boot.verdicts.items()}
+    if boot.bundle is None or boot.slot is None:
+        log("no_release", "every release is damaged or missing: jets shut, waiting to be flashed", **verdicts)
+        return
+    name, digest = boot.bundle.name, boot.bundle.digest
+    event, words = "booted", boot.reason.in_words
+    if boot.reason is BootReason.TRIAL:
+        event, words = "trial", f"on trial, boot {TRIAL_BOOTS - boot.boots_left} of {TRIAL_BOOTS} without confirmation"
+    elif boot.reason is BootReason.REVERTED:
+        event = "reverted"
+    log(
+        event,
+        f"booted slot {boot.slot.name}: {name} {digest[:12]}, {words}",
+        slot=boot.slot.name,
+        release=name,
+        digest=digest,
+        boots_left=boot.boots_left,
+        **verdicts,
+    )
+
+
+def log_access(log: Log, before: TesterAccess, after: TesterAccess) -> None:
+    """Log the start or the end of a session, the unlocking of a security level, or the refusal of a key."""
+    if after.session is not before.session:
+        log("session", f"{after.session.name.lower()} session", session=after.session.name)
+    if after.unlocked is not None and after.unlocked is not before.unlocked:
+        log("unlocked", f"a tester unlocked {after.unlocked.name.lower()}", level=after.unlocked.name)
+    for level, count in after.attempts.items():
+        if count > before.attempts[level]:
+            words = f"a tester's key for {level.name.lower()} was refused, {count} in a row"
+            log("key_refused", words, level=level.name, count=count)
 
 
 class PowerCycle:
@@ -33,11 +77,9 @@ class PowerCycle:
         on_reset: called when the reset that a tester requested is due.
 
     Attributes:
-        store, boot: the store and the result of its boot.
         ecu: the control, just powered on; without a release, an ECU that keeps the jets shut.
         calibration: link to a calibration tool; None without a release.
         link: link to the tester.
-        watch: detector of faults in the control periods.
     """
 
     def __init__(

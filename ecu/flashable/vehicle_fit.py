@@ -20,11 +20,7 @@ from ecu.fit import check_vehicle
 
 
 class VehicleFit:
-    """The check of bundles. It stores the controller of the latest bundle, so that a boot creates it only once.
-
-    Args:
-        controller_of: creates a bundle's controller.
-    """
+    """The check of bundles. It stores the controller of the latest bundle, so that a boot creates it only once."""
 
     def __init__(self, config: Config, controller_of: Callable[[Bundle], Controller]) -> None:
         self._config, self._controller_of = config, controller_of
@@ -32,10 +28,8 @@ class VehicleFit:
 
     def fits(self, bundle: Bundle) -> Verdict:
         """Return GOOD, or the reason why the bundle cannot run here."""
-        flow = self._config.flow
-        point = self._config.operating_point
         manifest = bundle.manifest
-        if manifest.operating_point.period_ns(manifest.control_period) != point.period_ns(flow.control_period):
+        if manifest.operating_point.period_ns(manifest.control_period) != self._config.period_ns:
             return Verdict.WRONG_PERIOD
         try:
             check_vehicle(bundle, self._config)

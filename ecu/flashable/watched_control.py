@@ -1,5 +1,4 @@
-"""Data that diagnosis takes from the control periods: whether the vehicle requests control, and which faults
-occurred."""
+"""Data that diagnosis takes from the control periods: the vehicle's request for control, and faults."""
 
 import struct
 from dataclasses import dataclass, replace
@@ -20,12 +19,8 @@ REMEMBERED_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleRequest:
-    """The vehicle's request for control, according to the control steps.
-
-    Attributes:
-        asked_ns: time in ns of the latest step with usable pressures and a request for control; None before the first.
-        drives_jets: whether the jets could run after the latest step.
-    """
+    """The vehicle's request for control: the time in ns of the latest step with usable pressures and a request, None
+    before the first, and whether the jets could run after the latest step."""
 
     asked_ns: int | None = None
     drives_jets: bool = False
@@ -37,8 +32,7 @@ class VehicleRequest:
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:
-        """Return CONDITIONS_NOT_CORRECT while the jets may run, or until `REMEMBERED_NS` after a request for
-        control."""
+        """Return CONDITIONS_NOT_CORRECT while the jets may run, or until `REMEMBERED_NS` after a request."""
         asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
 

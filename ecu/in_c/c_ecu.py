@@ -25,7 +25,7 @@ from ecu.ecu_state import EcuState, Surroundings, Trace
 from ecu.in_c import c_settings
 from ecu.in_c.c_structs import Structs, c_time
 from ecu.in_c.compiler import EXACT, compile_c, compiler_version, host_compiler
-from ecu.in_c.library_controller import check_program
+from ecu.in_c.host_library import check_program
 
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
 _UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
@@ -39,9 +39,7 @@ class CEcuState(NeverCopied):
     """Access to the state, the trace and the calibration of an ECU in C, on any machine that runs the ECU.
 
     Args:
-        structs: structs of the ECU's library.
         ecu: pointer to the ECU's `sw_ecu`, or to a copy of it in this machine's memory.
-        bundle_hash: short hash of the bundle, for the status.
         calibrate: calls `sw_ecu_calibrate` with an `sw_calibration` and returns its result.
         restore: calls `sw_ecu_restore`, or an equivalent, with a pointer to an `sw_ecu_state` and returns its result.
     """
@@ -107,7 +105,6 @@ class CEcu(CEcuState):
         sources: the library's files by name, including `sw_ecu_settings.h`. The caller may replace or add files, such
             as a stub controller or a deliberate error.
         compiler: command that compiles C; None finds a compiler on this machine.
-        flags: flags of the compiler.
         library: file in which to store the compiled library; None uses a temporary file.
         secret: the bytes of the key if `bus.key` is set; the ECU is then in its first power cycle.
 
@@ -152,7 +149,10 @@ class CEcu(CEcuState):
                 f"arithmetic that its decisions depend on, or its numbers are damaged; GCC needs -ffp-contract=off"
             )
         if secret is not None:
-            self._authenticate(structs, secret)
+            if not hasattr(self.lib, "sw_ecu_authenticate"):
+                raise LibraryError("its settings are for a bus without a key (bus.key)")
+            if self.lib.sw_ecu_authenticate(ecu, ffi.new("sw_authentication *", {"key": secret, "trip": 1})):
+                raise ConfigError("bus.key: a key of zeros; must be a random one")
         lib, buffer = self.lib, ffi.from_buffer
         super().__init__(structs, ecu, bundle_hash,
             lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),
@@ -160,13 +160,6 @@ class CEcu(CEcuState):
         )  # fmt: skip
         self._answers = ffi.new("sw_frame[2]")
         self.restore(self.saved())
-
-    def _authenticate(self, structs: Structs, secret: bytes) -> None:
-        if not hasattr(self.lib, "sw_ecu_authenticate"):
-            raise LibraryError("its settings are for a bus without a key (bus.key)")
-        given = structs.ffi.new("sw_authentication *", {"key": secret, "trip": 1})
-        if self.lib.sw_ecu_authenticate(self.ecu, given):
-            raise ConfigError("bus.key: a key of zeros; must be a random one")
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
@@ -193,12 +186,9 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 
 
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
-    """Return the sources of a library's ECU for a release in a vehicle, with the settings of this vehicle.
-
-    The `sw_ecu_settings.h` in the folder has the settings of the export; the returned one has those of `config`. Raises
-    LibraryError if the folder holds no library, a library of another program, or a library without an ECU;
-    StillwakeError if the ECU in C does not support a setting.
-    """
+    """Return the sources of a library's ECU for a release, with the settings of this vehicle instead of the export's.
+    Raises LibraryError if the folder holds no library, a library of another program, or a library without an ECU;
+    StillwakeError if the ECU in C does not support a setting."""
     sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:

@@ -47,24 +47,18 @@ def played_pressures(rows: Array, config: Config) -> bytes:
             (speeds, speed_sender.frame(messages.speed.emit(speed), now_ns=0), messages.speed.spec),
         )
         for rows_of, frame, spec in played:
-            rows_of.append(_row(secured(frame, spec=spec, key=key, freshness=freshness).data))
+            data = secured(frame, spec=spec, key=key, freshness=freshness).data
+            rows_of.append("    {" + ", ".join(f"{byte:#04x}" for byte in data) + "}")
         freshness = freshness.next()
+    pressure_table, speed_table = (",\n".join(rows_of) for rows_of in (lines, speeds))
     return (
         "/* Generated: the frames that a vehicle sends, one a control period, for the examples. */\n"
         "#ifndef PRESSURES_H\n#define PRESSURES_H\n\n"
         '#include "sw_ecu.h"\n\n'
         f"#define PRESSURE_PERIODS {len(lines)}u\n"
         f"#define PLAYED_KEY {{{', '.join(map(str, PLAYED_KEY))}}} /* of RFC 4493's examples */\n\n"
-        f"static const uint8_t pressures[PRESSURE_PERIODS][{message.spec.length}] = {{\n{_table(lines)}}};\n\n"
+        f"static const uint8_t pressures[PRESSURE_PERIODS][{message.spec.length}] = {{\n{pressure_table}}};\n\n"
         "/* For a release that serves a range of speeds: the one that it was designed for. */\n#if SW_PAST > 0\n"
-        f"static const uint8_t speeds[PRESSURE_PERIODS][{messages.speed.spec.length}] = {{\n{_table(speeds)}}};\n"
+        f"static const uint8_t speeds[PRESSURE_PERIODS][{messages.speed.spec.length}] = {{\n{speed_table}}};\n"
         "#endif\n\n#endif\n"
     ).encode()
-
-
-def _row(data: bytes) -> str:
-    return "    {" + ", ".join(f"{byte:#04x}" for byte in data) + "}"
-
-
-def _table(rows: list[str]) -> str:
-    return ",\n".join(rows)

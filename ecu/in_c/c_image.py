@@ -24,10 +24,9 @@ from ecu.in_c.c_settings import release_numbers
 
 def read_packed(folder: Path) -> dict[str, bytes]:
     """Read the packed weights and the packed estimator in a library's folder; raise LibraryError if this fails."""
+    paths = (folder / name for name in (WEIGHTS_PART, ESTIMATOR_PART))
     try:
-        return {
-            name: (folder / name).read_bytes() for name in (WEIGHTS_PART, ESTIMATOR_PART) if (folder / name).is_file()
-        }
+        return {path.name: path.read_bytes() for path in paths if path.is_file()}
     except OSError as error:
         raise LibraryError(f"library {folder}: {error.strerror or error}") from error
 
@@ -40,10 +39,9 @@ def controller_image(
     is too old to have packed numbers; BundleContainerError if an image has no space for the release's name, or if no
     ECU accepts one of the release's numbers."""
     manifest = bundle.manifest
-    if ECU_SETTINGS not in files or WEIGHTS_PART not in files:
-        raise LibraryError(
-            f"no image: {ECU_SETTINGS if WEIGHTS_PART in files else WEIGHTS_PART} is missing, so it has no ECU in C"
-        )
+    for name in (WEIGHTS_PART, ECU_SETTINGS):
+        if name not in files:
+            raise LibraryError(f"no image: {name} is missing, so it has no ECU in C")
     if ProgramSettings.of(files).text("SW_PROGRAM_SHA256") != manifest.program_sha256:
         raise LibraryError(f"no image: the library is not of the program of bundle {manifest.name!r}")
     point, layout = manifest.operating_point, sha256_of(layout_of(files))

@@ -33,7 +33,7 @@ from ecu import benefit_check, sensor_check
 from ecu.benefit_check import BenefitCheck, resting_of
 from ecu.calibrating import limits_of, release_calibration
 from ecu.fit import check_vehicle
-from ecu.other_ecu import SILENCE_NS
+from ecu.pressure_reception import SILENCE_NS
 from ecu.speed_reception import SHORTEST_S
 from ecu.timing import LATEST_NS
 
@@ -46,8 +46,8 @@ _COUNTED: Final = (
 _MOST: Final = {"ecu.loss_window": 64, "ecu.deadline_window": 32, "bus.e2e.window": 255} | dict.fromkeys(
     _COUNTED, 2**29
 )
-"""Largest values, in periods, for which the state of the ECU in C has space; their sums in the C code fit into an
-int."""
+"""Largest values, in periods, for which the ECU in C has space; their sums in the C code fit into an int."""
+_CLASSIC_ONLY: Final = {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
 _GREATEST_WEIGHTS: Final = CostWeights(**dict.fromkeys(TERMS, LARGEST_WEIGHT))
 """The largest cost weights of a calibration; the C code also allows the release's own weight if it is larger."""
 _LONGEST_PERIOD_NS: Final = 2**53
@@ -64,8 +64,8 @@ def ecu_settings(bundle: Bundle, config: Config) -> bytes:
     """
     check_vehicle(bundle, config)
     check_settings(config)
-    lines = [f"#define {name} {_literal(value)}" for name, value in _definitions(bundle, config).items()]
-    text = "\n".join(lines)
+    values = _definitions(bundle, config).items()
+    text = "\n".join(f"#define {n} {repr(value) if isinstance(value, float) else value}" for n, value in values)
     return (
         "/* Generated: the DBC's messages, a release's figures, a vehicle's settings. */\n"
         f"#ifndef SW_ECU_SETTINGS_H\n#define SW_ECU_SETTINGS_H\n\n{text}\n\n#endif\n"
@@ -94,15 +94,11 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
     if check.enabled and estimator is None:
         raise LibraryError("the release has no sensor estimator: set ecu.sensor_check.enabled=false")
     calibration_limits = limits_of(bundle, config)
-    specs = dict(zip(("PRESSURE", "SPEED", "COMMAND", "STATUS"), messages.specs, strict=True))
     found: dict[str, int | float | str] = {}
-    for name, spec in specs.items():
-        found |= {
-            f"SW_{name}_ID": spec.frame_id,
-            f"SW_{name}_BYTES": spec.protected,
-            f"SW_{name}_DATA_ID": spec.data_id,
-        }
-        found |= {f"SW_{name}_SECURED": spec.length} if spec.is_secured else {}
+    for name, spec in zip(("PRESSURE", "SPEED", "COMMAND", "STATUS"), messages.specs, strict=True):
+        numbers = {"ID": spec.frame_id, "BYTES": spec.protected, "DATA_ID": spec.data_id}
+        numbers |= {"SECURED": spec.length} if spec.is_secured else {}
+        found |= {f"SW_{name}_{part}": number for part, number in numbers.items()}
     spec = messages.pressure.spec
     return found | {
         **_of_diagnosis(config.bus.diagnosis, config.period_ns),
@@ -118,11 +114,7 @@ def _definitions(bundle: Bundle, config: Config) -> dict[str, int | float | str]
         "SW_FLOW_RESOLUTION": wire.FLOW_RESOLUTION_M2_PER_S,
         "SW_COUNT_LIMIT": COUNT_LIMIT if spec.is_fd else CLASSIC_COUNT_LIMIT,
         "SW_BUS_OFF_LIMIT": BUS_OFF_LIMIT if spec.is_fd else CLASSIC_BUS_OFF_LIMIT,
-        **(
-            {"SW_ERROR_LIMIT": ERROR_LIMIT}
-            if spec.is_fd
-            else {"SW_PRESSURE_INVALID": f"({-wire.INT12_MAX - 1})", "SW_STALE_NS": f"INT64_C({STALE_NS})"}
-        ),
+        **({"SW_ERROR_LIMIT": ERROR_LIMIT} if spec.is_fd else _CLASSIC_ONLY),
         **{f"SW_MODE_{item.name}": item.value for item in Mode},
         **{f"SW_REASON_{item.name}": item.value for item in Reason},
         "SW_BUNDLE_HASH": f"UINT32_C({bundle.short_hash:#010x})",
@@ -183,12 +175,12 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
 
 
 def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
-    sizes = {name: len(numbers.members[name]) for name in ("base", "pairs", "resting", "reserved")}
+    members = numbers.members
     return {
-        "SW_BASES": sizes["base"],
-        "SW_MIRRORED_PAIRS": sizes["pairs"],
-        "SW_RESTING_SPEEDS": sizes["resting"],
-        "SW_RELEASE_RESERVED": sizes["reserved"],
+        "SW_BASES": len(members["base"]),
+        "SW_MIRRORED_PAIRS": len(members["pairs"]),
+        "SW_RESTING_SPEEDS": len(members["resting"]),
+        "SW_RELEASE_RESERVED": len(members["reserved"]),
         "SW_RELEASE": numbers.initialiser.replace("\n", " "),
         "SW_RELEASE_AS_PACKED": numbers.as_packed,
         **numbers.settings("SW_RELEASE"),
@@ -196,8 +188,7 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
 
 
 def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | float | str]:
-    """Return the settings of diagnosis. SW_FUNCTIONAL is 0 if functional requests are disabled, SW_XCP if XCP is
-    disabled."""
+    """Return the settings of diagnosis. A function that is disabled is 0."""
     cycle, unit = cycle_of(period_ns)
     return {
         "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),
@@ -215,8 +206,7 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 
 
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
-    """Return the settings for a release with a range of speeds. For a release with a single speed, SW_PAST is 0 and
-    there are no other settings."""
+    """Return the settings for a release with a range of speeds; for another release, only that SW_PAST is 0."""
     if manifest.speeds is None:
         return {"SW_PAST": 0}
     return {
@@ -244,10 +234,6 @@ def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str
         "SW_PATIENCE": f"{check.patience}u",
         "SW_MOVED": benefit_check.MOVED,
     }
-
-
-def _literal(value: int | float | str) -> str:
-    return repr(value) if isinstance(value, float) else str(value)
 
 
 def _calibration(values: Calibration) -> str:

@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import cffi
 import numpy as np
@@ -28,11 +28,12 @@ from ecu.controller_memory import ControllerMemory, DelayLine, Past
 from ecu.ecu_state import EcuState, Trace
 from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.in_c.compiler import preprocessed
-from ecu.other_ecu import OtherEcu
+from ecu.pressure_reception import OtherEcu
 from ecu.sensor_check import SensorCheckState
 from ecu.speed_reception import SpeedState
 from ecu.timing import StepTiming
 
+T = TypeVar("T")
 _HEADER: Final = "sw_ecu.h"
 _LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
 # The scratch memory is the last member of the ECU, so an opaque type can replace it: no other member moves.
@@ -53,8 +54,6 @@ class Structs:
     sources contain no ECU, or if the compiler rejects the header.
 
     Args:
-        sources: the library's files by name.
-        compiler: command that preprocesses C.
         header: the header to read; a header that includes the ECU's header gives access to more types.
     """
 
@@ -69,6 +68,8 @@ class Structs:
             text = preprocessed(Path(folder, header), compiler=compiler, flags=("-nostdinc", "-I", folder))
         try:
             self.ffi.cdef(text)
+            self._has_key = "freshness" in dict(self.ffi.typeof("sw_ecu_state").fields)
+            self._serves_speeds = "past" in dict(self.ffi.typeof("sw_memory").fields)
         except (cffi.CDefError, cffi.FFIError, NotImplementedError) as error:
             raise LibraryError(f"{_HEADER}: {str(error).splitlines()[0]}") from error
 
@@ -78,13 +79,10 @@ class Structs:
         return int(self.ffi.offsetof("sw_ecu", "work") if ecu else self.ffi.sizeof(name))
 
     def frames(self, frames: Sequence[Frame]) -> Any:
-        """Return an array of `sw_frame`. A time out of C's range is replaced by the nearest time in this range."""
+        """Return an array of `sw_frame`."""
         found = self.ffi.new("sw_frame[]", len(frames))
         for place, frame in zip(found, frames, strict=True):
-            place.timestamp_ns = min(frame.timestamp_ns, _LARGEST["int64"])
-            place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
-            place.length = len(frame.data)
-            place.data[0 : len(frame.data)] = frame.data
+            fill_frame(place, frame)
         return found
 
     def frame(self, found: Any) -> Frame:
@@ -122,7 +120,7 @@ class Structs:
         """Return the state in a `sw_ecu_state`. C stores only whether the CAN controller is bus-off, no other error
         state. Raises ValueError or IndexError if a value is not in its enumeration."""
         memory, sensors = state.memory, state.sensors
-        fail_safe, timing = state.fail_safe, state.timing
+        fail_safe, timing, other = state.fail_safe, state.timing, state.other_ecu
         return EcuState(
             memory=ControllerMemory(
                 window=self._array(memory.window),
@@ -130,52 +128,49 @@ class Structs:
                 gap=memory.gap,
                 plan=self._array(memory.plan, np.float32),
                 under_way=DelayLine(tuple(memory.under_way)[: memory.frozen + 1]),
-                past=self._past(memory.past) if self._serves_speeds else None,
+                past=_value(
+                    Past, memory.past, rows=self._array(memory.past.rows), speeds=self._array(memory.past.speeds)
+                )
+                if self._serves_speeds
+                else None,
             ),
-            fail_safe=FailSafe(
+            fail_safe=_value(
+                FailSafe,
+                fail_safe,
                 mode=_MODES[fail_safe.mode],
-                misses=fail_safe.misses,
-                good=fail_safe.good,
-                lost=fail_safe.lost,
                 reason=Reason(fail_safe.reason),
                 enable_request=bool(fail_safe.enable_request),
             ),
             pressures=_received(state.pressures),
             verifier=_verified(state.pressures),
-            freshness=self._freshness(state),
+            freshness=_value(Freshness, state.freshness) if self._has_key else Freshness(),
             speed=_speed(state.speed) if self._serves_speeds else SpeedState(),
             commands=SenderState(counter=state.command_counter),
             statuses=SenderState(counter=state.status_counter),
-            timing=StepTiming(
+            timing=_value(
+                StepTiming,
+                timing,
                 step_ns=timing.step_ns if timing.has_step else None,
-                lag_ns=timing.lag_ns,
-                off_time=timing.off_time,
-                skipped=timing.skipped,
                 fault=Reason(timing.fault) or None,
             ),
-            other_ecu=OtherEcu(
-                frames=state.other_ecu.frames,
-                until_ns=state.other_ecu.until_ns if state.other_ecu.is_there else None,
-            ),
+            other_ecu=_value(OtherEcu, other, until_ns=other.until_ns if other.is_there else None),
             pressure_ns=state.pressure_ns if state.has_pressures else None,
             pressure_counter=state.pressure_counter if state.has_pressures else None,
             overruns=state.overruns,
             missed=state.missed,
-            sensors=SensorCheckState(
+            sensors=_value(
+                SensorCheckState,
+                sensors,
                 residual=self._known(sensors.residual, known=sensors.judged),
                 **{name: self._array(getattr(sensors, name)) for name in _SENSOR_ARRAYS},
                 readings=self._known(sensors.readings, known=sensors.has_read),
                 flat=self._array(sensors.flat, np.uint32),
                 set_aside=None if sensors.set_aside < 0 else sensors.set_aside,
-                doubt=sensors.doubt,
                 implausible=bool(sensors.implausible),
             ),
-            benefit=BenefitCheckState(
-                **{item.name: getattr(state.benefit, item.name) for item in fields(BenefitCheckState)}
-            ),
-            health=BusHealth(
-                state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE,
-                **{name: getattr(state.health, name) for name in _HEALTH_COUNTS},
+            benefit=_value(BenefitCheckState, state.benefit),
+            health=_value(
+                BusHealth, state.health, state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE
             ),
         )
 
@@ -214,13 +209,13 @@ class Structs:
 
     def _set_memory(self, memory: Any, value: ControllerMemory) -> None:
         memory.rows, memory.gap = value.rows, _count(value.gap)
-        self._copy(memory.window, value.window)
-        self._copy(memory.plan, value.plan.astype(np.float32))
+        self.copy(memory.window, value.window)
+        self.copy(memory.plan, value.plan.astype(np.float32))
         memory.frozen, memory.under_way = len(value.under_way.pending), list(value.under_way.values)
         if value.past is not None:
             memory.past.count = value.past.count
-            self._copy(memory.past.rows, value.past.rows)
-            self._copy(memory.past.speeds, value.past.speeds)
+            self.copy(memory.past.rows, value.past.rows)
+            self.copy(memory.past.speeds, value.past.speeds)
 
     def _set_sensors(self, sensors: Any, value: SensorCheckState) -> None:
         sensors.set_aside = -1 if value.set_aside is None else value.set_aside
@@ -229,14 +224,14 @@ class Structs:
         sensors.has_read = not np.isnan(value.readings).any()
         sensors.flat = [_count(int(item)) for item in value.flat]
         if sensors.judged:
-            self._copy(sensors.residual, value.residual)
+            self.copy(sensors.residual, value.residual)
         if sensors.has_read:
-            self._copy(sensors.readings, value.readings)
+            self.copy(sensors.readings, value.readings)
         for name in _SENSOR_ARRAYS:
-            self._copy(getattr(sensors, name), getattr(value, name))
+            self.copy(getattr(sensors, name), getattr(value, name))
 
-    def _copy(self, member: Any, values: Array) -> None:
-        """Copy an array's bytes into a member of the same shape and type, whose bytes must all be zero before."""
+    def copy(self, member: Any, values: Array) -> None:
+        """Copy an array's bytes into a member of the same shape and type."""
         content = np.ascontiguousarray(values)
         assert content.nbytes == self.ffi.sizeof(member)
         self.ffi.memmove(member, content, content.nbytes)
@@ -253,24 +248,23 @@ class Structs:
         rows = self.ffi.typeof(member)
         return flat if rows.item.kind == "primitive" else flat.reshape(rows.length, -1)
 
-    def _past(self, past: Any) -> Past:
-        return Past(rows=self._array(past.rows), speeds=self._array(past.speeds), count=past.count)
-
-    def _freshness(self, state: Any) -> Freshness:
-        return Freshness(trip=state.freshness.trip, count=state.freshness.count) if self._has_key else Freshness()
-
-    @property
-    def _has_key(self) -> bool:
-        return "freshness" in dict(self.ffi.typeof("sw_ecu_state").fields)
-
-    @property
-    def _serves_speeds(self) -> bool:
-        """Whether the library's release has a range of speeds."""
-        return "past" in dict(self.ffi.typeof("sw_memory").fields)
-
     def _known(self, member: Any, *, known: int) -> Array:
         found = self._array(member)
         return found if known else np.full_like(found, np.nan)
+
+
+def fill_frame(place: Any, frame: Frame) -> None:
+    """Fill in a `sw_frame`. A time out of C's range is replaced by the nearest time in this range."""
+    place.timestamp_ns = c_time(frame.timestamp_ns)
+    place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
+    place.length = len(frame.data)
+    place.data[0 : len(frame.data)] = frame.data
+
+
+def _value(kind: type[T], place: Any, **given: Any) -> T:
+    """Return a dataclass whose fields are the members of the same names of a struct, except those that are given."""
+    names = (item.name for item in fields(kind) if item.name not in given)  # type: ignore[arg-type]  # any dataclass
+    return kind(**{name: getattr(place, name) for name in names}, **given)
 
 
 def _received(receiver: Any) -> ReceiverState:
@@ -291,9 +285,7 @@ def _set_received(receiver: Any, value: ReceiverState) -> None:
 
 def _verified(receiver: Any) -> VerifierState:
     """Return the authentication state of a `sw_receiver`; in a library without a key, the state at power-on."""
-    if not hasattr(receiver, "verifier"):
-        return VerifierState()
-    return VerifierState(**{item.name: getattr(receiver.verifier, item.name) for item in fields(VerifierState)})
+    return _value(VerifierState, receiver.verifier) if hasattr(receiver, "verifier") else VerifierState()
 
 
 def _set_verified(receiver: Any, value: VerifierState) -> None:
@@ -303,10 +295,10 @@ def _set_verified(receiver: Any, value: VerifierState) -> None:
 
 
 def _speed(speed: Any) -> SpeedState:
-    return SpeedState(
+    return _value(
+        SpeedState,
+        speed,
         ratio=speed.ratio if speed.known else None,
-        density=speed.density,
-        measured_ns=speed.measured_ns,
         is_off=bool(speed.is_off),
         receiver=_received(speed.receiver),
         verifier=_verified(speed.receiver),
@@ -320,8 +312,7 @@ def _set_speed(speed: Any, value: SpeedState) -> None:
 
 
 def flattened(value: object, name: str = "") -> dict[str, Any]:
-    """Return a state, or any part of it, as a dictionary from dotted names to the values of single fields: numbers,
-    arrays, enumerations and None."""
+    """Return a state, or any part of it, as a dictionary from dotted names to the values of single fields."""
     if is_dataclass(value) and not isinstance(value, type | DelayLine):
         parts = ((item.name, getattr(value, item.name)) for item in fields(value))
         return {
@@ -334,18 +325,13 @@ def flattened(value: object, name: str = "") -> dict[str, Any]:
 
 def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
     """Return a state field by field, as far as C stores it: counts saturate at their largest value in C, and the state
-    of authentication is included only with a key.
-
-    An ECU in C and an ECU in Python are in equal states if these values agree; `differing` compares them.
-    """
+    of authentication is included only with a key."""
     left_out = () if is_keyed else _OF_KEY
     found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(left_out)}
     found["health.state"] = found["health.state"] is BusState.BUS_OFF
-    found["pressures.counts"] = tuple(map(_count, state.pressures.counts))
-    found["speed.receiver.counts"] = tuple(map(_count, state.speed.receiver.counts))
-    for name in _COUNTED:
-        if name in found:
-            found[name] = _count(found[name])
+    for name in ("pressures.counts", "speed.receiver.counts"):
+        found[name] = tuple(map(_count, found[name]))
+    found |= {name: _count(found[name]) for name in _COUNTED if name in found}
     found["sensors.flat"] = np.minimum(state.sensors.flat, _LARGEST["uint32"])
     return found
 

@@ -22,27 +22,21 @@ multiply-adds, because it ignores the pragma in the sources."""
 
 
 def host_compiler() -> list[str]:
-    """Return the command of the first compiler that exists: $CC, cc, gcc, clang, or the compiler of `ziglang`. Raises
-    LibraryError if there is none."""
+    """Return the command of $CC, cc, gcc, clang, or the compiler of `ziglang`. Raises LibraryError if there is none."""
     named = os.environ.get("CC", "").split()
     if named:
         return named
     for name in ("cc", "gcc", "clang"):
-        found = shutil.which(name)
-        if found:
+        if found := shutil.which(name):
             return [found]
-    found_zig = zig_compiler()
-    if found_zig is None:
+    if (zig := zig_compiler()) is None:
         raise LibraryError("no C compiler: install gcc or clang, or pip install ziglang")
-    return found_zig
+    return zig
 
 
 def zig_compiler() -> list[str] | None:
-    """Return the command of `ziglang`'s compiler, which also compiles for other processors; None if it is not
-    installed."""
-    if importlib.util.find_spec("ziglang") is None:
-        return None
-    return [sys.executable, "-m", "ziglang", "cc"]
+    """Return the command of `ziglang`'s compiler, which also compiles for other processors; None without it."""
+    return None if importlib.util.find_spec("ziglang") is None else [sys.executable, "-m", "ziglang", "cc"]
 
 
 def compiler_version(compiler: Sequence[str]) -> str:
@@ -51,30 +45,29 @@ def compiler_version(compiler: Sequence[str]) -> str:
 
 
 def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> None:
-    """Compile and link C files; warnings are errors. Raises LibraryError with the compiler's first error message if the
-    compiler rejects the files."""
+    """Compile and link C files; warnings are errors. Raises LibraryError with the compiler's first error message."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in contents.items():
             Path(folder, name).write_bytes(content)
         sources = sorted(name for name in contents if name.endswith(".c"))
-        done = _run([*compiler, *STANDARD, "-Werror", *flags, *sources, "-o", str(output.resolve())], folder)
-    if done.returncode != 0:
-        raise LibraryError(f"{compiler[0]}: {_complaint(done)}")
+        _checked([*compiler, *STANDARD, "-Werror", *flags, *sources, "-o", str(output.resolve())], folder)
 
 
 def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> str:
     """Return a header or source after preprocessing, without line markers. Raises LibraryError with the preprocessor's
     first error message if it rejects the file."""
     # The option `-x c` makes the compiler treat a header as C in spite of its file extension.
-    done = _run([*compiler, "-E", "-P", *flags, "-x", "c", str(source)], None)
+    return _checked([*compiler, "-E", "-P", *flags, "-x", "c", str(source)], None)
+
+
+def _checked(command: list[str], folder: str | None) -> str:
+    """Return what a command prints; raise LibraryError with its first error message if it fails."""
+    done = _run(command, folder)
     if done.returncode != 0:
-        raise LibraryError(f"{compiler[0]}: {_complaint(done)}")
+        complaints = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
+        complaint = next((line for line in complaints if "error" in line), complaints[0][:200])
+        raise LibraryError(f"{command[0]}: {complaint}")
     return done.stdout
-
-
-def _complaint(done: subprocess.CompletedProcess[str]) -> str:
-    complaints = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]
-    return next((line for line in complaints if "error" in line), complaints[0][:200])
 
 
 def _run(command: list[str], folder: str | None) -> subprocess.CompletedProcess[str]:

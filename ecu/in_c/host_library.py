@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.arrays import Array
-from contract.controller.c_folder import library_sources
+from contract.controller.c_folder import PROGRAM_SETTINGS, ProgramSettings, library_sources, read_sources
 from contract.controller.interface import FORCES, REFUSALS, TERMS, ControllerError, ControlStep, Sizes
 from contract.errors import LibraryError
+from contract.release.checks import Bundle, dbc_sha256
 from contract.runtime.copies import NeverCopied
 from ecu.in_c.compiler import EXACT, OPTIMISED, compile_c, compiler_version, host_compiler
 
@@ -32,7 +33,6 @@ class CController(NeverCopied):
         contents: the library's files by name.
         sizes: sizes in the library's header, which give the layout of the structures.
         compiler: command that compiles C; None finds a compiler on this machine.
-        flags: flags of the compiler.
 
     Attributes:
         description: compiler and flags of the control step, in words.
@@ -64,22 +64,18 @@ class CController(NeverCopied):
             raise LibraryError(f"the compiled library refuses: {REFUSALS[status]} ({' '.join(flags)})")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
         horizon = sizes.horizon
+        number = ctypes.c_float
+        steps, terms = number * horizon, number * len(TERMS)
         self._input = _structure(
             "sw_input",
-            window=(ctypes.c_float * (sizes.sensors + 1)) * sizes.window,
-            plan=ctypes.c_float * horizon,
-            free=ctypes.c_float * horizon,
-            weights=ctypes.c_float * len(TERMS),
-            speed=ctypes.c_float,
-            limit=ctypes.c_float,
+            window=(number * (sizes.sensors + 1)) * sizes.window,
+            plan=steps,
+            free=steps,
+            weights=terms,
+            speed=number,
+            limit=number,
         )
-        self._output = _structure(
-            "sw_output",
-            plan=ctypes.c_float * horizon,
-            forces=(ctypes.c_float * FORCES) * horizon,
-            terms=ctypes.c_float * len(TERMS),
-            cost=ctypes.c_float,
-        )
+        self._output = _structure("sw_output", plan=steps, forces=(number * FORCES) * horizon, terms=terms, cost=number)
         reset(ctypes.byref(self._input))
         self._window, self._plan, self._free, self._weights = (
             np.ctypeslib.as_array(getattr(self._input, name)) for name in ("window", "plan", "free", "weights")
@@ -117,10 +113,8 @@ class CController(NeverCopied):
         )
         self._check(status)
         found = self._output
-        new_plan, forces, terms, cost = (
-            np.array(value, dtype=np.float64) for value in (found.plan, found.forces, found.terms, found.cost)
-        )
-        return ControlStep(plan=new_plan, forces=forces, terms=terms, cost=float(cost))
+        arrays = {name: np.array(getattr(found, name), dtype=np.float64) for name in ("plan", "forces", "terms")}
+        return ControlStep(**arrays, cost=float(found.cost))
 
     def known_answer(self) -> tuple[float, float]:
         """Return the first action and the cost of the control step in `sw_known_answer.c`. They are computed by a
@@ -151,3 +145,52 @@ def _aligned(size: int) -> npt.NDArray[np.uint8]:
     room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
     start = -room.ctypes.data % _ALIGNMENT
     return room[start : start + size]
+
+
+def open_library(
+    folder: Path, bundle: Bundle, *, compiler: Sequence[str] | None = None, flags: Sequence[str] = OPTIMISED
+) -> CController:
+    """Compile a folder that `stillwake export --c` wrote; the result runs instead of the bundle's `controller.onnx`.
+
+    A hash in the library's header states the program from which the folder was generated. The hash protects against
+    mix-ups, not against attacks: the sources are unsigned, and are compiled and run as they are. Raises LibraryError if
+    the folder holds no library or another program's library, if there is no compiler, or if the compiler rejects the
+    sources.
+
+    Args:
+        bundle: verified release; the library must be generated from the release's program.
+        compiler, flags: as of `CController`.
+    """
+    sources = read_sources(folder)
+    precision = check_program(folder, sources, bundle)
+    try:
+        controller = CController(sources, bundle.manifest.sizes, compiler=compiler, flags=flags)
+    except LibraryError as error:
+        raise LibraryError(f"library {folder}: {error}") from error
+    controller.description = f"C99 {precision}, {controller.description}"
+    return controller
+
+
+def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> str:
+    """Return the library's precision; raise LibraryError if its header does not belong to the bundle's program."""
+    manifest = bundle.manifest
+    try:
+        header = ProgramSettings.of(sources)
+        program, precision = header.text("SW_PROGRAM_SHA256"), header.text("SW_PRECISION")
+        # The hash covers the program's sizes, but not those in the header, which the caller's structures use. So an
+        # edited header must be rejected.
+        sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
+        dbc = header.text("SW_DBC_SHA256")
+    except (LibraryError, UnicodeDecodeError) as error:
+        raise LibraryError(f"library {folder}: {error}") from error
+    if program != manifest.program_sha256:
+        raise LibraryError(
+            f"library {folder}: it computes program {program[:12]}, bundle {manifest.name!r} has program "
+            f"{manifest.program_sha256[:12]}: a single `stillwake export --c` writes both"
+        )
+    expected = [manifest.window, manifest.mpc.horizon, " ".join(manifest.sensors), len(manifest.sensors)]
+    if sizes != [str(size) for size in expected]:
+        raise LibraryError(f"library {folder}: {PROGRAM_SETTINGS} was altered: its sizes are not the program's")
+    if dbc != dbc_sha256():
+        raise LibraryError(f"library {folder}: built for another stillwake.dbc")
+    return precision

@@ -23,8 +23,8 @@ class _Timespec(ctypes.Structure):
 
 
 def now_ns() -> int:
-    """Return the time of CLOCK_MONOTONIC in ns. This clock started before the process, and setting the date does not
-    change its time."""
+    """Return the time of CLOCK_MONOTONIC in ns, which began before the process and which no setting of the date
+    changes."""
     return time.monotonic_ns()
 
 

@@ -23,7 +23,6 @@ class Deadlines:
     """The next period and its deadline; times are in ns of one clock that never goes back.
 
     Attributes:
-        period_ns: time from one deadline to the next.
         due_ns: deadline at which the period begins.
         number: number of the period; omitted periods are counted too.
         left_out: number of periods so far that were omitted, because the work of an earlier period took too long.
@@ -64,12 +63,7 @@ class Deadlines:
 
 @dataclass(frozen=True, kw_only=True)
 class Arrivals:
-    """The latest arrivals of a periodic message.
-
-    Attributes:
-        period_ns: time between two arrivals.
-        latest_ns: times of up to REMEMBERED arrivals, oldest first.
-    """
+    """The latest arrivals of a periodic message: the times of up to REMEMBERED arrivals, oldest first."""
 
     period_ns: int
     latest_ns: tuple[int, ...] = ()

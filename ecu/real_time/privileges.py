@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 PRIORITY: Final = 50
@@ -35,12 +36,7 @@ class Privilege(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """The requested privileges.
-
-    Attributes:
-        priority: SCHED_FIFO priority, 1 to 99; 0 to stay an ordinary process.
-        without_collector: whether to switch off garbage collection.
-    """
+    """The requested privileges. `priority` is that of SCHED_FIFO, 1 to 99, or 0 to stay an ordinary process."""
 
     priority: int = PRIORITY
     lock_memory: bool = True
@@ -53,16 +49,14 @@ def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
 
     The priority applies to this thread and to the threads that it starts afterwards.
     """
+    steps = (
+        ("timer slack 1 ns", _timer_slack, True),
+        ("no garbage collection", _no_collector, wanted.without_collector),
+        ("memory locked", _lock_memory, wanted.lock_memory),
+        (f"SCHED_FIFO {wanted.priority}", partial(_priority, wanted.priority), bool(wanted.priority)),
+    )
     with ExitStack() as undo:
-        found = [_attempt("timer slack 1 ns", _timer_slack, undo)]
-        if wanted.without_collector:
-            found.append(_attempt("no garbage collection", _no_collector, undo))
-        if wanted.lock_memory:
-            found.append(_attempt("memory locked", _lock_memory, undo))
-        if wanted.priority:
-            priority = wanted.priority
-            found.append(_attempt(f"SCHED_FIFO {priority}", lambda back: _priority(priority, back), undo))
-        yield found
+        yield [_attempt(what, ask, undo) for what, ask, is_wanted in steps if is_wanted]
 
 
 def in_words(privileges: list[Privilege]) -> str:
@@ -79,11 +73,8 @@ def stay_ordinary() -> None:
 
 
 def step_back() -> None:
-    """Give this thread a lower priority than its starting thread, if the starting thread has a real-time priority.
-
-    This thread gets the lowest real-time priority, not an ordinary one. Any process could interrupt an ordinary thread
-    that holds the interpreter's lock, and the control loop would have to wait for the lock.
-    """
+    """Give this thread the lowest real-time priority, if its starting thread has a real-time priority. Any process
+    could interrupt an ordinary thread that holds the interpreter's lock, and the control loop would have to wait."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
 

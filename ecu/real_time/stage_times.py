@@ -96,10 +96,13 @@ class StageTimes:
         return np.roll(self._table, -(self._begun % len(self._table)), axis=0)
 
     def save(self, path: Path) -> None:
-        """Write an .npz file, completely or not at all, with `columns`, the names of the stages, and `rows`. Raises
-        StillwakeError on failure."""
+        """Write an .npz file with `columns`, the names of the stages, and `rows`. Raises StillwakeError on failure."""
         with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, columns=np.array([stage.name.lower() for stage in self._stages]), rows=self.rows())
+            np.savez(file, columns=np.array(_columns(self._stages)), rows=self.rows())
+
+
+def _columns(stages: type[IntEnum]) -> list[str]:
+    return [stage.name.lower() for stage in stages]
 
 
 def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
@@ -109,8 +112,8 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
         columns, rows = file["columns"].tolist(), file["rows"]
     except (OSError, ValueError) as error:
         raise StillwakeError(f"{path}: not a table of stage times ({error})") from error
-    expected = [stage.name.lower() for stage in stages]
-    if columns != expected or rows.dtype != np.int64 or rows.ndim != 2 or rows.shape[1] != len(expected):
+    expected = _columns(stages)
+    if columns != expected or rows.dtype != np.int64 or rows.shape[1:] != (len(expected),):
         raise StillwakeError(f"{path}: not a table of the columns {', '.join(expected)}")
     return rows
 
@@ -130,8 +133,7 @@ class TimedController:
     """A wrapper that records the start and the end of another controller's steps."""
 
     def __init__(self, controller: Controller, now_ns: Callable[[], int], times: PlanTimes | None = None) -> None:
-        self._controller = controller
-        self._now_ns = now_ns
+        self._controller, self._now_ns = controller, now_ns
         self.times = PlanTimes() if times is None else times
 
     def control_step(self, *given: Any, **named: Any) -> ControlStep:

@@ -21,7 +21,7 @@ from stillwake.console.terminal import console, visible
 from stillwake.parts.releases import asked_calibration, open_release, signature
 
 if TYPE_CHECKING:
-    from ecu.daemon.service import ProcessOptions
+    from ecu.daemon.process import ProcessOptions
 
 _USES: Final = (
     "operating_point",
@@ -108,8 +108,8 @@ def run(
 
     stillwake ecu --mcu flash.bin --library ecu_c --root root/release.pub --access access.key --bus socketcan:can0
     """
+    from ecu.daemon.process import ProcessOptions
     from ecu.daemon.reporter import as_json, plain
-    from ecu.daemon.service import ProcessOptions
     from ecu.real_time.privileges import Wanted
 
     options = ProcessOptions(
@@ -182,7 +182,7 @@ def _run_release(
     from contract.controller.interface import RunnableController
     from contract.runtime.onnx_session import OnnxController
     from ecu.daemon import service
-    from ecu.in_c.library_controller import open_library
+    from ecu.in_c.host_library import open_library
 
     loaded = settings("ecu", given, uses=_USES)
     _check_freshness(loaded.config, options)

@@ -180,7 +180,7 @@ def _closed(
     is the C library; without a library, ONNX Runtime computes the controller's steps. `chosen` are further arguments of
     `run_closed_loop`."""
     from can_bridge.wire.messages import Mode
-    from ecu.in_c.library_controller import open_library
+    from ecu.in_c.host_library import open_library
     from firmware_sim.bench.closed_loop import run_closed_loop
     from firmware_sim.bench.disturbances import Disturbances
     from firmware_sim.runs.metadata import RunOrigin

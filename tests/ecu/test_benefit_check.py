@@ -191,8 +191,9 @@ def test_no_recorded_control_is_tested():
 
 
 def test_jets_that_change_nothing_are_shut_for_that_reason_and_a_new_request_tries_again():
+    unchecked = SensorCheckConfig(enabled=False)
     bench = make_bench(
-        RecordingController(lambda i: 0.03), bundle=RELEASE, sensor_check=SensorCheckConfig(enabled=False)
+        RecordingController(lambda i: 0.03), bundle=RELEASE, sensor_check=unchecked, benefit_check=CONFIG
     )
 
     def drive(periods: int, *, enable: bool = True) -> list[Mode]:
@@ -202,11 +203,10 @@ def test_jets_that_change_nothing_are_shut_for_that_reason_and_a_new_request_tri
         assert bench.status is not None
         return bench.status.reason
 
-    drive(100, enable=False)
-    own = BenefitCheckConfig()
-    modes = drive(own.first_period + own.doubt_periods)
+    drive(80, enable=False)
+    modes = drive(CONFIG.first_period + CONFIG.doubt_periods)
     assert set(modes[:-1]) == {Mode.CONTROL} and modes[-1] is Mode.WARMUP and reason() is Reason.NOT_HELPING
-    modes = drive(PATIENCE * own.wake_periods)
+    modes = drive(PATIENCE * CONFIG.wake_periods)
     assert set(modes[:-1]) == {Mode.WARMUP} and modes[-1] is Mode.FAULT and reason() is Reason.NOT_HELPING
     assert set(drive(20)) == {Mode.FAULT}
     drive(6, enable=False)

@@ -124,7 +124,7 @@ def test_values_out_of_the_limits_are_refused_and_change_nothing(bench_of, chang
     assert (bench.ecu.state, bench.ecu.calibration) == before
 
 
-@examples(50)
+@examples(24)
 @given(data=st.data(), limit=st.sampled_from([0.075, 0.07, 0.1]), step=st.floats(1e-4, 0.2))
 def test_what_the_segment_takes_the_ecu_takes(data, limit, step):
     """Also at the limits, which are no float32: a set that came over the bus never stops the control."""

@@ -18,20 +18,7 @@ def memory_of(length: int, *, sensors=1, horizon=4, delay=0) -> ControllerMemory
 
 
 def after(memory: ControllerMemory, cp: list[float], action: float) -> ControllerMemory:
-    """With this row."""
     return replace(memory, under_way=DelayLine((action,))).observed(np.array(cp))
-
-
-def silent(memory: ControllerMemory, action: float, *, longest_gap: int) -> ControllerMemory:
-    return replace(memory, under_way=DelayLine((action,))).bridged(longest_gap)
-
-
-def test_a_short_gap_repeats_the_pressures_with_the_action_of_its_own():
-    memory = silent(memory_of(2), 0.5, longest_gap=2)  # nothing to repeat
-    assert memory.rows == 0
-    memory = silent(after(memory, [7.0], 0.1), 0.2, longest_gap=2)
-    np.testing.assert_array_equal(memory.window, [[7.0, 0.1], [7.0, 0.2]])
-    assert memory.is_full
 
 
 class Answering:
@@ -126,12 +113,3 @@ def test_where_no_row_has_come_another_delay_writes_none():
     changed = memory.observed(np.array([5.0])).commanded(0.4).with_delay(0)
     np.testing.assert_array_equal(changed.window, [[0.0, 0.0], [0.0, 0.0], [5.0, 0.3]])
     assert changed.under_way.values == (0.4,)
-
-
-@given(st.lists(st.floats(allow_nan=False), max_size=20), st.integers(0, 5))
-def test_what_goes_into_the_delay_line_comes_out_so_many_periods_later(values, delay):
-    line, sent = DelayLine.filled(delay, 0.5), [0.5] * (delay + 1)
-    for value in values:
-        line = line.pushed(value)
-        sent.append(value)
-        assert (line.newest, line.in_force, line.pending) == (value, sent[-delay - 1], tuple(sent[len(sent) - delay :]))

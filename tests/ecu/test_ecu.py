@@ -1,15 +1,25 @@
-"""One control step at a time: window, plan, and command on the wire."""
+"""One control step at a time: window, plan, and command on the wire; frames that are old, lost, damaged or repeated;
+a release that serves a range of speeds.
 
+That its jets obey it whatever comes is judged in `tests/proofs/ecu`; here are the exact limits and reasons.
+"""
+
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
+from can_bridge.bus.interface import BusHealth, BusState
+from can_bridge.command_gate import Intervention
+from can_bridge.wire import codec
+from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
-from can_bridge.wire.messages import Mode
+from can_bridge.wire.messages import EcuStatus, Mode, Reason
 from contract.config.operating_point import OperatingPoint
+from contract.release.manifest import SpeedRange
 from tests.each import each
-from tests.ecu.conftest import HORIZON, WINDOW, numbered
+from tests.ecu.conftest import HORIZON, WINDOW, Bench, RecordingController, make_bench, make_bundle, numbered
 
 SCALE = OperatingPoint().flow_rate_scale
 QUANTUM = FLOW_RESOLUTION_M2_PER_S / SCALE  # one step of the wire as an action
@@ -103,3 +113,227 @@ def test_a_jump_of_the_clock_costs_no_more_rows_than_the_gap_that_is_bridged(ben
     bench.good(1)
     assert 0 < rows <= bench.config.ecu.hold_periods + bench.config.ecu.decay_periods + 1
     assert bench.status.overruns == 0xFFFF
+
+
+MS = 1_000_000
+
+
+def controlling(bench):
+    """Late enough for frames that are older than their bench."""
+    bench.now_ns = 10**10
+    bench.into_control()
+    return bench
+
+
+def aged(bench, age_ms: float, *, in_queue: bool, **message) -> Frame:
+    """A frame whose pressures are so old: by its own word, or because it waited in a queue."""
+    age_ns = round(age_ms * MS)
+    frame = bench.pressure(age_ns=0 if in_queue else age_ns, **message)
+    return replace(frame, timestamp_ns=bench.now_ns - age_ns) if in_queue else frame
+
+
+@each("in_queue, row", product([True, False], [(0.0, True), (20.0, True), (30.0, True), (30.01, False), (60.0, False)]))
+def test_pressures_are_planned_on_for_a_period_and_a_half(bench_of, in_queue, row):
+    bench, (age_ms, usable) = controlling(bench_of()), row
+    calls, missed = len(bench.controller.calls), bench.status.missed
+    command = bench.step(aged(bench, age_ms, in_queue=in_queue))
+    assert (command.mode, command.enable) == (Mode.CONTROL if usable else Mode.HOLD, True)
+    assert bench.status.reason is (Reason.NONE if usable else Reason.STALE)
+    assert len(bench.controller.calls) - calls == usable
+    assert bench.status.missed - missed == (not usable)
+
+
+def test_pressures_of_the_future_are_stale_and_a_stale_request_is_a_request_all_the_same(bench_of):
+    bench = controlling(bench_of())
+    command = bench.step(replace(bench.pressure(), timestamp_ns=bench.now_ns + 1))
+    assert (command.mode, bench.status.reason) == (Mode.HOLD, Reason.STALE)
+    command = bench.step(aged(bench, 90.0, in_queue=True, enable=False))
+    assert (command.mode, command.enable) == (Mode.OFF, False)
+
+
+def test_frames_that_cannot_be_used_do_not_make_the_command_younger(bench_of):
+    """Held on pressures of an age of 25 ms, with fresh frames of an invalid sensor: shut when the old are 80 ms."""
+    bench = controlling(bench_of(hold_periods=3, decay_periods=0))
+    assert bench.step(aged(bench, 25.0, in_queue=True)).enable
+    seen = []
+    for _ in range(3):
+        command = bench.step(bench.pressure(valid=(True, True, True, False)))
+        seen.append((command.mode, command.enable, bench.status.reason))
+    # At 45, 65 and 85 ms.
+    held = (Mode.HOLD, True, Reason.SENSOR_INVALID)
+    assert seen == [held, held, (Mode.HOLD, False, Reason.STALE)]
+    assert bench.ecu.trace.interventions == Intervention.STALE
+    assert bench.step(bench.pressure()).mode is Mode.CONTROL
+    assert bench.status.reason is Reason.NONE
+
+
+def test_of_several_frames_the_newest_counts_and_a_repeated_one_is_a_miss_and_no_crc_error(bench):
+    bench.into_control()
+    frames = [bench.pressure((value,) * 4) for value in (0.2, 0.5, 0.8)]
+    assert bench.step(*frames).mode is Mode.CONTROL
+    assert bench.controller.calls[-1][0][-1, 0] == pytest.approx(0.8, abs=1e-3)
+    assert bench.step(frames[-1]).mode is Mode.HOLD
+    assert (bench.status.crc_errors, bench.ecu.frames_rejected) == (0, 1)
+    # The same again next to a new one does no harm.
+    assert bench.step(frames[-1], bench.pressure()).mode is Mode.CONTROL
+
+
+@each(
+    "pattern, expected, reason",
+    [
+        # G a good frame, c a corrupted one, x none.
+        ("x x x x", "HDDF", Reason.STREAM_LOST),
+        # The third wrong CRC among five ends the trust in the stream, whatever good frames came with it.
+        ("c c c c", "HDFF", Reason.STREAM_INVALID),
+        ("c G c G c", "HCHCF", Reason.STREAM_INVALID),
+        ("cG cG cG", "CCF", Reason.STREAM_INVALID),
+        ("Gc Gc Gc", "CCF", Reason.STREAM_INVALID),
+        ("ccG Gcc cGc", "CCF", Reason.STREAM_INVALID),
+        ("cccG cccG cccG cccG", "CCFF", Reason.STREAM_INVALID),
+        ("x c x c x", "HDDFF", Reason.STREAM_LOST),
+        ("G c c x G c c x", "CHDDCFFF", Reason.STREAM_INVALID),
+    ],
+)
+def test_lost_frames_hold_and_decay_and_a_stream_not_to_be_trusted_shuts_at_once(bench_of, pattern, expected, reason):
+    bench = bench_of()
+    bench.into_control()
+    bench.good(5)
+    modes = ""
+    for period in pattern.split():
+        frames = [bench.pressure() for kind in period if kind != "x"]
+        frames = [
+            replace(frame, data=frame.data[:9] + bytes([frame.data[9] ^ 32]) + frame.data[10:])
+            if kind == "c"
+            else frame
+            for kind, frame in zip(period, frames, strict=False)
+        ]
+        modes += bench.step(*frames).mode.name[0]
+    assert (modes, bench.status.reason) == (expected, reason)
+
+
+def test_errors_of_the_can_controller_are_reported_and_borne_short_of_bus_off(bench):
+    bench.into_control()
+    for health, mode, reason in [
+        (BusHealth(state=BusState.ERROR_PASSIVE, tx_errors=200, rx_errors=130), Mode.CONTROL, Reason.NONE),
+        (BusHealth(bus_off=1), Mode.FAULT, Reason.BUS_OFF),  # which it was and is no more
+    ]:
+        answers = bench.ecu.step(bench.now_ns, [bench.pressure()], health)
+        bench.now_ns += bench.config.period_ns
+        command, status = codec.parse_jet_command(answers[0].data), codec.parse_ecu_status(answers[1].data)
+        assert command is not None and status is not None
+        assert (command.mode, status.reason) == (mode, reason)
+        reported = (status.tx_errors, status.rx_errors, status.bus_off)
+        assert reported == (health.tx_errors, health.rx_errors, health.bus_off)
+
+
+PERIOD_MS = 20.0
+
+
+def bench_at(plan: float = 0.01, **settings) -> Bench:
+    bench = make_bench(
+        RecordingController(lambda i: plan),
+        bundle=make_bundle(speeds=SpeedRange(slowest=0.6, fastest=1.4)),
+        rearm_frames=1,
+        **settings,
+    )
+    bench.cruises = None
+    return bench
+
+
+def drive(bench: Bench, ratio: float | None, periods: int, cp: float = 0.1, **stated) -> list:
+    """Periods at a speed, with this Cp at the present dynamic pressure on all sensors."""
+    pressure = (cp * (1.0 if ratio is None else ratio) ** 2,) * 4
+    return [bench.step(bench.speed(ratio, **stated), bench.pressure(pressure)) for _ in range(periods)]
+
+
+def status(bench: Bench) -> EcuStatus:
+    assert bench.status is not None
+    return bench.status
+
+
+def reason(bench: Bench) -> Reason:
+    return status(bench).reason
+
+
+def test_the_window_has_steps_of_the_present_speed_and_the_jets_follow_it():
+    """Faster and then slower: a row lies as far back in lengths travelled as the controller expects it."""
+    bench, at = bench_at(), 0.0
+    for ratio in [1.2] * 8 + [1.15, 1.1, 1.05, 1.05, 1.1]:
+        at += ratio
+        # Cp grows along the way: Pa follow the present dynamic pressure.
+        bench.step(bench.speed(ratio), bench.pressure((0.02 * at * ratio**2,) * 4))
+    window, _, _ = bench.controller.calls[-1]
+    # Half a step of a pressure on the wire, of 375 Pa at the design speed.
+    np.testing.assert_allclose(window[:, 0], 0.02 * (at - np.arange(WINDOW)[::-1]), atol=1.5e-4)
+    # What the jets had reached is 0.01 of the speed before.
+    assert window[-1, 4] == pytest.approx(0.01 * 1.05 / 1.1, abs=2e-5)
+    assert bench.good(1)[0].flow_m2_per_s == pytest.approx(0.01 * 1.1 * SCALE, abs=1.01e-4)
+
+
+def test_below_the_design_speed_commands_and_pressures_follow_by_the_share_of_a_step():
+    bench = bench_at()
+    drive(bench, 0.8, 8, cp=0.1)
+    sent = [command.flow_m2_per_s / SCALE for command in drive(bench, 0.8, 30, cp=0.2)]
+    window, _, _ = bench.controller.calls[-30]
+    assert window[-1, 0] == pytest.approx(0.1 + 0.8 * 0.1, abs=4e-4)
+    assert bench.controller.calls[-29][0][-1, 0] == pytest.approx(0.2 - 0.2**2 * 0.1, abs=4e-4)
+    assert sent[-1] == pytest.approx(0.01 * 0.8, abs=1e-5)
+
+
+def test_without_a_speed_the_last_one_stands_for_a_while_and_then_no_pressure_is_usable():
+    bench = bench_at()
+    assert not bench.good(3)[-1].enable and reason(bench) is Reason.NO_SPEED
+    bench = bench_at()
+    drive(bench, 1.0, 6)
+    assert status(bench).state is Mode.CONTROL
+    for unknown in (lambda: (), lambda: (bench.speed(None),)):
+        modes = []
+        while reason(bench) is Reason.NONE:
+            modes.append(bench.step(*unknown(), bench.pressure()).mode)
+        assert len(modes) == 500.0 / PERIOD_MS + 1
+        assert set(modes[:-1]) == {Mode.CONTROL} and reason(bench) is Reason.NO_SPEED
+        modes = [bench.step(bench.pressure()).mode for _ in range(3)]
+        assert modes == [Mode.DECAY, Mode.DECAY, Mode.FAULT]
+        # As after any latched fault: a new request, and the stream of speeds is to be trusted again.
+        [bench.step(bench.speed(1.0), bench.pressure(enable=False)) for _ in range(2)]
+        drive(bench, 1.0, 6)
+        assert status(bench).state is Mode.CONTROL
+
+
+def test_outside_its_speeds_the_jets_are_shut_and_come_back_by_themselves_with_hysteresis():
+    bench = bench_at()
+    drive(bench, 1.0, 8)
+    for ratio in (0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.65, 0.6, 0.57, 0.53):
+        assert drive(bench, ratio, 5)[-1].mode is Mode.CONTROL, ratio
+    # Beyond its end the range's end stands for the speed: the pressures are the air's, whose speed may be there.
+    assert bench.controller.calls[-1][0][-1, 0] == pytest.approx(0.1 * (0.53 / 0.6) ** 2, abs=6e-3)
+    commands = drive(bench, 0.52, 1)
+    assert (commands[0].mode, commands[0].flow_m2_per_s, reason(bench)) == (Mode.WARMUP, 0.0, Reason.OFF_SPEED)
+    # Standing still is no fault either, however long it lasts.
+    for ratio in (0.5, 0.4, 0.2, 0.0):
+        drive(bench, ratio, 20)
+        assert (status(bench).state, reason(bench)) == (Mode.WARMUP, Reason.OFF_SPEED), ratio
+    for ratio in (0.2, 0.4, 0.5, 0.59):
+        drive(bench, ratio, 20)
+    assert reason(bench) is Reason.OFF_SPEED
+    # The window begins again: no row of another speed is planned on.
+    modes = [command.mode for command in drive(bench, 0.61, 8)]
+    assert modes[:3] == [Mode.WARMUP] * 3 and modes[-1] is Mode.CONTROL and reason(bench) is Reason.NONE
+
+
+def test_a_speed_is_not_believed_before_a_vehicle_could_have_reached_it():
+    bench = bench_at()
+    drive(bench, 1.0, 8)
+    # 6.25 m/s at 15 m/s2 at most.
+    for periods, ratio in ((20, 1.0), (1, 1.25)):
+        drive(bench, 1.25, periods)
+        assert bench.ecu.state.speed.ratio == pytest.approx(ratio)
+
+
+def test_old_speeds_do_not_count_and_the_density_scales_the_pressures():
+    bench = bench_at()
+    drive(bench, 1.0, 8)
+    drive(bench, 1.02, 3, age_ns=600_000_000)
+    assert bench.ecu.state.speed.ratio == 1.0
+    drive(bench, 1.0, 2, cp=0.1, density=0.6)
+    assert bench.controller.calls[-1][0][-1, 0] == pytest.approx(0.2, abs=4e-4)

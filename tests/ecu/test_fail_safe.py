@@ -41,7 +41,6 @@ def after(state: FailSafe, event: str, config: EcuConfig) -> FailSafe:
 
 
 def through(state: FailSafe, events: str, **settings: Any) -> tuple[str, FailSafe]:
-    """The letters of the states gone through, and the last one."""
     letters, config = "", EcuConfig(**settings)
     for event in events:
         state = after(state, event, config)
@@ -152,6 +151,5 @@ def test_a_fault_that_shows_late_in_the_period_latches(mode):
 def test_the_wire_has_its_own_names_and_the_jets_run_in_three_modes():
     off = {mode for mode in OperatingMode if mode.on_wire is Mode.OFF}
     assert off == {OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.ARMED, OperatingMode.UPDATE}
-    others = {mode.name: mode.on_wire.name for mode in OperatingMode if mode not in off}
-    assert others == {name: name for name in ("WARMUP", "CONTROL", "HOLD", "DECAY", "FAULT")}
+    assert all(mode.on_wire.name == mode.name for mode in OperatingMode if mode not in off)
     assert {mode.name for mode in OperatingMode if mode.drives_jets} == {"CONTROL", "HOLD", "DECAY"}

@@ -40,12 +40,7 @@ FRAMES: Final[tuple[Literal["fd", "classic"], ...]] = ("fd", "classic")
 
 
 class Cuts:
-    """A board whose supply fails in one operation of its flash.
-
-    Args:
-        built: its firmware's sources, and the images.
-        firmware: compiled of them.
-    """
+    """A board whose supply fails in one operation of its flash."""
 
     def __init__(self, built: Built, firmware: Firmware | None = None) -> None:
         self._board = built.ecu(firmware=firmware)

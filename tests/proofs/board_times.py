@@ -156,7 +156,6 @@ def _periods(rows: ProgramRows, asks: bool) -> Iterator[tuple[int, list[Frame]]]
 
 
 def _single_frame(payload: bytes) -> Frame:
-    """A request as one CAN FD frame of ISO-TP."""
     head = bytes([len(payload)]) if len(payload) < 8 else bytes([0, len(payload)])
     length = next(size for size in (8, 12, 16, 20, 24, 32, 48, 64) if size >= len(head) + len(payload))
     return Frame(frame_id=REQUEST_ID, data=(head + payload).ljust(length, b"\xcc"), is_fd=True)

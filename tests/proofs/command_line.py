@@ -43,7 +43,6 @@ def main(proofs: Callable[..., None] | Mapping[str, Callable[..., None]]) -> Non
 
 
 def spread(work: Callable[[S], T], items: Iterable[S], processes: int) -> Iterator[T]:
-    """The results of the work on each item, in order."""
     if processes == 1:
         yield from map(work, items)
         return
@@ -58,7 +57,6 @@ def in_parts(work: Callable[[range], T], total: int, part: int, processes: int, 
 
 
 def max_rss_kib() -> int:
-    """The largest memory of this process so far."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
@@ -82,7 +80,6 @@ def report(
 
 
 def _rows(name: str, value: Any) -> Iterator[tuple[str, str]]:
-    """A row for each number or text in a tree of figures."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from _rows(f"{name} {key}".strip().replace("_", " "), inner)

@@ -18,7 +18,7 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig
 from ecu.daemon.connection import Connection
-from ecu.daemon.control_loop import ControlLoop, RealTime
+from ecu.daemon.control_loop import ControlLoop
 from ecu.daemon.reception import FrameReception
 from ecu.ecu import Ecu
 from ecu.real_time.stage_times import EcuStage, StageTimes, TimedController
@@ -73,7 +73,8 @@ class Rig:
             self.config,
             tell=lambda event, line, **fields: self.events.append(event),
             stage_times=self.stages,
-            real_time=RealTime(now_ns=lambda: self.now, sleep_until=self.sleep_until),
+            now_ns=lambda: self.now,
+            sleep_until=self.sleep_until,
         )
         self.request = True
         self.samples = 0

@@ -60,7 +60,6 @@ class Vehicle:
             self.period(request=number % ANEW > 5 if request is None else request)
 
     def into_control(self) -> None:
-        """Drive until the jets move."""
         self.largest_action = 0.0
         self.until(lambda: self.largest_action > 0.0)
 

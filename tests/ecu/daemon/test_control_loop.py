@@ -116,7 +116,7 @@ def test_another_ecu_on_the_bus_shuts_the_jets(rig):
     assert rig.events.count("other_ecu") == 1
     assert {(c.mode, c.enable, c.flow_m2_per_s) for c in rig.commands[-38:]} == {(Mode.FAULT, False, 0.0)}
     assert rig.statuses[-1].reason is Reason.OTHER_ECU
-    assert rig.loop.counters.other_ecu == 40
+    assert rig.loop.counters.state.other_ecu.frames == 40
     # Its silence alone gives nothing back.
     rig.run(100)
     assert rig.events.count("other_ecu_gone") == 1
@@ -175,7 +175,7 @@ def test_steps_make_no_garbage_that_needs_collecting(rig):
         for delay in (rig.delay, lambda number: None):
             rig.delay = delay
             for _ in range(3):
-                rig.run(25)
+                rig.run(10)
                 left.append(gc.collect())
     finally:
         gc.enable()

@@ -7,6 +7,7 @@ from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.messages import Mode, Reason
 from ecu.daemon.counters import Counters, text
 from ecu.ecu_state import EcuState
+from ecu.pressure_reception import OtherEcu
 
 NAME = r"[a-zA-Z_:][a-zA-Z0-9_:]*"
 LABEL = r'[a-zA-Z_][a-zA-Z0-9_]*="(?:[^"\\\n]|\\["\\n])*"'
@@ -40,6 +41,7 @@ def test_every_number_stands_under_its_name_and_one_mode_and_one_reason_are_on()
         missed=8,
         health=BusHealth(bus_off=9, tx_errors=10, rx_errors=11),
         fail_safe=power_on.fail_safe.latch(Reason.BUS_OFF),
+        other_ecu=OtherEcu(frames=12),
     )
     counters = Counters(
         state=state,
@@ -49,7 +51,6 @@ def test_every_number_stands_under_its_name_and_one_mode_and_one_reason_are_on()
         dropped=4,
         not_sent=5,
         losses=6,
-        other_ecu=12,
         action=-0.025,
         busy_ns=1_500_000_000,
         longest_ns=16_000_000,

@@ -1,7 +1,5 @@
 """Receptions in the ECU's own time, whatever is done to the date."""
 
-from itertools import count, pairwise
-
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -51,21 +49,6 @@ def test_a_frame_is_as_old_as_its_stamp_where_its_clock_is_known(interface):
         assert (waited, others) == (0, [0, 0])
     else:
         assert waited == 7_000_000
-
-
-def test_a_step_of_the_date_between_two_frames_does_not_reach_the_ecu():
-    """NTP sets the date back by an hour, and on by two: stamps and looks jump together, ages stay."""
-    ticks, steps = count(NOW, 20_000_000), {3: -HOUR, 6: 2 * HOUR}
-    date_is_off = 0
-    arrivals = []
-    for number in range(10):
-        date_is_off += steps.get(number, 0)
-        now = next(ticks)
-        date = DATE + now - NOW + date_is_off
-        box = inbox("socketcan", date=lambda date=date: date, monotonic=lambda now=now: now)
-        box.put(pressure(date - 100_000))
-        arrivals.append(box.take().pressures[0].timestamp_ns)
-    assert {after - before for before, after in pairwise(arrivals)} == {20_000_000}
 
 
 def test_frames_by_the_ecus_own_names_are_kept_for_the_step_that_judges_them_and_a_flood_takes_bounded_room():

@@ -90,7 +90,7 @@ WHEN = 1_774_746_000_000_000_000
 
 
 def test_an_event_is_a_plain_line_or_one_of_json():
-    event = DatedEvent(date_ns=WHEN + 7_999_999, name="bus_lost", text="bus lost:\n  it's gone")
+    event = DatedEvent(date_ns=WHEN + 7_999_999, name="bus_lost", text="bus lost:\n  it's gone", fields={})
     assert plain(event) == "01:00:00.007 ecu: bus lost: it's gone"
     # JSON is read back by another parser.
     event = DatedEvent(

@@ -25,8 +25,9 @@ from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.counters import Counters
+from ecu.daemon.process import ProcessOptions, freshness_file
 from ecu.daemon.reporter import as_json
-from ecu.daemon.service import ProcessOptions, freshness_file, serve
+from ecu.daemon.service import serve
 from ecu.real_time.privileges import Wanted
 from ecu.real_time.stage_times import EcuStage, load
 from tests.ecu.daemon.driving import PATIENCE_S, Vehicle
@@ -65,7 +66,6 @@ def run(release: Bundle, config: Config, write=lambda line: None, *, is_stopped,
 
 @contextmanager
 def running(release: Bundle, config: Config, **options) -> Iterator[Running]:
-    """Serve while the block lasts."""
     its = Running()
 
     def work() -> None:
@@ -130,29 +130,25 @@ def test_with_a_key_a_restart_is_accepted_and_a_lost_file_is_not(release, config
             assert vehicle.action == 0.0
 
 
-def test_a_key_needs_a_place_for_what_outlives_a_restart(tmp_path):
+def test_a_key_needs_a_place_for_what_outlives_a_restart():
     with pytest.raises(ConfigError, match="--freshness FILE"):
         freshness_file(ProcessOptions(environment={}))
-    assert (
-        freshness_file(ProcessOptions(environment={"STATE_DIRECTORY": f"{tmp_path}:/b"})) == tmp_path / "freshness.json"
-    )
-    assert freshness_file(ProcessOptions(freshness=Path("x"), environment={"STATE_DIRECTORY": "/b"})) == Path("x")
+    state = {"STATE_DIRECTORY": "/a:/b"}
+    assert freshness_file(ProcessOptions(environment=state)) == Path("/a/freshness.json")
+    assert freshness_file(ProcessOptions(freshness=Path("x"), environment=state)) == Path("x")
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
-    [
-        ({"bus": BusConfig()}, BusError, "in virtual time, without real devices"),
-        ({"bus": BusConfig(interface="socketcan", channel="no-such0")}, BusError, "socketcan 'no-such0'"),
-        ({"flow": replace(Config().flow, control_period=0.1)}, BundleError, "another control period: 0.2"),
-        ({"ecu": EcuConfig(step_offset_ms=25.0)}, ConfigError, "ecu.step_offset_ms = 25"),
-    ],
-)
-def test_what_cannot_run_is_refused_before_a_frame_is_sent(release, config, change, error, words):
+def test_what_cannot_run_is_refused_before_a_frame_is_sent(release, config):
     with PythonCanBus.open(config.bus) as bus:
-        with pytest.raises(error, match=words):
-            run(release, replace(config, **change), is_stopped=lambda: True)
-        assert bus.receive_all() == []
+        for change, error, words in (
+            ({"bus": BusConfig()}, BusError, "in virtual time, without real devices"),
+            ({"bus": BusConfig(interface="socketcan", channel="no-such0")}, BusError, "socketcan 'no-such0'"),
+            ({"flow": replace(Config().flow, control_period=0.1)}, BundleError, "another control period: 0.2"),
+            ({"ecu": EcuConfig(step_offset_ms=25.0)}, ConfigError, "ecu.step_offset_ms = 25"),
+        ):
+            with pytest.raises(error, match=words):
+                run(release, replace(config, **change), is_stopped=lambda: True)
+            assert bus.receive_all() == []
 
 
 def test_whatever_ends_it_the_jets_are_shut(release, config):

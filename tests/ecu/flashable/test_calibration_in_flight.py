@@ -72,7 +72,6 @@ def packets(rig: Rig) -> list[bytes]:
 
 
 def ask_xcp(rig: Rig, command: bytes) -> bytes:
-    """The answer within the millisecond."""
     before = len(packets(rig))
     rig.extra = [Frame(frame_id=COMMAND_ID, data=command.ljust(8, b"\x00"))]
     rig.millisecond()

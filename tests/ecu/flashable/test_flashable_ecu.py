@@ -10,13 +10,12 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.secoc.key import read_key, write_key
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.services import S3_MS
-from can_bridge.wire.message_specs import ECU_STATUS, FRESHNESS_LENGTH, JET_COMMAND, JET_COMMAND_SECURED
+from can_bridge.wire.message_specs import FRESHNESS_LENGTH, JET_COMMAND, JET_COMMAND_SECURED
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release.image import files_of
 from contract.release.manifest import MANIFEST, open_manifest
-from ecu.stepped import SteppedEcu
 from tests.ecu.flashable.vehicle_ecu import ACTIVATE, CONFIRM_ROUTINE, SELF_TEST, Rig, image, provision
 
 
@@ -25,7 +24,7 @@ def hash_of(raw: bytes) -> int:
 
 
 @pytest.mark.slow
-def test_without_a_release_it_reports_that_and_can_be_flashed(tmp_path: Path) -> None:
+def test_without_a_release_it_reports_that_and_one_is_written_tried_and_confirmed(tmp_path: Path) -> None:
     provision(tmp_path / "ecu", None)
     rig = Rig(tmp_path / "ecu")
     rig.programming()
@@ -38,37 +37,23 @@ def test_without_a_release_it_reports_that_and_can_be_flashed(tmp_path: Path) ->
     assert (last.state, last.reason, last.bundle_hash) == (Mode.FAULT, Reason.NO_RELEASE, 0)
     assert {(c.enable, c.flow_m2_per_s, c.mode) for c in rig.commands} == {(False, 0.0, Mode.FAULT)}
     # A request does not prevent it: there is nothing to interrupt. It does once a release runs.
-    rig.start(image("first"))
-    assert (Mode.OFF, Reason.UPDATING) in {(status.state, status.reason) for status in rig.statuses}
+    assert rig.write(image("first")) is Verdict.GOOD
+    # While it is written, and until the reset, the mode is UPDATE.
+    assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
+    rig.good(ACTIVATE)
+    assert rig.statuses[-1].bundle_hash == 0
+    rig.reset()
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    assert rig.statuses[-1].reason is not Reason.UPDATING
     rig.request = False
     rig.run(1100)
     rig.programming()
     rig.good(SELF_TEST)
     rig.good(CONFIRM_ROUTINE)
-    rig.run(100)
-    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
-    assert rig.log.names()[0] == "no_release"
-
-
-@pytest.mark.slow
-def test_a_release_is_written_tried_and_confirmed(rig: Rig) -> None:
-    rig.run(50)
-    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
-    assert rig.write(image("second")) is Verdict.GOOD
-    # While it is written, and until the reset, the mode is UPDATE.
-    assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
-    rig.good(ACTIVATE)
-    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
-    rig.reset()
-    assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
-    assert rig.statuses[-1].reason is not Reason.UPDATING
-    rig.programming()
-    rig.good(SELF_TEST)
-    rig.good(CONFIRM_ROUTINE)
     rig.power_on()
     rig.run(50)
-    assert rig.statuses[-1].bundle_hash == hash_of(image("second"))
-    order = ["booted", "session", "unlocked", "update", "checked", "activated", "trial", "confirmed", "booted"]
+    assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
+    order = ["no_release", "session", "unlocked", "update", "checked", "activated", "trial", "confirmed", "booted"]
     names = iter(rig.log.names())
     assert all(name in names for name in order), rig.log.names()
 
@@ -130,17 +115,6 @@ def test_with_a_key_no_freshness_comes_twice_over_resets_and_releases(tmp_path: 
     assert rig.ecu.resets == 1
     assert values == list(range(values[0], values[0] + len(values)))
     assert values[0] == 7 << 32
-
-
-def test_it_steps_like_any_ecu(rig: Rig) -> None:
-    ecu: SteppedEcu = rig.ecu
-    power_on, frames = ecu.state, [rig.pressure(False)]
-    sent = ecu.step(1_000_000, frames)
-    assert [frame.frame_id for frame in sent] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
-    assert ecu.state != power_on
-    assert ecu.status().bundle_hash == hash_of(image("first"))
-    ecu.restore(power_on)
-    assert ecu.step(1_000_000, frames) == sent
 
 
 def test_a_reset_leaves_nothing_behind_where_the_collector_is_off(rig: Rig) -> None:

@@ -71,30 +71,26 @@ def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_a_release_for_another_vehicle_is_refused(tmp_path: Path) -> None:
-    provision(tmp_path / "ecu", image("first"))
-    rig = Rig(tmp_path / "ecu")
+def test_a_release_for_another_vehicle_is_refused(rig: Rig) -> None:
     assert rig.write(image("second", control_period=0.1)) is Verdict.WRONG_PERIOD
-    rig.reset()
-    assert rig.write(image("second", action_limit=0.2)) is Verdict.WRONG_VEHICLE
-    # One whose graph has other sizes than its manifest states.
-    rig = Rig(tmp_path / "ecu", controller_of=OnnxController.of)
-    assert rig.write(image("second", window=33)) is Verdict.DAMAGED
-    # One whose estimator is no estimator.
     fit, bundle = VehicleFit(Config(), OnnxController.of), shipped()
     assert fit.fits(bundle) is Verdict.GOOD
+    other = replace(bundle, manifest=replace(bundle.manifest, action_limit=0.2), digest="1")
+    assert fit.fits(other) is Verdict.WRONG_VEHICLE
+    # One whose graph has other sizes than its manifest states, and one whose estimator is no estimator.
+    wider = replace(bundle, manifest=replace(bundle.manifest, window=33), digest="2")
     files = {**bundle.files, ESTIMATOR: bundle.files[CONTROLLER]}
-    assert fit.fits(replace(bundle, files=files, digest="1")) is Verdict.DAMAGED
+    for damaged in (wider, replace(bundle, files=files, digest="3")):
+        assert fit.fits(damaged) is Verdict.DAMAGED
 
 
 def test_a_controller_is_made_once_for_check_and_boot(bundle_of) -> None:
-    made: list[str] = []
+    made: list[RecordingController] = []
 
     def controller_of(bundle: Bundle) -> RecordingController:
-        made.append(bundle.digest)
-        return RecordingController()
+        made.append(RecordingController())
+        return made[-1]
 
     fit, bundle = VehicleFit(Config(), controller_of), bundle_of()
     assert fit.fits(bundle) is Verdict.GOOD
-    assert fit.controller(bundle) is fit.controller(bundle)
-    assert made == [bundle.digest]
+    assert fit.controller(bundle) is made[0] and len(made) == 1

@@ -57,8 +57,6 @@ def provision(folder: Path, first: bytes | None) -> FolderBacking:
 
 
 class Log(list[tuple[str, str, dict[str, Any]]]):
-    """What an ECU logs: event, line, fields."""
-
     def __call__(self, event: str, line: str, **fields: Any) -> None:
         self.append((event, line, fields))
 
@@ -99,7 +97,6 @@ class Rig(FlashingSteps):
         self.power_on()
 
     def power_on(self) -> None:
-        """As after a loss of power."""
         self.ecu = FlashableEcu(FolderBacking(self.folder), self.config, self.equipment, **self.others)
 
     def millisecond(self) -> None:
@@ -133,11 +130,10 @@ class Rig(FlashingSteps):
             self.millisecond()
 
     def into_control(self) -> None:
-        """Raise the request, and let the jets run."""
         self.request = False
         self.run(100)
         self.request = True
-        self.run(2000)
+        self.run(1300)
         assert self.statuses[-1].state is Mode.CONTROL
 
     def pressure(self, enable: bool) -> Frame:

@@ -45,7 +45,6 @@ class Exported:
     folder: Path
 
     def serving(self, speeds: SpeedRange) -> "Exported":
-        """The same release, as one that serves a range of speeds."""
         return replace(self, bundle=replace(self.bundle, manifest=replace(self.bundle.manifest, speeds=speeds)))
 
 
@@ -89,7 +88,6 @@ class Feed:
         return replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1])) if damaged else frame
 
     def speed(self, ratio: float, density: float | None = None) -> Frame:
-        """The speed of now, in design speeds."""
         speed = ratio * self.config.operating_point.speed
         message = VehicleSpeed(speed_m_per_s=speed, age_ns=0, density_kg_per_m3=density)
         return self._speed_sender.frame(self._speed.emit(message), now_ns=self.now_ns)

@@ -15,9 +15,8 @@ import typer
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, max_rss_kib, report
-from tests.proofs.ecu import wire_witness as wire
 from tests.proofs.ecu.hostile_world import RandomEvents, World
-from tests.proofs.ecu.promises import PROMISES
+from tests.proofs.ecu.promises import MODES, PROMISES
 
 SETTINGS: Final = {
     "as they are": EcuConfig(),
@@ -86,7 +85,7 @@ def summed(parts: list[Stretch]) -> dict[str, Any]:
         "violations": broken.total(),
         "exceptions": broken["exceptions"],
         "broken": {name: broken[name] for name in PROMISES},
-        "modes": {name: modes[name] for name in wire.MODES},
+        "modes": {name: modes[name] for name in MODES},
         "jets_driven": sum(one.driven for one in parts),
         "memory_first_kib": max(one.rss_kib for one in parts[: len(parts) // 10 + 1]),
         "memory_last_kib": max(one.rss_kib for one in parts),

@@ -9,7 +9,7 @@ periods and after a reset.
 from collections import deque
 from dataclasses import dataclass, replace
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,13 +17,52 @@ from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.e2e.profiles import PROFILE_5
 from can_bridge.wire.message_specs import PRESSURE
 from contract import sensors
+from contract.arrays import Array
 from contract.config.tree import Config
+from contract.controller.interface import FORCES, ControllerError, ControlStep
 from contract.release.checks import Bundle
 from ecu.ecu import Ecu
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.ecu.conftest import make_bundle
-from tests.proofs.ecu.hostile_controller import BAD, GOOD, HostileController
 from tests.proofs.ecu.promises import Delivered, EcuJudge, Seen, VehicleJudge
+
+GOOD: Final = ("swing", "small", "huge")
+"""Finite plans: from limit to limit and beyond, calm, and of 10^300 where a flow rate is still a number."""
+BAD: Final = ("nan", "inf", "overflow", "raise", "memory", "none", "short", "flat", "object", "forces", "write")
+"""No answer, or none that may drive a jet."""
+
+
+class HostileController:
+    """Does what it was prepared for; `called` tells whether a step was asked for since then."""
+
+    def __init__(self) -> None:
+        self._kept: list[Array] = []
+        self.prepare("small", 0.0)
+
+    def prepare(self, deed: str, value: float) -> None:
+        """For the next step: one of `GOOD` or `BAD`, and the action that is planned, in U_inf W."""
+        self._deed, self._value, self.called = deed, value, False
+
+    def control_step(self, window: Array, plan: Array, *given: Any, **named: Any) -> ControlStep:
+        """See `Controller`; it also spoils what it was given to read and write, and what it gave back before."""
+        self.called, deed = True, self._deed
+        for array in self._kept:
+            array[...] = np.nan
+        if deed in ("raise", "memory"):
+            raise ControllerError("no answer") if deed == "raise" else MemoryError
+        huge = 1e300 if self._value > 0 else -1e300
+        level = {"small": 0.2 * self._value, "huge": huge, "nan": np.nan, "inf": np.inf, "overflow": 1.7e308}
+        values, forces = np.full(len(plan), level.get(deed, self._value)), np.zeros((len(plan), FORCES))
+        wrong = {"short": values[:-1], "flat": np.zeros((len(plan), 2)), "object": values.astype(object)}
+        answer: Any = ControlStep(plan=wrong.get(deed, values), forces=forces, terms=np.zeros(8), cost=0.0)
+        plan[:] = 7.0
+        if deed == "forces":
+            forces[-1, -1] = np.nan
+        if deed == "write":
+            window.fill(0.0)  # read-only
+        self._kept = [values, forces]
+        return answer if deed != "none" else None  # type: ignore[return-value]
+
 
 NAMES: Final = ("upper_39", "lower_39", "base_0", "base_9")
 START_NS: Final = 10**12
@@ -38,15 +77,11 @@ class Events:
     """What happens in one control period.
 
     Attributes:
-        request: of the vehicle.
         pressure, command: fates of the two frames.
-        valid: all four transducers work.
         queued_ns: how long the pressure frame waited where its receiver knows of it.
         elapsed_ns: what the ECU's clock makes of the time since its step before.
-        steps: the ECU steps at all.
         bus_off: its CAN controller is; `unseen` if it has recovered before the step.
         deed, value: what the controller does, see `HostileController`.
-        reset_ecu, reset_vehicle: powered on again before it.
         chance: seed of where bits flip and which frame comes again.
     """
 
@@ -74,7 +109,6 @@ class Path:
         self._kept: deque[Delivered] = deque(maxlen=KEPT)
 
     def forget(self) -> None:
-        """No frame so far will be replayed."""
         self._kept.clear()
 
     def carried(self, item: Delivered | None, fate: str, period: int, rng: Random) -> list[Delivered]:
@@ -118,16 +152,8 @@ def _foreign(item: Delivered, rng: Random) -> Delivered:
 
 
 class World:
-    """Both nodes, and the two who judge them.
-
-    Args:
-        config: of both nodes.
-        judged_by: what they are held against; the same unless a test plants a fault in the settings.
-
-    Attributes:
-        seen: the latest period.
-        now_ns: the ECU's clock.
-    """
+    """Both nodes, and the two who judge them by `judged_by`, which is `config` unless a test plants a fault in the
+    settings. `seen` is the latest period, `now_ns` is of the ECU's clock."""
 
     def __init__(self, config: Config, judged_by: Config | None = None) -> None:
         self.config, self._bundle, self._controller = config, small_bundle(config), HostileController()
@@ -178,7 +204,6 @@ class World:
         return seen._replace(commands=commands, action=action), broken
 
     def _stepped(self, seen: Seen, events: Events, now_ns: int) -> Seen:
-        """With what the ECU received and answered."""
         self.now_ns = now_ns
         pressures, self._inbox = self._inbox, []
         before, count = self._health, self._health.bus_off + events.bus_off
@@ -208,15 +233,8 @@ PERIOD_NS: Final = 20_000_000
 
 
 class RandomEvents:
-    """Periods drawn from a seed: stretches of calm and of hostile times, with losses in bursts.
-
-    Args:
-        seed: of all that happens.
-        hostility: from 0 to 1, kept throughout; without, it changes.
-
-    Attributes:
-        hostility: at present.
-    """
+    """Periods drawn from a seed: stretches of calm and of hostile times, with losses in bursts. A stated hostility,
+    from 0 to 1, is kept throughout; otherwise it changes."""
 
     def __init__(self, seed: int | str, hostility: float | None = None) -> None:
         self._rng, self._request, self._fixed, self.hostility = Random(seed), False, hostility, hostility or 0.0

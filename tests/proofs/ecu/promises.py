@@ -2,18 +2,50 @@
 
 Judged from what went over the wire, when, and what the vehicle's jets did; range, rate and jets by the judge of every
 bench (`firmware_sim.bench.invariants`). Each holds for an ECU that plans ahead, whose commands the vehicle follows in
-the period after (`ecu.plan_ahead`), and for one that does not. Frames are read by cantools and autosar-e2e; limits are
-worked out here from the settings.
+the period after (`ecu.plan_ahead`), and for one that does not. Frames are read by cantools and autosar-e2e, from the
+DBC, and limits are worked out here from the settings: nothing of the ECU's own code has a part in it.
 """
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import Any, Final, NamedTuple
+
+from e2e.p05 import e2e_p05_check
 
 from can_bridge.wire.frame import Frame
 from contract.config.tree import Config
 from firmware_sim.bench.invariants import Commands, HeardCommand, Jets
-from tests.proofs.ecu import wire_witness as wire
+from tests.can_bridge.wire.described import DBC
+
+PRESSURE, COMMAND, STATUS = "Pressure", "JetCommand", "EcuStatus"
+
+
+@cache
+def message(name: str) -> Any:
+    return DBC.get_message_by_name(name)
+
+
+def is_sound(data: bytes, name: str) -> bool:
+    if len(data) != message(name).length:
+        return False
+    # autosar-e2e takes a mutable buffer only.
+    return bool(e2e_p05_check(bytearray(data), int(message(name).dbc.attributes["E2EDataID"].value)))
+
+
+def read(frame: Frame, name: str) -> dict[str, Any] | None:
+    """The signals of a sound frame of this message, in the DBC's units; None if it is none."""
+    if frame.frame_id != message(name).frame_id or not is_sound(frame.data, name):
+        return None
+    signals: dict[str, Any] = message(name).decode_simple(frame.data, decode_choices=False)
+    return signals
+
+
+MODES: Final = ("OFF", "WARMUP", "CONTROL", "HOLD", "DECAY", "FAULT")
+DRIVING: Final = (2, 3, 4)
+OFF, WARMUP, CONTROL, HOLD, DECAY, FAULT = range(6)
+"""As in the DBC's table of modes."""
+
 
 PROMISES: Final = {
     "exceptions": "no exception leaves the ECU's step or the vehicle's node",
@@ -47,12 +79,8 @@ PROMISES: Final = {
 
 
 class Delivered(NamedTuple):
-    """A frame as it came out of the bus, and the truth behind it.
-
-    Attributes:
-        frame: with the receiver's time.
-        sampled: period in which the vehicle sampled the pressures behind it; None if it never did.
-    """
+    """A frame as it came out of the bus, with its receiver's time, and the period in which the vehicle sampled the
+    pressures behind it; None if it never did."""
 
     frame: Frame
     sampled: int | None
@@ -62,16 +90,12 @@ class Seen(NamedTuple):
     """One control period, as somebody sees it who watches the wires.
 
     Attributes:
-        request: of the vehicle.
-        reset_vehicle: powered on again before it.
         now_ns: of the ECU's step; None if it did not step.
         pressures: what the ECU received since its step before.
-        answers: what it sent.
         bus_off: its CAN controller is, or was since the step before.
         bad_answer: its controller gave no finite plan in this step.
         commands: what the vehicle received, with what they rest on.
         action: of the jets, U_inf W.
-        error: what left one of the two as an exception.
     """
 
     period: int
@@ -97,11 +121,7 @@ class Used(NamedTuple):
 
 
 class EcuJudge:
-    """What the ECU promises; `judge` each of its steps.
-
-    Attributes:
-        used: the frame that the latest command rests on.
-    """
+    """What the ECU promises; `judge` each of its steps. The latest command rests on the frame `used`."""
 
     def __init__(self, config: Config) -> None:
         ecu, self._config, self._period_ns = config.ecu, config, config.period_ns
@@ -113,9 +133,8 @@ class EcuJudge:
         self.reset()
 
     def reset(self) -> None:
-        """After a power-on."""
         self.used: Used | None = None
-        self._commands, self._mode = Commands(self._config), wire.OFF
+        self._commands, self._mode = Commands(self._config), OFF
         self._step_ns: int | None = None
         self._counter = 0
         self._counts: dict[str, int] = dict.fromkeys(_COUNTS, 0)
@@ -145,21 +164,21 @@ class EcuJudge:
         self._raised |= self._low_since_power_on and any(item["EnableRequest"] for item in sound)
 
         before, share = self._commands.flow, self._share(elapsed_ns)
-        broken = self._commands.broken(flow, enable=enable, drives=mode in wire.DRIVING, share=share)
+        broken = self._commands.broken(flow, enable=enable, drives=mode in DRIVING, share=share)
         yield from (_OF_INVARIANTS[name] for name, _ in broken)
         if enable and (now_ns < 0 or (elapsed_ns is not None and elapsed_ns <= 0)):
             yield "clock"
         if enable and seen.bus_off:
             yield "bus-off"
-        if seen.bad_answer and (enable or mode != wire.FAULT):
+        if seen.bad_answer and (enable or mode != FAULT):
             yield "controller"
-        if enable and mode == wire.CONTROL and not any(item.request for item in named):
+        if enable and mode == CONTROL and not any(item.request for item in named):
             yield "fresh pressures"
-        if enable and mode in (wire.HOLD, wire.DECAY) and not self._holds(command, now_ns, before, share):
+        if enable and mode in (HOLD, DECAY) and not self._holds(command, now_ns, before, share):
             yield "held pressures"
         if self._too_many_lost(mode, missing=not candidates):
             yield "loss limits"
-        left_fault = self._mode == wire.FAULT and mode != wire.FAULT
+        left_fault = self._mode == FAULT and mode != FAULT
         if left_fault and not (raised and self._low_since_fault and self._good >= self._rearm):
             yield "re-arming"
         if enable and not self._raised:
@@ -171,13 +190,13 @@ class EcuJudge:
 
         low = any(not item["EnableRequest"] for item in sound)
         self._low_since_power_on |= low
-        self._low_since_fault = mode == wire.FAULT and ((self._low_since_fault and self._mode == wire.FAULT) or low)
+        self._low_since_fault = mode == FAULT and ((self._low_since_fault and self._mode == FAULT) or low)
         self._mode, self._step_ns = mode, now_ns
 
     def _messages(self, answers: Sequence[Frame]) -> tuple[dict[str, Any], dict[str, Any]] | None:
         if len(answers) != 2:
             return None
-        command, status = wire.read(answers[0], wire.COMMAND), wire.read(answers[1], wire.STATUS)
+        command, status = read(answers[0], COMMAND), read(answers[1], STATUS)
         if command is None or status is None:
             return None
         counter, self._counter = self._counter, (self._counter + 1) % 256
@@ -188,7 +207,7 @@ class EcuJudge:
         """The signals of sound frames, and which of them a command may rest on."""
         sound, candidates = [], []
         for item in pressures:
-            signals = wire.read(item.frame, wire.PRESSURE)
+            signals = read(item.frame, PRESSURE)
             if signals is None:
                 continue
             sound.append(signals)
@@ -207,7 +226,7 @@ class EcuJudge:
             return False
         if command["PressureCounter"] != self.used.counter or not 0 <= now_ns - self.used.sampled_ns <= self._held_ns:
             return False
-        target = before if command["Mode"] == wire.HOLD else 0.5 * before
+        target = before if command["Mode"] == HOLD else 0.5 * before
         if abs(target - before) <= self._commands.reach(share) - self._quantum:
             return bool(abs(command["Flow"] - target) <= self._quantum)
         # In a step that came early even the way towards zero is limited.
@@ -215,7 +234,7 @@ class EcuJudge:
         return bool(low - self._quantum <= command["Flow"] <= high + self._quantum)
 
     def _too_many_lost(self, mode: int, *, missing: bool) -> bool:
-        wanted = mode in (wire.WARMUP, *wire.DRIVING)
+        wanted = mode in (WARMUP, *DRIVING)
         if not wanted:
             self._lost.clear()
             return False
@@ -234,13 +253,13 @@ _COUNTS: Final = ("Missed", "Overruns", "CrcErrors", "Refused", "BusOff")
 
 def _has_its_reason(mode: int, *, enable: bool, reason: int) -> bool:
     """NONE is 0, NOT_AUTHENTIC 8, NOT_ARMED 11."""
-    if mode == wire.FAULT:
+    if mode == FAULT:
         return reason not in (0, 11)
-    if mode == wire.OFF:
+    if mode == OFF:
         return reason in (0, 8, 11)
-    if mode == wire.CONTROL:
+    if mode == CONTROL:
         return (reason == 0) == enable
-    return mode == wire.WARMUP or reason != 0
+    return mode == WARMUP or reason != 0
 
 
 class VehicleJudge:
@@ -259,7 +278,7 @@ class VehicleJudge:
         yield from (_OF_INVARIANTS[name] for name, _ in self._jets.broken(seen.action))
 
     def _read(self, item: Delivered, period: int) -> HeardCommand | None:
-        command = wire.read(item.frame, wire.COMMAND)
+        command = read(item.frame, COMMAND)
         if command is None:
             return None
         # Counters start from 0 with the vehicle: an echo of the time before may name one of its first frames by chance.
@@ -268,8 +287,8 @@ class VehicleJudge:
         echoes = command["PressureCounterValid"] and item.sampled is not None
         return HeardCommand(
             counter=command["E2E_Counter"],
-            wanted=command["Mode"] not in (wire.OFF, wire.FAULT),
-            drives=command["Enable"] and command["Mode"] in wire.DRIVING,
+            wanted=command["Mode"] not in (OFF, FAULT),
+            drives=command["Enable"] and command["Mode"] in DRIVING,
             in_time=bool(echoes) and item.sampled is not None and period - item.sampled <= oldest,
         )
 

@@ -66,7 +66,7 @@ def test_nothing_is_broken_as_it_is():
             assert broken_in(World(Config(ecu=settings)), story) == set(), (name, story)
         for hostility in (0.03, 0.3):
             world, events = World(Config(ecu=settings)), RandomEvents(1, hostility)
-            for _ in range(75):
+            for _ in range(40):
                 assert world.period(events.next(world.now_ns)) == [], (name, hostility, world.seen)
     assert broken_in(World(CONFIG), HALF_LOST) == set()
 
@@ -99,7 +99,6 @@ def no_gate(flow_m2_per_s, *, enable, **others):
 
 
 def status_with(change):
-    """The ECU's status of a changed state."""
     return EcuState, "status", lambda self, bundle, status=EcuState.status: status(change(self), bundle)
 
 

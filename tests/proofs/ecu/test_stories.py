@@ -11,8 +11,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from tests.examples import examples
-from tests.proofs.ecu.hostile_controller import BAD, GOOD
-from tests.proofs.ecu.hostile_world import FATES, JUMPS_NS, QUEUED_NS, UNEVEN_NS, Events, World
+from tests.proofs.ecu.hostile_world import BAD, FATES, GOOD, JUMPS_NS, QUEUED_NS, UNEVEN_NS, Events, World
 
 ODD: dict[str, st.SearchStrategy[Any]] = {
     **dict.fromkeys(("pressure", "command"), st.sampled_from(FATES)),

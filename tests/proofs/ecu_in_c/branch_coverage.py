@@ -25,12 +25,8 @@ EXCLUDED: Final = {
 
 
 class Coverage(NamedTuple):
-    """What was found.
-
-    Attributes:
-        covered, branches: taken, and all of them.
-        missed: places with a branch that is never taken, `file:line: text`, and what `EXCLUDED` has without need.
-    """
+    """Branches that are taken, all of them, and the places with a branch that is never taken, `file:line: text`, with
+    what `EXCLUDED` has without need."""
 
     covered: int
     branches: int
@@ -42,7 +38,6 @@ class Coverage(NamedTuple):
 
 
 def is_possible() -> bool:
-    """Whether gcc and gcovr are here."""
     try:
         subprocess.run(["gcc", "--version"], capture_output=True, check=True)
     except OSError:
@@ -53,14 +48,9 @@ def is_possible() -> bool:
 def replay_program(
     name: str, folder: Path, flags: Sequence[str], contents: Mapping[str, bytes] | None = None
 ) -> tuple[Path, Path]:
-    """A program that lives through recorded periods of a variant, and its file of what is compared.
-
-    The ECU's sources stand in `folder`/src for all variants, so that what is found of them can be added up; the headers
-    of each variant stand in a folder of its own.
-
-    Raises:
-        LibraryError: the compiler does not take them.
-    """
+    """A program that lives through recorded periods of a variant, and its file of what is compared. The ECU's sources
+    stand in `folder`/src for all variants, so that what is found of them can be added up; the headers of each variant
+    stand in a folder of its own."""
     contents = sources(VARIANTS[name]) if contents is None else contents
     common, own = folder / "src", folder / name.replace(" ", "_").replace(",", "")
     common.mkdir(exist_ok=True)
@@ -80,7 +70,6 @@ def replay_program(
 
 
 def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Coverage:
-    """Branches taken by recordings, by variant."""
     for name, items in recordings.items():
         program, compared = replay_program(name, folder, ("-O0", "--coverage"))
         for item in items:

@@ -27,13 +27,7 @@ CHUNK: Final = 1_000
 
 @dataclass(frozen=True, kw_only=True)
 class Mismatch:
-    """The first period in which the two ECUs differ, and how to see it again.
-
-    Attributes:
-        variant, seed: of the stretch.
-        period: its number in there, from 0.
-        fields: in which they differ, with both values.
-    """
+    """The first period in which the two ECUs differ, and the fields in which they do, with both values."""
 
     variant: str
     seed: str
@@ -47,13 +41,7 @@ class Mismatch:
 
 @dataclass(frozen=True, kw_only=True)
 class Stretch:
-    """What one stretch came to.
-
-    Attributes:
-        steps: lived through by both.
-        mismatch: the first, at which it ended; None without.
-        modes: periods in each operating mode, by its name.
-    """
+    """Steps lived through by both, the first mismatch, at which it ended, and periods in each operating mode."""
 
     steps: int
     mismatch: Mismatch | None
@@ -61,12 +49,10 @@ class Stretch:
 
 
 def build(name: str, folder: Path) -> Library:
-    """The library of a variant, compiled."""
     return Library(sources(VARIANTS[name]), folder / f"{name.replace(' ', '_').replace(',', '')}.so")
 
 
 def traffic(name: str, seed: str, horizon: int) -> Iterator[Period]:
-    """The periods of a stretch, without end."""
     source = Traffic(VARIANTS[name], horizon, f"{name} {seed}")
     while True:
         yield source.next()

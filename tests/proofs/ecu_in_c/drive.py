@@ -14,16 +14,8 @@ from tests.proofs.ecu_in_c.variants import SPEEDS
 
 
 class Drive:
-    """A vehicle with a release that serves a range of speeds.
-
-    Args:
-        config: of the vehicle.
-        rng: chance.
-
-    Attributes:
-        ratio: the speed, in design speeds.
-        density: of the air in kg/m3.
-    """
+    """A vehicle with a release that serves a range of speeds; `ratio` is its speed in design speeds, `density` that of
+    the air in kg/m3."""
 
     def __init__(self, config: Config, rng: Random) -> None:
         self._rng, self._message, self._settings = rng, message_set(config.bus).speed, config.ecu.speed
@@ -35,11 +27,9 @@ class Drive:
 
     @property
     def dynamic_pressure(self) -> float:
-        """Pa at Cp = 1."""
         return 0.5 * self.density * (self.ratio * self._design.speed) ** 2
 
     def move(self, odd: float) -> None:
-        """One period."""
         rng = self._rng
         if rng.random() < 0.03:
             inside = rng.uniform(SPEEDS.slowest, SPEEDS.fastest)
@@ -78,7 +68,6 @@ class Drive:
 
 
 def oldest_ns(oldest_ms: float) -> int:
-    """The largest age that is believed."""
     return round(oldest_ms * 1e6)
 
 

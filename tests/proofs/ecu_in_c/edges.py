@@ -20,7 +20,7 @@ from ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
 from ecu.controller_memory import DelayLine
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
-from ecu.other_ecu import SILENCE_NS, OtherEcu
+from ecu.pressure_reception import SILENCE_NS, OtherEcu
 from ecu.timing import LATEST_NS
 from tests.proofs.ecu_in_c.drive import edges, oldest_ns
 
@@ -29,12 +29,7 @@ LARGEST: Final = 2**32 - 1
 
 
 class Edges:
-    """Moves states to where something changes.
-
-    Args:
-        config: of the vehicle.
-        rng: chance.
-    """
+    """Moves states to where something changes."""
 
     def __init__(self, config: Config, rng: Random) -> None:
         self._config, self._rng = config, rng
@@ -66,12 +61,10 @@ class Edges:
         return max(least, value + self._rng.randrange(-2, 3))
 
     def _bits(self, length: int, count: int) -> int:
-        """So many bits set, or one more or less, of the latest."""
         count = max(0, min(length, self._around(count)))
         return sum(1 << place for place in self._rng.sample(range(length), count))
 
-    def _fail_safe(self, state: EcuState, now_ns: int) -> EcuState:
-        del now_ns
+    def _fail_safe(self, state: EcuState, _: int) -> EcuState:
         rng, ecu = self._rng, self._config.ecu
         # At power-on the request may rise long before pressures are usable; no loss is counted before it does.
         mode = OperatingMode.INIT if rng.random() < 0.15 else rng.choice(list(OperatingMode))
@@ -87,13 +80,11 @@ class Edges:
         )
         return replace(state, fail_safe=changed)
 
-    def _receiver(self, state: EcuState, now_ns: int) -> EcuState:
-        del now_ns
+    def _receiver(self, state: EcuState, _: int) -> EcuState:
         return replace(state, pressures=self._received(state.pressures))
 
-    def _authentication(self, state: EcuState, now_ns: int) -> EcuState:
+    def _authentication(self, state: EcuState, _: int) -> EcuState:
         """Counts at their ends, and a freshness next to the latest frames'."""
-        del now_ns
         rng, ends = self._rng, (0, LARGEST - 1, LARGEST)
         freshness = Freshness(trip=rng.choice((1, state.freshness.trip, LARGEST)), count=rng.choice((1, *ends)))
         speed = replace(state.speed, verifier=self._verifier(state.speed.verifier))
@@ -138,9 +129,8 @@ class Edges:
         frames = self._rng.choice((1, LARGEST - 1, LARGEST))
         return replace(state, other_ecu=OtherEcu(frames=frames, until_ns=until_ns))
 
-    def _benefit(self, state: EcuState, now_ns: int) -> EcuState:
+    def _benefit(self, state: EcuState, _: int) -> EcuState:
         """Means whose difference is about what control has to gain, shortly before a verdict."""
-        del now_ns
         rng, check = self._rng, self._config.ecu.benefit_check
         resting, swing = rng.choice((0.7, 1.1, -0.3, 0.0)), rng.choice((0.0, 0.5, 1.2))
         judged_by = rng.choice((1.0, resting))
@@ -179,8 +169,7 @@ class Edges:
             moved = self._speed(moved, now_ns)
         return self._memory(self._pressures(moved, now_ns), now_ns)
 
-    def _memory(self, state: EcuState, now_ns: int) -> EcuState:
-        del now_ns
+    def _memory(self, state: EcuState, _: int) -> EcuState:
         rng, ecu, limit = self._rng, self._config.ecu, self._limits.flow_m2_per_s
         step = self._limits.step_m2_per_s
         flows = (0.0, limit, -limit, step, -step, limit - step, rng.uniform(-limit, limit))
@@ -220,8 +209,7 @@ class Edges:
             pressure_counter=rng.randrange(self._counters) if known else None,
         )
 
-    def _counts(self, state: EcuState, now_ns: int) -> EcuState:
-        del now_ns
+    def _counts(self, state: EcuState, _: int) -> EcuState:
         rng = self._rng
         ends: tuple[Any, ...] = (0, 62, 63, 64, 0xFFFE, 0xFFFF, LARGEST - 1, LARGEST)
         return replace(

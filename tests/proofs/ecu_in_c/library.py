@@ -27,7 +27,6 @@ FRAMES: Final = 10
 
 
 def ecu_files() -> dict[str, bytes]:
-    """Sources and headers of the ECU, without its networks."""
     step = library.static_sources("float32")
     found = c_sources.control_sources() | {
         name: step[name] for name in ("stillwake.h", "sw_compiler.h", "sw_program.h")
@@ -36,7 +35,6 @@ def ecu_files() -> dict[str, bytes]:
 
 
 def sources(config: Config) -> dict[str, bytes]:
-    """All files of the library for one vehicle."""
     bundle = bundle_of(config)
     manifest = bundle.manifest
     sizes = {"SW_WINDOW": manifest.window, "SW_SENSORS": len(manifest.sensors), "SW_HORIZON": manifest.mpc.horizon}
@@ -58,13 +56,8 @@ class Leaf(NamedTuple):
 
 
 class Layout:
-    """How periods lie in memory in one library.
-
-    Attributes:
-        structs: of the ECU.
-        leaves: of a response.
-        compared: a byte for each of a response, 1 where a leaf lies and 0 in between.
-    """
+    """How periods lie in memory in one library: the ECU's structs, the leaves of a response, and a byte for each of its
+    bytes, 1 where a leaf lies and 0 in between."""
 
     def __init__(self, contents: Mapping[str, bytes]) -> None:
         self.structs = Structs(contents, compiler.host_compiler(), header=TWIN)
@@ -76,7 +69,6 @@ class Layout:
         self.compared = bytes(compared)
 
     def periods(self, count: int) -> Any:
-        """Room for so many, all zeros."""
         return self.ffi.new("twin_period[]", count)
 
     def differences(self, expected: Any, found: Any) -> list[str]:
@@ -109,16 +101,7 @@ def _listed(value: Any) -> Any:
 
 
 class Library:
-    """One library of the ECU in C, compiled and loaded, and one ECU in it.
-
-    Args:
-        contents: its files.
-        output: the shared library.
-        flags: for the compiler.
-
-    Raises:
-        LibraryError: the compiler does not take the files.
-    """
+    """One library of the ECU in C, compiled and loaded, and one ECU in it."""
 
     def __init__(self, contents: Mapping[str, bytes], output: Path, *, flags: Sequence[str] = SHARED) -> None:
         compiler.compile_c(contents, output, compiler=compiler.host_compiler(), flags=flags)

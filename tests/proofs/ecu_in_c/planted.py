@@ -7,14 +7,8 @@ from typing import Final, NamedTuple
 
 
 class Planted(NamedTuple):
-    """A fault.
-
-    Attributes:
-        what: is wrong.
-        variant: of the vehicle in which it can be seen.
-        file: of the source.
-        old, new: text in it; the old one stands there once.
-    """
+    """A fault: what is wrong, the vehicle's variant in which it can be seen, and the text of a source, which stands
+    there once, with what stands there instead."""
 
     what: str
     variant: str
@@ -23,7 +17,6 @@ class Planted(NamedTuple):
     new: str
 
     def into(self, sources: Mapping[str, bytes]) -> dict[str, bytes]:
-        """The sources with it; raises ValueError if they no longer have the place."""
         return changed(sources, self.file, self.old, self.new)
 
 

@@ -68,7 +68,6 @@ def ecu_in_c(
 
 
 def sources_hash() -> str:
-    """Hash of all that is compared, in C."""
     everything = hashlib.sha256()
     for config in VARIANTS.values():
         for name, content in sorted(sources(config).items()):
@@ -85,14 +84,12 @@ def _lived_through(part: range, *, seed: int) -> campaign.Stretch:
 
 @cache
 def _library(name: str) -> Library:
-    """One for each process."""
     with tempfile.TemporaryDirectory() as folder:
         # Once it is loaded, the file is not needed any more.
         return campaign.build(name, Path(folder))
 
 
 def sharpness(scratch: Path) -> dict[str, Any]:
-    """Planted faults, branches, mutants and deviations from MISRA C."""
     recordings = {
         name: [campaign.recording(name, seed, TRIED, _library(name).layout) for seed in SEEDS]
         for name in track(VARIANTS, "recordings", "variants")
@@ -107,11 +104,7 @@ def sharpness(scratch: Path) -> dict[str, Any]:
             "branches_missed": coverage.missed,
         }
     tried = mutants.tried(recordings, scratch)
-    figures |= {
-        "mutants": tried.mutants,
-        "survivors": len(tried.survivors),
-        "survivors_unexplained": tried.unexplained,
-    }
+    figures |= {"mutants": tried.mutants, "survivors": len(tried.survivors), "survivors_unexplained": tried.unexplained}
     if misra.cppcheck() is not None:
         deviations = misra.deviations()
         figures |= {

@@ -19,7 +19,7 @@ from contract.errors import ConfigError
 from ecu.calibrating import limits_of
 from ecu.ecu import Ecu
 from ecu.ecu_state import EcuState
-from ecu.in_c.c_structs import c_time
+from ecu.in_c.c_structs import c_time, fill_frame
 from ecu.sensor_check import SensorCheck
 from tests.proofs.ecu_in_c.library import Layout
 from tests.proofs.ecu_in_c.variants import authentication_of, bundle_of
@@ -29,14 +29,8 @@ HYPOTHESES = Hypotheses.of(4)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Answers:
-    """What the networks answer in one period, if they are asked. Any number may be NaN or infinite.
-
-    Attributes:
-        plan: (H,) float32.
-        forces: (H, 2) float32.
-        estimates: (V, S), finite.
-        is_planned: False if the control step has no answer.
-    """
+    """What the networks answer in one period, if they are asked: plan (H,) and forces (H, 2) in float32, estimates (V,
+    S), and whether the control step has an answer. Numbers may be NaN or infinite, but for estimates."""
 
     plan: Array
     forces: Array
@@ -46,17 +40,8 @@ class Answers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Period:
-    """What comes to an ECU in one control period, from outside and from its networks.
-
-    Attributes:
-        now_ns: time of the step.
-        frames: received, oldest first.
-        health, fault, updating: as in `Ecu.step`.
-        answers: of the networks.
-        restarts: power-on before it.
-        loads: a state to start from instead.
-        calibration: other values before it, within the limits or not.
-    """
+    """What comes to an ECU in one control period, from outside and from its networks; before it a power-on, a state
+    that is loaded, or other values of the calibration, within the limits or not."""
 
     now_ns: int
     frames: list[Frame]
@@ -78,7 +63,6 @@ class Networks:
     estimated_on: list[Array] = field(default_factory=list)
 
     def prepare(self, answers: Answers) -> None:
-        """For the next period."""
         self.answers = answers
         self.planned_on.clear()
         self.estimated_on.clear()
@@ -92,7 +76,6 @@ class Networks:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """See `Controller`."""
         assert weights is not None and limit is not None
         self.planned_on.append((window, plan, free, weights, np.array([speed, limit])))
         if not self.answers.is_planned:
@@ -100,7 +83,6 @@ class Networks:
         return ControlStep(plan=self.answers.plan, forces=self.answers.forces, terms=np.zeros(len(TERMS)), cost=0.0)
 
     def estimates(self, window: Array) -> Array:
-        """See `EstimatorModel`."""
         self.estimated_on.append(window.copy())
         return self.answers.estimates
 
@@ -161,46 +143,30 @@ class PythonTwin:
             item.id = self._pressure_id
         given = place.answers
         given.is_planned = answers.is_planned
-        copy(ffi, given.plan, answers.plan.astype(np.float32))
-        copy(ffi, given.forces, answers.forces.astype(np.float32))
-        copy(ffi, given.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
+        structs.copy(given.plan, answers.plan.astype(np.float32))
+        structs.copy(given.forces, answers.forces.astype(np.float32))
+        structs.copy(given.estimates, answers.estimates[HYPOTHESES.view, np.arange(4)])
         if period.restarts or period.loads is not None:
             structs.set_state(ffi.addressof(place, "before"), period.loads or self.power_on)
 
     def _expect(self, sent: list[Frame], place: Any) -> None:
-        ffi, trace, networks = self.layout.ffi, self.ecu.trace, self.networks
+        structs, trace, networks = self.layout.structs, self.ecu.trace, self.networks
         place.sent = len(sent)
         for item, frame in zip(place.frames, sent, strict=False):
             fill_frame(item, frame)
         place.trace.action, place.trace.planned = trace.action, trace.forces is not None
         place.trace.interventions = trace.interventions.value
-        self.layout.structs.set_state(ffi.addressof(place, "state"), self.ecu.state)
+        structs.set_state(structs.ffi.addressof(place, "state"), self.ecu.state)
         place.plans_asked, place.estimates_asked = len(networks.planned_on), len(networks.estimated_on)
         for window, plan, free, weights, (speed, limit) in networks.planned_on:
             asked = place.planned_on
             for member, values in ((asked.window, window), (asked.plan, plan), (asked.free, free)):
-                copy(ffi, member, values.astype(np.float32))
-            copy(ffi, asked.weights, weights.astype(np.float32))
+                structs.copy(member, values.astype(np.float32))
+            structs.copy(asked.weights, weights.astype(np.float32))
             asked.speed, asked.limit = float(speed), float(limit)
         for window in networks.estimated_on:
-            copy(ffi, place.estimated_on, window)
+            structs.copy(place.estimated_on, window)
 
 
 def silent(horizon: int) -> Answers:
-    """Networks that answer zeros."""
     return Answers(plan=np.zeros(horizon), forces=np.zeros((horizon, FORCES)), estimates=np.zeros((34, 4)))
-
-
-def copy(ffi: Any, member: Any, values: Array) -> None:
-    """An array's bytes into one of C."""
-    content = np.ascontiguousarray(values)
-    assert content.nbytes == ffi.sizeof(member), (content.nbytes, ffi.sizeof(member))
-    ffi.memmove(member, content, content.nbytes)
-
-
-def fill_frame(place: Any, frame: Frame) -> None:
-    """Into a `sw_frame`."""
-    place.timestamp_ns = c_time(frame.timestamp_ns)
-    place.id, place.is_extended, place.is_fd = frame.frame_id, frame.is_extended, frame.is_fd
-    place.length = len(frame.data)
-    place.data[0 : len(frame.data)] = frame.data

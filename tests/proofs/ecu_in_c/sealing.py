@@ -13,23 +13,16 @@ _ANOTHER = Key(bytes(range(2, 18)))
 
 
 class Sealing:
-    """Freshness and MAC for the frames of one sender; nothing without a key.
-
-    Args:
-        config: of the vehicle.
-        rng: chance.
-    """
+    """Freshness and MAC for the frames of one sender; nothing without a key."""
 
     def __init__(self, config: Config, rng: Random) -> None:
         self._is_keyed, self._rng = bool(config.bus.key), rng
         self._freshness, self._sent = Freshness(trip=6), list[Frame]()
 
     def restart(self) -> None:
-        """Begin the sender's next power cycle."""
         self._freshness = Freshness(trip=self._freshness.trip + 1)
 
     def sealed(self, frame: Frame, spec: MessageSpec, odd: float) -> Frame:
-        """A frame with its protected part as it comes onto the bus."""
         if not self._is_keyed:
             return frame
         rng, freshness = self._rng, self._freshness

@@ -14,9 +14,8 @@ pytestmark = [
     pytest.mark.skipif(not branch_coverage.is_possible(), reason="gcc, or gcovr (extra dev), is not installed"),
 ]
 SANITISERS = (
+    *("-O0", "-fno-sanitize-recover=all", "-g1"),
     "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow",
-    "-fno-sanitize-recover=all",
-    "-g1",
 )
 PERIODS = 1_200
 LONG_WINDOWS = "late actuator, long windows"
@@ -40,10 +39,7 @@ FAULTS = (
 
 @pytest.mark.parametrize(
     ("names", "faults", "periods"),
-    [
-        ((LONG_WINDOWS,), FAULTS[:1], 300),
-        pytest.param((*SANITISED,), FAULTS, PERIODS, marks=pytest.mark.proofs),
-    ],
+    [((LONG_WINDOWS,), FAULTS[:1], 300), pytest.param((*SANITISED,), FAULTS, PERIODS, marks=pytest.mark.proofs)],
     ids=["one", "all"],
 )
 def test_sanitisers_find_what_is_planted_and_nothing_else(names, faults, periods, tmp_path):

@@ -45,13 +45,7 @@ _LARGE: Final = (0, 1, 127, 255, 256, 65_535, 2**32 - 1)
 
 
 class Traffic:
-    """Periods drawn from a seed.
-
-    Args:
-        config: of the vehicle.
-        horizon: H of the plans.
-        seed: of all that happens.
-    """
+    """Periods drawn from a seed; H of the plans is `horizon`."""
 
     def __init__(self, config: Config, horizon: int, seed: str) -> None:
         self._events, self._rng = RandomEvents(seed), Random(seed)
@@ -74,7 +68,6 @@ class Traffic:
         self._restarts = True
 
     def next(self) -> Period:
-        """The next period's."""
         rng = self._rng
         events = self._events.next(self._now_ns)
         odd = self._events.hostility
@@ -173,33 +166,29 @@ class Traffic:
         found: Array = cp + self._numbers.normal(0.0, DEVIATION, (VIEWS, 4))
         if rng.random() < odd / 60:
             found[rng.randrange(VIEWS)] = rng.choice((3e38, -3e38, 0.0, 1e-40))
-        # As a network's answer in float32 is read.
-        return found.astype(np.float32).astype(np.float64)
+        return _as_float32(found)
 
     def _sample(self, events: Any, cp: Array, now_ns: int, odd: float, *, request: bool) -> None:
         """The vehicle's frame on its way, and what else is on the bus, into the inbox."""
         rng, spec = self._rng, self._spec
         pascal = np.clip(self._read(cp) * self._pascal, -self._limit, self._limit)
         valid = (True,) * 4 if events.valid else tuple(rng.random() < 0.7 for _ in range(4))
-        pressure = Pressure(
-            pressure_pa=tuple(map(float, pascal)),
-            valid=valid,
-            enable_request=request,
-            age_ns=rng.choice((0, 0, 1_000_000, 10_000_000))
-            if rng.random() >= odd / 10
-            else rng.randrange(655_000_000),
+        is_odd = rng.random() < odd / 10
+        age_ns = rng.randrange(655_000_000) if is_odd else rng.choice((0, 0, 1_000_000, 10_000_000))
+        read = tuple(map(float, pascal))
+        data = self._messages.pressure.emit(
+            Pressure(pressure_pa=read, valid=valid, enable_request=request, age_ns=age_ns)
         )
-        data = self._messages.pressure.emit(pressure)
         if rng.random() < odd / 20:
-            data = bytes(self._profile_header()) + rng.randbytes(spec.protected - self._profile_header_bytes)
+            header = 3 if spec.profile == 5 else 2
+            data = bytes(header) + rng.randbytes(spec.protected - header)
         frame = self._protected(data, self._counter, odd)
         self._counter = (self._counter + 1) % self._profile.counter_period
         fate = events.pressure
         if fate == "foreign":
             step = rng.randrange(2, self._profile.counter_period)
-            self._inbox.append(
-                self._stamped(self._protected(data, self._counter + step, odd), now_ns, events.queued_ns, odd)
-            )
+            foreign = self._protected(data, self._counter + step, odd)
+            self._inbox.append(self._stamped(foreign, now_ns, events.queued_ns, odd))
             fate = "pass"
         for item in self._path.carried(Delivered(frame, None), fate, self._number, Random(events.chance)):
             self._inbox.append(self._stamped(item.frame, now_ns, events.queued_ns, odd))
@@ -218,13 +207,6 @@ class Traffic:
         sound = self._profile.protect(data, data_id=spec.data_id, counter=counter % self._profile.counter_period)
         return self._sealing.sealed(Frame(frame_id=spec.frame_id, data=sound, is_fd=spec.is_fd), spec, odd)
 
-    @property
-    def _profile_header_bytes(self) -> int:
-        return 3 if self._spec.profile == 5 else 2
-
-    def _profile_header(self) -> bytes:
-        return bytes(self._profile_header_bytes)
-
     def _stamped(self, frame: Frame, now_ns: int, queued_ns: int, odd: float) -> Frame:
         rng = self._rng
         time_ns = now_ns - queued_ns
@@ -240,10 +222,8 @@ class Traffic:
         if rng.random() < 0.1:
             kind = "ecu"
         is_fd = rng.random() < 0.5
-        frame_id, data = (
-            rng.randrange(MAX_FRAME_ID + 1),
-            rng.randbytes(rng.choice(FD_LENGTHS if is_fd else CLASSIC_LENGTHS)),
-        )
+        frame_id = rng.randrange(MAX_FRAME_ID + 1)
+        data = rng.randbytes(rng.choice(FD_LENGTHS if is_fd else CLASSIC_LENGTHS))
         if kind in ("extended", "long", "ours"):
             frame_id = rng.choice(self._messages.specs).frame_id
         if kind == "classic ours":
@@ -293,10 +273,7 @@ class Traffic:
         if rng.random() < odd / 40:
             forces[rng.randrange(horizon), rng.randrange(2)] = rng.choice(_WILD)
         return Answers(
-            plan=_as_float32(plan),
-            forces=_as_float32(forces),
-            estimates=estimates,
-            is_planned=rng.random() >= odd / 60,
+            plan=_as_float32(plan), forces=_as_float32(forces), estimates=estimates, is_planned=rng.random() >= odd / 60
         )
 
 

@@ -21,22 +21,20 @@ QUICK: Final = SensorCheckConfig(
 HASTY: Final = BenefitCheckConfig(mean_periods=3, wake_periods=4, first_period=2, doubt_periods=2)
 """To find that control does not help, likewise."""
 
+_LATE: Final = EcuConfig(
+    delay_steps=2, hold_periods=3, decay_periods=3, loss_window=64, loss_limit=30, deadline_window=32,
+    deadline_misses=6, rearm_frames=1, sensor_check=UNCHECKED,
+)  # fmt: skip
+_IMPATIENT: Final = EcuConfig(
+    hold_periods=0, decay_periods=0, loss_window=1, loss_limit=1, deadline_window=1, deadline_misses=1,
+    pressure_age=1.0, plan_ahead=False, sensor_check=UNCHECKED, benefit_check=BenefitCheckConfig(enabled=False),
+)  # fmt: skip
+
 VARIANTS: Final = {
     "as shipped": Config(),
     "not planning ahead": Config(ecu=EcuConfig(plan_ahead=False, sensor_check=UNCHECKED)),
     "late actuator, long windows": Config(
-        bus=BusConfig(e2e=E2eConfig(window=12, min_ok=4, max_errors=3, max_delta=127)),
-        ecu=EcuConfig(
-            delay_steps=2,
-            hold_periods=3,
-            decay_periods=3,
-            loss_window=64,
-            loss_limit=30,
-            deadline_window=32,
-            deadline_misses=6,
-            rearm_frames=1,
-            sensor_check=UNCHECKED,
-        ),
+        bus=BusConfig(e2e=E2eConfig(window=12, min_ok=4, max_errors=3, max_delta=127)), ecu=_LATE
     ),
     "quick to doubt": Config(ecu=EcuConfig(sensor_check=QUICK, benefit_check=HASTY, deadline_misses=11)),
     "authenticated": Config(bus=BusConfig(key="bus.key"), ecu=EcuConfig(sensor_check=UNCHECKED, deadline_misses=11)),
@@ -49,18 +47,7 @@ VARIANTS: Final = {
     ),
     "classic, impatient": Config(
         bus=BusConfig(frames="classic", e2e=E2eConfig(window=1, min_ok=1, max_errors=0, max_delta=1)),
-        ecu=EcuConfig(
-            hold_periods=0,
-            decay_periods=0,
-            loss_window=1,
-            loss_limit=1,
-            deadline_window=1,
-            deadline_misses=1,
-            pressure_age=1.0,
-            plan_ahead=False,
-            sensor_check=UNCHECKED,
-            benefit_check=BenefitCheckConfig(enabled=False),
-        ),
+        ecu=_IMPATIENT,
     ),
     "at all speeds": Config(
         ecu=EcuConfig(

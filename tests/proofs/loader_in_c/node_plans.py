@@ -40,7 +40,6 @@ def each(*steps: Step) -> Plan:
 
 
 def any_of(rng: Random, of: World) -> Plan:
-    """The next plan."""
     own = (edges, transfers, calibrations, controlled, failing, lambda rng, of: story(rng, of, 9))
     return any_plan(rng, of) if rng.random() < 0.5 else rng.choice(own)(rng, of)
 
@@ -88,7 +87,6 @@ def story(rng: Random, of: World, steps: int) -> Plan:
 
 
 def flashed(of: World, name: str) -> Plan:
-    """An image, up to its activation."""
     image = of.pool.images[name]
     yield from unlocking(Level.PROGRAMMING)
     yield from blocks(image, (yield from announced(image)), 400)

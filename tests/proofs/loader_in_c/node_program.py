@@ -24,16 +24,9 @@ _CONTROL: Final = (0x00, 0x02, 0x10, 0x11, 0x20, 0x21, 0x30, 0x31, 0x32, 0x33)
 
 
 class Program:
-    """One tester, one vehicle, one seed.
-
-    Args:
-        trouble: share of frames and times that are not as they should be.
-        calm: a quick tester, a vehicle that never asks for control, and no release from production.
-
-    Attributes:
-        requests: how many were sent.
-        sent: those of plans, as they stood there.
-    """
+    """One tester, one vehicle, one seed. `trouble` is the share of frames and times that are not as they should be; if
+    `calm`, the tester is quick, the vehicle never asks for control, and no release is from production. `sent` has
+    requests of plans, as they stood there."""
 
     def __init__(self, of: World, seed: int | str, *, trouble: float = 0.02, calm: bool = False) -> None:
         self._rng = rng = Random(seed)
@@ -57,7 +50,6 @@ class Program:
         self.requests, self.sent = 0, [b"\x3e\x00"]
 
     def run(self, requests: int) -> Twins:
-        """So many requests of one plan after another, with noise in between."""
         while self.requests < requests and not self.twins.differences:
             self.follow(any_of(self._rng, self._of), requests)
         return self.twins
@@ -112,9 +104,7 @@ class Program:
         for tick in range(patience):
             self._tick()
             for answer in self._tester.take():
-                self.twins.seen[f"{answer[0]:02x} {answer[1:3].hex() if answer[0] == 0x7F else ''}".strip()] += 1
-                if answer[:1] == b"\x67" and len(answer) == 18:
-                    self._seed = answer[2:]
+                self._count(answer)
                 if answer[0] != 0x7F or answer[2] != 0x78:
                     found = answer
                 if answer[0] == 0x51 and rng.random() >= self._trouble:
@@ -122,6 +112,11 @@ class Program:
             if found is not None or self.twins.differences or (tick > 60 and not self.twins.python.is_busy):
                 break
         return found
+
+    def _count(self, answer: bytes) -> None:
+        self.twins.seen[f"{answer[0]:02x} {answer[1:3].hex() if answer[0] == 0x7F else ''}".strip()] += 1
+        if answer[:1] == b"\x67" and len(answer) == 18:
+            self._seed = answer[2:]
 
     def _tick(self) -> None:
         twins, rng = self.twins, self._rng

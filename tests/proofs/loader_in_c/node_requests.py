@@ -27,12 +27,10 @@ _LONGEST_NOISE: Final = 64
 
 
 def routine(number: Routine, option: bytes = b"") -> bytes:
-    """The request that starts it."""
     return bytes([Service.ROUTINE, 1]) + number.to_bytes(2, "big") + option
 
 
 def write(did: Did, content: bytes) -> bytes:
-    """The request that writes it."""
     return bytes([Service.WRITE]) + did.to_bytes(2, "big") + content
 
 
@@ -76,7 +74,6 @@ def flashing(rng: Random, of: World) -> Plan:
 
 
 def choosing(rng: Random, of: World) -> Plan:
-    """What follows a reset."""
     yield from unlocking(Level.PROGRAMMING)
     yield routine(Routine.SELF_TEST)
     yield routine(rng.choice((Routine.CONFIRM, Routine.CONFIRM, Routine.REVERT)))
@@ -84,7 +81,6 @@ def choosing(rng: Random, of: World) -> Plan:
 
 
 def keys(rng: Random, of: World) -> Plan:
-    """Another key list."""
     yield from unlocking(Level.PROGRAMMING)
     lists = of.pool.foreign_lists if rng.random() < 0.5 else of.pool.key_lists
     yield write(Did.KEY_LIST, rng.choice(lists))
@@ -134,12 +130,7 @@ def guessing(rng: Random, of: World) -> Plan:
 
 
 def any_noise(rng: Random, sent: Sequence[bytes], seed: bytes | None) -> bytes:
-    """A request that is in no plan.
-
-    Args:
-        sent: before; not empty.
-        seed: that the ECU gave last, None if it gave none.
-    """
+    """A request that is in no plan, made from requests before it and the seed that the ECU gave last."""
     kind = rng.choice(("random", "service", "damaged", "damaged", "again", "again", "wrong key", "routine"))
     if kind == "random":
         return rng.randbytes(rng.randrange(_LONGEST_NOISE))

@@ -43,7 +43,6 @@ def sizes(folder: Path) -> dict[str, Any]:
 
 
 def _memory(image: bytes) -> tuple[int, int]:
-    """Bytes of flash and of memory."""
     found = read_elf(image).sections
     elf: Any = ELFFile(io.BytesIO(image))
     table = next(iter(elf.iter_sections("SHT_SYMTAB")))
@@ -108,7 +107,6 @@ def _deepest(image: bytes) -> tuple[int, list[str]]:
 
 
 def _pushed(operands: str) -> int:
-    """Bytes of `{r4, r5, lr}` or `{d8, d9}`."""
     total = 0
     for part in (_REGISTERS.search(operands) or [""] * 2)[1].split(", "):
         first, _, last = part.partition("-")

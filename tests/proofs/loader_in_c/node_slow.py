@@ -55,7 +55,6 @@ class Slow:
                 self.look()
 
     def period(self) -> list[Frame]:
-        """What the control sends in a period with pressures."""
         message = Pressure(pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=self.asks, age_ns=0)
         return self.node.control(self.now_ns, [self._pressures.frame(self._emit(message), now_ns=self.now_ns)])
 
@@ -70,20 +69,16 @@ class Slow:
         raise AssertionError((request.hex(), found))
 
     def ask_later(self, request: bytes) -> None:
-        """With the looks that follow."""
         self._end.send(request)
 
     def frame(self, data: bytes, to: CanId | None = None) -> Frame:
-        """To the node, or to every one."""
         number, is_extended = to or self.ids.request
         return Frame(frame_id=number, data=data, is_fd=self._is_fd, is_extended=is_extended)
 
     def single(self, request: bytes) -> Frame:
-        """A request in one frame."""
         return self.frame(control_info.single(request))
 
     def unlock(self, level: int) -> list[tuple[int, bytes]]:
-        """The answers to the right key."""
         seed = self.ask(bytes([0x27, level]))[-1][1]
         return self.ask(bytes([0x27, level + 1]) + KEY.answer(Level(level), seed[2:]))
 

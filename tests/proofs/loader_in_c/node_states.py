@@ -37,14 +37,8 @@ _MOST_TICKS: Final = 400
 _KEEPS: Final = (Service.READ, Service.REPORT_FAULTS, Service.SECURITY, Service.WRITE, Service.ROUTINE)
 """Services that mostly leave a session as it is."""
 _BAD: Final = (
-    "unsigned",
-    "stranger's",
-    "altered",
-    "old",
-    "of another build",
-    "of another vehicle",
-    "that does not open",
-)
+    "unsigned", "stranger's", "altered", "old", "of another build", "of another vehicle", "that does not open",
+)  # fmt: skip
 
 
 def _announced(rng: Random, of: World, most: int) -> Plan:
@@ -124,11 +118,8 @@ def _grid(rng: Random) -> bytes:
 
 
 class Prober(Program):
-    """A tester who is answered at once, and says in which state each request finds the ECU.
-
-    Attributes:
-        met: requests by the state in which they came and by their service.
-    """
+    """A tester who is answered at once. `met` counts requests by the state in which each found the ECU, and by
+    service."""
 
     def __init__(self, of: World, seed: str) -> None:
         super().__init__(of, seed, trouble=0.0)
@@ -160,9 +151,7 @@ class Prober(Program):
             for frame in heard:
                 self._tester.receive(twins.now_ns, frame)
             for answer in self._tester.take():
-                twins.seen[f"{answer[0]:02x} {answer[1:3].hex() if answer[0] == 0x7F else ''}".strip()] += 1
-                if answer[:1] == b"\x67" and len(answer) == 18:
-                    self._seed = answer[2:]
+                self._count(answer)
                 if answer[0] == 0x51:
                     self.control(3, None)
             self.wait(MS)

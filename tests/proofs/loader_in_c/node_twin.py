@@ -64,7 +64,6 @@ MS: Final = 1_000_000
 
 
 def facts(config: Config, name: str, version: int = 1, **changes: Any) -> ImageFacts:
-    """Of an image for this vehicle."""
     point = config.operating_point
     own = {
         "layout": LAYOUT,
@@ -134,7 +133,6 @@ def world(kind: str, library: Library) -> World:
 
 
 def rules_of(of: World) -> bytes:
-    """`sw_rules` of this vehicle."""
     vehicle = controller_image.seal(b"", facts(of.config, "vehicle"), None)[controller_image.VEHICLE]
     hardware = HARDWARE.encode().ljust(64, b"\0")
     return signing.public_key(ROOT).raw + LAYOUT + bytes.fromhex(dbc_sha256()) + hardware + vehicle
@@ -159,7 +157,6 @@ def checked(image: bytes, rules: Rules, *, of: World) -> tuple[Verdict, Bundle |
 
 @contextmanager
 def as_in_c(of: World) -> Iterator[None]:
-    """The Python ECU with images for microcontrollers."""
     with ExitStack() as stack:
         for module, name, value in (
             (power_cycle, "Store", partial(Store, check=partial(checked, of=of))),
@@ -192,13 +189,8 @@ class _Controller(RecordingController):
 
 
 class Twins:
-    """Both ECUs, just powered on with release "one", or with none. Enter `as_in_c` before.
-
-    Attributes:
-        differences: what differed, in words; nothing is compared after the first.
-        sent: by the Python one in the latest call.
-        seen: how often answers of each kind came, by service and code.
-    """
+    """Both ECUs, just powered on with release "one", or with none. Enter `as_in_c` before. Nothing is compared after
+    the first difference; `seen` counts answers by service and code."""
 
     def __init__(self, of: World, *, first: str | None = "one") -> None:
         self._config = of.config
@@ -246,7 +238,6 @@ class Twins:
         return self._compare("control", self.python.control(self.now_ns, frames), self.c.control(self.now_ns, frames))
 
     def service(self, frames: Sequence[Frame]) -> list[Frame]:
-        """A look at diagnosis."""
         in_python = self.python.service(self.now_ns, frames)
         if self.c.fact(WANTS_RESET):
             assert self.c.service(self.now_ns, frames) == []

@@ -7,6 +7,8 @@ Diagnosis: testers drive both ECUs, whose frames must be the same at the same ti
 sanitisers watch.
 """
 
+import hashlib
+import subprocess
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -15,14 +17,22 @@ from typing import Annotated, Any, Final
 import typer
 
 from contract.errors import StillwakeError
+from tests.can_bridge.flashing.releases import keys
+from tests.can_bridge.flashing.store_ecu import SECRET
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
-from tests.proofs.loader_in_c.node_fuzz import REACHED, SANITISED, VIOLATIONS, corpus, fuzz
-from tests.proofs.loader_in_c.node_library import Library, build, sources
-from tests.proofs.loader_in_c.node_program import play
+from tests.proofs.loader_in_c.node_library import GEOMETRY, Library, build, sources
+from tests.proofs.loader_in_c.node_program import play, requests_of
 from tests.proofs.loader_in_c.node_sizes import sizes
-from tests.proofs.loader_in_c.node_twin import CONFIGS, world
+from tests.proofs.loader_in_c.node_twin import CONFIGS, World, may_run, rules_of, world
 from tests.proofs.loader_in_c.store_proof import storage_figures
 
+SANITISED: Final = ("-O1", *GEOMETRY, "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g1")
+VIOLATIONS: Final = (
+    *("stuck", "unlocked_without_key", "activated_unsigned"),
+    *("releases_lost", "went_back", "wrong_answers"),
+)
+REACHED: Final = ("trials", "positive", "pending", "tool_unlocked", "tool_packets")
+"""Counts that must not be 0, since the program would otherwise show little."""
 _WRONG: Final = ("first_findings", "planted_missed", "branches_missed")
 
 
@@ -81,3 +91,19 @@ def _fuzzed(folder: Path, seed: int, requests: int) -> dict[str, Any]:
     corpus(of, folder / "corpus", range(seed, seed + 60))
     program = build(sources(of.config), folder / "fuzz", "node_fuzz.c", SANITISED)
     return dict(fuzz(program, folder / "corpus", seed, requests))
+
+
+def corpus(of: World, file: Path, seeds: range) -> None:
+    """What the program reads: a vehicle, its production, and the requests of testers."""
+    good = b"".join(hashlib.sha256(image).digest() for image in of.pool.images.values() if may_run(of, image))
+    parts = [rules_of(of), SECRET, keys(), of.pool.images["one"], good, *requests_of(of, seeds)]
+    file.write_bytes(b"".join(len(part).to_bytes(4, "little") + part for part in parts))
+
+
+def fuzz(executable: Path, file: Path, seed: int, requests: int) -> dict[str, int]:
+    """What the program counted. Raises RuntimeError with a sanitiser's report."""
+    command = [str(executable), str(file), str(seed), str(requests)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"node_fuzz ended with {done.returncode}: {done.stderr[:2000]}")
+    return {name: int(count) for name, count in (line.split() for line in done.stdout.splitlines())}

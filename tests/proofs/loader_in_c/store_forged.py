@@ -21,20 +21,8 @@ from tests.proofs.loader_in_c.store_pair import Pair
 from tests.proofs.loader_in_c.store_stories import LISTS, flash, provision, transfer
 
 _NAMES: Final = (
-    b"",
-    b"",
-    b"",
-    b"one",
-    b"n" * 64,
-    b"n" * 101,
-    b"n" * 300,
-    b"\0",
-    b"a\nb",
-    b"one\0",
-    b"\x7f",
-    b"\xff",
-    b" ",
-)
+    *(3 * [b""]), b"one", b"n" * 64, b"n" * 101, b"n" * 300, b"\0", b"a\nb", b"one\0", b"\x7f", b"\xff", b" ",
+)  # fmt: skip
 """Not those that only one kind of image may have: a bundle's name has up to 100 characters, and other than ASCII."""
 _COUNTS: Final = (0, 0, 0, 1, 3, 4, 255)
 _VERSIONS: Final = (0, 1, 2, 2**31, 2**32 - 1)
@@ -45,7 +33,6 @@ _DIGESTS: Final = tuple(sorted(hashlib.sha256(name.encode()).digest() for name i
 
 
 def sealed(body: bytes) -> bytes:
-    """The bytes with their CRC-32."""
     return body + struct.pack(">I", zlib.crc32(body))
 
 
@@ -102,7 +89,6 @@ def any_calibrations(rng: Random) -> bytes:
 
 
 def any_record(rng: Random) -> tuple[RecordKind, bytes]:
-    """A record of any kind."""
     kind = rng.choice((*5 * [RecordKind.STATE], *2 * [RecordKind.CALIBRATION], RecordKind.KEYS, RecordKind.FAULTS))
     faults = rng.randbytes(rng.choice((0, 1, 24, 25, 300)))
     of = {RecordKind.CALIBRATION: any_calibrations, RecordKind.KEYS: lambda rng: rng.choice(LISTS)}
@@ -179,7 +165,6 @@ def _record(words: Sequence[bytes | None]) -> tuple[RecordKind | None, bytes, in
 
 
 def framed(kind: int, raw: bytes) -> bytes:
-    """A record in words."""
     head = struct.pack(">BH", kind, len(raw))
     found = b"\xa5" + head + struct.pack(">I", zlib.crc32(head + raw)) + raw[:24].ljust(24, b"\0")
     return found + b"".join(b"\x5a" + raw[at : at + 31].ljust(31, b"\0") for at in range(24, len(raw), 31))

@@ -46,7 +46,6 @@ FACTS: Final = ImageFacts(
 
 
 def sources() -> dict[str, bytes]:
-    """The store's files, and the flash memory that it stands in."""
     found = {name: content for name, content in loader_sources().items() if name.endswith(".h") or name in MEASURED}
     return found | {TWIN: Path(__file__).with_name("c").joinpath(TWIN).read_bytes()}
 
@@ -99,9 +98,10 @@ assert controller_image.read(ONE).facts == FACTS
 
 
 def built(
-    output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1", "-shared", "-fPIC")
+    output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1", "-shared", "-fPIC", "-w")
 ) -> Path:
-    """A library or program of these files, or of `sources`; raises LibraryError if the compiler refuses them."""
+    """A library or program of these files, or of `sources`, in which a planted fault may look odd to the compiler;
+    raises LibraryError if the compiler refuses them."""
     made_from = sources() if contents is None else contents
     compiler.compile_c(made_from, output, compiler=compiler.host_compiler(), flags=(*flags, *GEOMETRY))
     return output
@@ -119,5 +119,4 @@ class Library:
         self.c = self.ffi.dlopen(str(path))
 
     def judge(self, found: bytes, keys: bytes, least: int = 1) -> int:
-        """The verdict on an image by itself."""
         return int(self.c.twin_judge(found, len(found), keys, len(keys), rules(ONE), least))

@@ -30,7 +30,7 @@ from tests.proofs.loader_in_c.store_library import (
     Library,
     opens,
     rules,
-)
+)  # fmt: skip
 
 DONE, MORE = range(2)
 FIRST_RECORD: Final = WORD - 2 * SECTOR
@@ -115,12 +115,8 @@ class Flash:
 
 
 class Pair:
-    """Both stores from an erased memory on; every call compares what they answer, and raises MismatchError.
-
-    Args:
-        cut_at: operation of the flash memory, from here on, in which the supply goes; None: in none.
-        seed: of what a cut leaves behind.
-    """
+    """Both stores from an erased memory on; every call compares what they answer, and raises MismatchError. The supply
+    goes in operation `cut_at`, from here on, if there is one; the seed is of what a cut leaves behind."""
 
     def __init__(self, library: Library, *, cut_at: int | None = None, seed: int = 0) -> None:
         self._ffi, self._c = library.ffi, library.c
@@ -199,12 +195,10 @@ class Pair:
 
     @property
     def is_erasing(self) -> bool:
-        """Whether an erasure is at work."""
         return bool(self._c.sw_store_is_erasing(self._own))
 
     @property
     def has_room(self) -> bool:
-        """Whether the C store has room for the state."""
         return bool(self._c.sw_store_has_room(self._own))
 
     def refuses(self, length: int) -> bool:
@@ -258,7 +252,6 @@ class Pair:
 
     @property
     def operations(self) -> int:
-        """Of the flash memory so far."""
         return self._before + int(self._c.twin_operations(self._twin))
 
     def _power_on(self, *, has_lost: bool = False) -> None:
@@ -296,7 +289,6 @@ class Pair:
         self._take_content(state.StoreState() if kept is None else state.decode(kept))
 
     def _take_content(self, found: state.StoreState) -> None:
-        """Give the Python store the bytes of both slots."""
         for slot, content in self.flash.content.items():
             standing = found.slots[slot]
             content[:] = self._memory[_place(slot, 0) : _place(slot, SLOT_BYTES)]

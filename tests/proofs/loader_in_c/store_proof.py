@@ -1,32 +1,115 @@
 """The figures of the store in C: cuts, calls, altered images, planted faults, branches."""
 
+import hashlib
+import struct
+import subprocess
 import tempfile
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any, Final
 
 from benchmarks.common.command_line import track
+from can_bridge.flashing import checking
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import RecordKind, Slot
-from contract.release import signing
+from can_bridge.flashing.verdicts import Verdict
+from contract.release import key_list, signing
+from contract.release.signing import public_key
+from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER, keys
 from tests.proofs.command_line import in_parts
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible, without_reason
 from tests.proofs.ecu_in_c.planted import Planted
 from tests.proofs.loader_in_c import node_library
 from tests.proofs.loader_in_c.store_forged import forged, logs
-from tests.proofs.loader_in_c.store_fuzz import SANITISED, fuzz
-from tests.proofs.loader_in_c.store_library import GEOMETRY, GOOD, LONG, MEASURED, WRONG, Library, built, sources
+from tests.proofs.loader_in_c.store_library import (
+    GEOMETRY,
+    GOOD,
+    HARDWARE,
+    LAYOUT,
+    LONG,
+    MEASURED,
+    ONE,
+    SLOT_BYTES,
+    WRONG,
+    Library,
+    built,
+    opens,
+    resigned,
+    rules,
+    sources,
+)  # fmt: skip
 from tests.proofs.loader_in_c.store_pair import DONE, FIRST_RECORD, Pair
 from tests.proofs.loader_in_c.store_stories import LISTS, RARE, Cuts, any_calls, cared, flash, provision, transfer
+
+SANITISED: Final = ("-O1", "-DTWIN_FUZZ", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+LIST: Final = keys(1, RELEASE, revoked=(SECOND,))
+_BASES: Final = (*GOOD.values(), *WRONG.values())
+_EDGES: Final = (0, 8, 12, 16, 48, 80, 112, 144, 148, 156, 180, 188, 192, 256, 320, 416, 448, 480, 511)
+_OUT_OF_RANGE: Final = 0x82
+
+
+def images(seed: int, count: int) -> Iterator[bytes]:
+    """Images in order, damaged, cut, joined, or altered and signed again."""
+    random = Random(seed)
+    for _ in range(count):
+        found = bytearray(random.choice(_BASES if random.random() < 0.95 else (LONG,)))
+        kind = random.randrange(6)
+        if kind == 0:
+            for _ in range(random.choice((1, 1, 2, 9))):
+                found[random.randrange(len(found))] ^= 1 << random.randrange(8)
+        elif kind == 1:
+            found = found[: random.randrange(len(found) + 1)]
+        elif kind == 2:
+            found += random.randbytes(random.choice((1, 31, 700, SLOT_BYTES)))
+        elif kind == 3:
+            at = random.choice(_EDGES)
+            found = found[:at] + bytearray(random.choice(_BASES))[at:]
+        elif len(found) >= 512:
+            at = random.choice(_EDGES[:-3]) + random.choice((0, 0, 1, 3))
+            value = random.choice((b"\0", b"\xff", b"A", random.randbytes(4), random.randbytes(40)))
+            key = random.choice((RELEASE, RELEASE, RELEASE, SECOND, STRANGER))
+            if random.random() < 0.3:
+                found[16:48] = hashlib.sha256(found[512:]).digest()
+            found = bytearray(resigned(bytes(found), at, value[: 416 - at], key))
+        yield bytes(found)
+
+
+def fuzz(program: Path, seed: int, count: int) -> tuple[Counter[str], list[str]]:
+    """How many images have each verdict, and the first of those that both judge differently. Raises RuntimeError if a
+    sanitiser ended the program."""
+    made = list(images(seed, count))
+    head = rules(ONE) + struct.pack(">I", len(LIST)) + LIST
+    sent = head + b"".join(struct.pack(">I", len(one)) + hashlib.sha256(one).digest() + one for one in made)
+    done = subprocess.run([program], input=sent, capture_output=True, check=False)
+    if done.returncode or len(done.stdout) != count:
+        raise RuntimeError(
+            f"ended with status {done.returncode} behind {len(done.stdout)} images: {done.stderr[:500]!r}"
+        )
+    given = checking.Rules(
+        keys=key_list.decode(LIST, public_key(ROOT)),
+        hardware=HARDWARE,
+        fits=checking.fits_as(ONE),
+        least_security_version=1,
+    )
+    counts, different = Counter[str](), list[str]()
+    for one, in_c in zip(made, done.stdout, strict=True):
+        is_judged = 0 < len(one) <= SLOT_BYTES
+        verdict = checking.judge_image(one, given, layout=LAYOUT, opens=opens)[0] if is_judged else _OUT_OF_RANGE
+        counts[Verdict(verdict).name if is_judged else "refused"] += 1
+        if verdict != in_c:
+            different.append(f"{verdict} in Python, {in_c} in C: {one[:512].hex()}")
+    return counts, different
+
 
 CALLS: Final = 200
 """Calls of one seed."""
 _IMAGES: Final = 5_000
 UNREACHED: Final = {
-    ("sw_records.c", "gathered(records, of, begin,"): "the call has just read them; they would have to fail in between",
+    ("sw_records.c", "gathered(records, of, begin,"): "the call has just read them; they would have to fail in between"
 }
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
 PLANTED: Final = tuple(
@@ -38,9 +121,7 @@ PLANTED: Final = tuple(
 
 def is_found(item: Planted, folder: Path) -> bool:
     """By calls at random, by care for records, by forged records, or by cuts."""
-    # A fault may look odd to the compiler.
-    flags = ("-O1", "-shared", "-fPIC", "-w")
-    library = Library(built(folder / f"planted_{PLANTED.index(item)}.so", item.into(sources()), flags))
+    library = Library(built(folder / f"planted_{PLANTED.index(item)}.so", item.into(sources())))
     try:
         for seed in range(6):
             any_calls(Pair(library), str(seed), 150)
@@ -115,7 +196,6 @@ def verdicts_on_vectors(library: Library) -> Counter[tuple[str, bool, bool]]:
 
 
 def exercise(library: Library) -> None:
-    """A bit of everything."""
     for seed in range(12):
         any_calls(Pair(library), f"branches {seed}", CALLS)
     Cuts(library, 1, every=3)

@@ -45,7 +45,6 @@ def transfer(pair: Pair, whole: bytes, block: int, until: int | None = None) -> 
 
 
 def flash(pair: Pair, whole: bytes, block: int = 500) -> None:
-    """Until the image is confirmed."""
     transfer(pair, whole, block)
     if pair.call("finish") == (DONE, Verdict.GOOD):
         pair.call("activate")

@@ -57,7 +57,6 @@ class Course:
             assert self.twins.differences == []
 
     def ask(self, request: bytes = b"") -> bytes:
-        """The answer to a request of one frame."""
         data = bytes([len(request)]) + request
         frames = [Frame(frame_id=REQUEST_ID, data=data, timestamp_ns=self.twins.now_ns, is_fd=True)] if request else []
         sent = self.twins.service(frames)

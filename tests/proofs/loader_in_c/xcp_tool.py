@@ -35,7 +35,6 @@ class XcpTool:
         self.heard = 0
 
     def frames(self, now_ns: int) -> list[Frame]:
-        """What it sends in a look."""
         rng = self._rng
         if rng.random() >= self._share:
             return []
@@ -43,7 +42,6 @@ class XcpTool:
         return [self._frame(self._next(), now_ns) for _ in range(rng.choice((1, 1, 1, 1, 2, 6)))]
 
     def hear(self, frames: list[Frame]) -> None:
-        """Answers among what was sent."""
         for frame in frames:
             if frame.identifier == self._ids.xcp_response:
                 self._answer = frame.data if frame.data[0] == 0xFF else self._answer

@@ -35,7 +35,6 @@ from contract.errors import StillwakeError
 from contract.results import versions, write_result
 from stillwake.parts.c_release import library_folder
 from tests.proofs.command_line import JsonFile, console
-from tests.proofs.prove import abstract
 
 HARNESSES: Final = Path(__file__).with_name("c")
 PLAN: Final = Path(__file__).with_name("items.toml")
@@ -52,6 +51,14 @@ _INCLUDED: Final = re.compile(r'^ *# *include "([^"]+)"', re.MULTILINE)
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 _PLACE: Final = re.compile(r"file \S*/")
 _VERSION: Final = re.compile(r"version (\S+)")
+
+_EVA_FLAGS: Final = (
+    *("-machdep", "gcc_x86_64", "-warn-special-float", "none", "-eva-no-show-progress"),
+    *("-eva-precision", "0", "-eva-auto-loop-unroll", "80"),
+)
+"""Flags of Eva: the machine of the other proofs, NaN and infinite numbers as values, short loops turn by turn."""
+_ALARM: Final = re.compile(r"^\[eva:alarm\] (?:\S*/)?(\S+:\d+): Warning: *\n *(.*)", re.MULTILINE)
+_STATEMENTS: Final = re.compile(r"(\d+) statements reached \(out of (\d+)\)")
 
 State = Literal["proved", "failed", "open"]
 
@@ -132,7 +139,6 @@ class Outcome:
 
 
 def plan(path: Path = PLAN) -> tuple[list[Item], list[Sabotage]]:
-    """Read all items and all sabotage."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
     tuples = ("define", "sources")
     items = [Item(**{**item, **{name: tuple(item.get(name, ())) for name in tuples}}) for item in tree["item"]]
@@ -149,16 +155,15 @@ def tool() -> Path | None:
 
 
 def tried(item: Item, library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome:
-    """Run the item once."""
     if item.open:
         return Outcome(state="open", why=item.open)
     file, function = item.name.split(".")
     folders = (HARNESSES, library, library / "loader")
     if item.sources:
-        if abstract.tool() is None:
+        if shutil.which("frama-c") is None:
             return Outcome(state="open", why="there is no Frama-C")
         sources = [next(place / name for place in folders if (place / name).exists()) for name in item.sources]
-        command = abstract.command(HARNESSES / f"{file}.c", function, sources, folders)
+        command = _eva_command(HARNESSES / f"{file}.c", function, sources, folders)
     else:
         command = [str(esbmc), str(HARNESSES / f"{file}.c"), *FLAGS, "--function", function]
         command += ["--unwind", str(item.unwind)]
@@ -172,12 +177,28 @@ def tried(item: Item, library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome
     output = done.stdout + done.stderr
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     if item.sources:
-        state, conditions, why = abstract.judged(output)
+        state, conditions, why = judged_by_eva(output)
     else:
         found = _CONDITIONS.search(output)
         conditions = int(found[1]) if found else 0
         state, why = _judged(output, cpu_s, seconds)
     return Outcome(state=state, conditions=conditions, seconds=round(seconds, 1), why=why)
+
+
+def _eva_command(harness: Path, function: str, sources: Sequence[Path], folders: Sequence[Path]) -> list[str]:
+    """Return the command by which Eva analyses a function of a harness with the sources that it calls."""
+    include = "-cpp-extra-args=" + " ".join(f"-I{folder}" for folder in folders)
+    return ["frama-c", *_EVA_FLAGS, include, str(harness), *map(str, sources), "-main", function, "-eva"]
+
+
+def judged_by_eva(output: str) -> tuple[State, int, str]:
+    """Return the verdict of an analysis, the number of statements that it reached, and the first alarm."""
+    reached = _STATEMENTS.search(output)
+    if reached is None:
+        return "open", 0, "the analysis did not end"
+    if alarm := _ALARM.search(output):
+        return "failed", int(reached[1]), f"alarm at {alarm[1]}: {alarm[2]}"
+    return ("proved" if "0 alarms generated" in output else "open"), int(reached[1]), ""
 
 
 def _limit(cpu_s: int) -> None:
