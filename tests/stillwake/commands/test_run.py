@@ -35,6 +35,7 @@ BEFORE = {
     "--drive ramps --plant openfoam": "--drive ramps: needs stillwake's solver, --plant wake",
     # An ECU in C.
     "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
+    "--ecu c@3": "--ecu c@3: must be one of python, c, mcu",
     "--ecu mcu@fast": "--ecu mcu@fast: 'fast' must be a clock in MHz",
     "--ecu c --set bus.key=k.pem": "k.pem: cannot read the key",
     "--ecu c --library nowhere": "library nowhere: No such file or directory",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from contract.config.tree import Config
+from contract.errors import ConfigError
 from contract.recording.dataset import Dataset, read
 from wake.recording.recorder import record_round
 from wake.recording.round_plan import CalmRound, ControlledRound
@@ -37,6 +38,11 @@ def test_the_random_actions_have_the_amplitudes_asked_for():
     rms = [np.sqrt(np.mean(plan.signal(Config()) ** 2)) for plan in plans]
     # A correlation time of five steps leaves some 20,000 independent values: four standard errors of a deviation.
     assert rms == pytest.approx([0.001, 0.002, 0.004, 0.008], rel=4 / np.sqrt(2 * 20_000))
+
+
+def test_what_makes_no_sense_is_refused_by_name():
+    with pytest.raises(ConfigError, match="role = 'test': must be one of train, calm"):
+        CalmRound(role="test")  # type: ignore[arg-type]  # a role of no round
 
 
 @pytest.mark.usefixtures("cheap_plant")
