@@ -1,8 +1,11 @@
-"""Every verdict by a bundle that is at fault in this one thing; `tests/proofs/release` changes any byte."""
+"""Every verdict by a bundle that is at fault in this one thing"""
 
 import json
 from dataclasses import replace
 from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
 
 from can_bridge.flashing.checking import Rules, check, fits_as, judge_image
 from can_bridge.flashing.verdicts import Verdict
@@ -16,6 +19,7 @@ from contract.release.manifest import MANIFEST
 from contract.release.signing import public_key
 from contract.release.strict_json import digest_of
 from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, fits, image, keys
+from tests.examples import examples
 
 RULES = Rules(
     keys=key_list.decode(keys(2, RELEASE, revoked=(SECOND,)), public_key(ROOT)),
@@ -118,3 +122,12 @@ def test_a_key_of_the_list_must_have_signed():
     both = KeyList(version=1, keys=frozenset({public_key(RELEASE), public_key(SECOND)}))
     for key in (RELEASE, SECOND):
         assert check(image(version=3, key=key), replace(RULES, keys=both))[0] == Verdict.GOOD
+
+
+@examples(100)
+@given(st.integers(0, len(GOOD) - 1), st.integers(1, 255))
+def test_no_changed_byte_is_good(at, change):
+    damaged = GOOD[:at] + bytes([GOOD[at] ^ change]) + GOOD[at + 1 :]
+    verdict, bundle = check(damaged, RULES)
+    assert verdict in (Verdict.DAMAGED, Verdict.BAD_SIGNATURE, Verdict.UNKNOWN_KEY, Verdict.UNSIGNED)
+    assert bundle is None

@@ -10,12 +10,13 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.secoc.key import read_key, write_key
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.services import S3_MS
-from can_bridge.wire.message_specs import FRESHNESS_LENGTH, JET_COMMAND, JET_COMMAND_SECURED
+from can_bridge.wire.message_specs import ECU_STATUS, FRESHNESS_LENGTH, JET_COMMAND, JET_COMMAND_SECURED
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.release.image import files_of
 from contract.release.manifest import MANIFEST, open_manifest
+from ecu.stepped import SteppedEcu
 from tests.ecu.flashable.vehicle_ecu import ACTIVATE, CONFIRM_ROUTINE, SELF_TEST, Rig, image, provision
 
 
@@ -115,6 +116,17 @@ def test_with_a_key_no_freshness_comes_twice_over_resets_and_releases(tmp_path: 
     assert rig.ecu.resets == 1
     assert values == list(range(values[0], values[0] + len(values)))
     assert values[0] == 7 << 32
+
+
+def test_it_steps_like_any_ecu(rig: Rig) -> None:
+    ecu: SteppedEcu = rig.ecu
+    power_on, frames = ecu.state, [rig.pressure(False)]
+    sent = ecu.step(1_000_000, frames)
+    assert [frame.frame_id for frame in sent] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
+    assert ecu.state != power_on
+    assert ecu.status().bundle_hash == hash_of(image("first"))
+    ecu.restore(power_on)
+    assert ecu.step(1_000_000, frames) == sent
 
 
 def test_a_reset_leaves_nothing_behind_where_the_collector_is_off(rig: Rig) -> None:

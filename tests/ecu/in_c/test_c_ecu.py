@@ -19,6 +19,7 @@ from contract.config.vehicle import EcuConfig
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.controller.interface import ControllerError
 from contract.errors import ConfigError, LibraryError
+from contract.release.manifest import SpeedRange
 from ecu.c.sources import firmware_sources
 from ecu.ecu import Ecu
 from ecu.in_c.c_ecu import CEcu, ecu_sources
@@ -26,7 +27,7 @@ from ecu.in_c.c_structs import differing
 from ecu.in_c.compiler import compile_c, host_compiler
 from ecu.in_c.host_library import CController, open_library
 from tests.each import each
-from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
+from tests.ecu.in_c.exported import CONFIG, WINDOW, Exported, Feed
 
 pytestmark = pytest.mark.compiler
 
@@ -39,11 +40,15 @@ def c(sources) -> CEcu:
     return CEcu(sources, flags=FLAGS)
 
 
-@pytest.fixture
-def python(release, sources) -> Ecu:
+def in_python(release: Exported, sources: dict[str, bytes]) -> Ecu:
     """Its control step is the same library's, so that plans agree to the bit as well."""
     controller = CController(library_sources(sources), release.bundle.manifest.sizes, flags=FLAGS)
     return Ecu(release.bundle, controller, CONFIG)
+
+
+@pytest.fixture
+def python(release, sources) -> Ecu:
+    return in_python(release, sources)
 
 
 def test_it_answers_and_remembers_what_the_ecu_in_python_does(c, python, sources):
@@ -131,6 +136,24 @@ def test_every_value_is_calibrated_while_it_runs_as_in_python(c, python):
         with pytest.raises(ValueError, match="or damaged: a number is out of range"):
             c.restore(damaged)
     assert c.saved() == before
+
+
+SPEEDS = SpeedRange(slowest=0.8, fastest=1.2)
+AT_SPEEDS = [1.0 + 0.03 * k for k in (*range(13), *range(12, -14, -1), *range(-13, 0))] + [None] * 30
+
+
+def test_a_release_that_serves_speeds_does_as_well(release):
+    """Out of the range and back at both ends, from a saved state, and until no speed is known."""
+    serving = release.serving(SPEEDS)
+    own = ecu_sources(serving.folder, serving.bundle, CONFIG)
+    python, c, reasons = in_python(serving, own), CEcu(own, flags=FLAGS), set()
+    for period, (now_ns, frames) in enumerate(Feed().driven(AT_SPEEDS)):
+        if period == 8:
+            c.restore(python.state)
+        assert c.step(now_ns, frames) == python.step(now_ns, frames), period
+        assert differing(c.state, python.state) == [], period
+        reasons.add((python.trace.mode, python.status().reason))
+    assert {(Mode.CONTROL, Reason.NONE), (Mode.WARMUP, Reason.OFF_SPEED), (Mode.FAULT, Reason.NO_SPEED)} <= reasons
 
 
 def test_what_has_no_ecu_or_c_cannot_do_is_refused_in_one_line(release, sources, tmp_path):

@@ -1,5 +1,6 @@
 """Authentication in C: AES and CMAC by the standards' answers and another library's; frames as in Python."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +11,13 @@ from cryptography.hazmat.primitives.cmac import CMAC
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.e2e.sender import SenderState, protected_frame
 from can_bridge.secoc.key import Key
 from can_bridge.secoc.node import Authentication, secured
-from can_bridge.secoc.securing import LARGEST_HALF, Freshness, verify
+from can_bridge.secoc.securing import LARGEST_HALF, Freshness, secure, verify
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SECURED
-from can_bridge.wire.messages import Mode
+from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import BusConfig
 from contract.controller.c_folder import ECU_SETTINGS, library_sources
 from contract.errors import ConfigError, LibraryError
@@ -107,22 +109,59 @@ def test_aes_and_cmac_are_another_librarys(crypto, key, block, message):
 
 
 class Sender:
-    """A vehicle that authenticates."""
+    """A vehicle that authenticates, and whoever else can put frames on its bus."""
 
     def __init__(self) -> None:
-        self.feed, self.freshness = Feed(KEYED), Freshness(trip=2)
+        self.feed, self.freshness, self.sent = Feed(KEYED), Freshness(trip=2), list[Frame]()
 
     def genuine(self, key: bytes = SECRET) -> Frame:
         frame = secured(self.feed.frame(), spec=SECURED.pressure.spec, key=Key(key), freshness=self.freshness)
         self.freshness = self.freshness.next()
+        self.sent.append(frame)
         return frame
 
     def speed(self, ratio: float) -> Frame:
         return secured(self.feed.speed(ratio), spec=SECURED.speed.spec, key=Key(SECRET), freshness=self.freshness)
 
+    def periods(self) -> Iterator[tuple[int, list[Frame]]]:
+        """(time, frames) of a bus under attack, a deed a period once the ECU is in control."""
+        for period in range(WINDOW + 40):
+            frames = [self.genuine()]
+            deed = period - WINDOW - 6
+            if deed == 0:
+                frames = [self.of(frames[0], frames[0].data[:-1] + bytes([frames[0].data[-1] ^ 1])), *frames]
+            elif deed == 2:
+                frames += [self.genuine(key=bytes(range(16)))]
+            elif deed == 4:
+                frames = [*self.sent[:5], *frames, frames[0]]
+            elif deed in (6, 7):
+                frames = self.sent[deed : deed + 1]  # in place of the genuine one
+            elif deed == 9:
+                self.freshness = Freshness(trip=2, count=LARGEST_HALF - 3)  # and it stays at the last value
+            elif deed == 16:
+                self.freshness = Freshness(trip=3)
+            elif deed == 20:
+                frames += [self.of(frames[0], frames[0].data[:16]), replace(frames[0], is_extended=True)]
+            elif deed == 24:
+                damaged = bytes([self.feed.frame().data[0] ^ 1]) + self.feed.frame().data[1:]
+                inner = self.of(frames[0], damaged)
+                frames = [secure(inner, SECURED.pressure.spec, Key(SECRET), replace(self.freshness, count=900))]
+                self.freshness = Freshness(trip=4)
+            elif deed == 30:
+                frames += [self.ecus(SECRET, 1), self.ecus(bytes(range(16)), 2)]
+            yield self.feed.now_ns, [replace(frame, timestamp_ns=self.feed.now_ns) for frame in frames]
+            self.feed.now_ns += CONFIG.period_ns
+
     @staticmethod
     def of(frame: Frame, data: bytes) -> Frame:
         return Frame(frame_id=frame.frame_id, data=data, timestamp_ns=frame.timestamp_ns, is_fd=True)
+
+    @staticmethod
+    def ecus(key: bytes, count: int) -> Frame:
+        """Another ECU's command, or a forged one."""
+        spec = SECURED.command.spec
+        inner = protected_frame(SenderState(), bytes(spec.protected), spec=spec, now_ns=0)
+        return secure(inner, spec, Key(key), Freshness(count=count))
 
 
 def twins(release: Exported) -> tuple[CEcu, Ecu]:
@@ -133,28 +172,27 @@ def twins(release: Exported) -> tuple[CEcu, Ecu]:
     return CEcu(own, flags=FLAGS, secret=SECRET), python
 
 
-def test_its_frames_are_authentic_and_its_state_is_the_python_ecus(release):
-    """Under attack, too: tests/proofs/ecu_in_c/test_campaign.py."""
+def test_the_ecu_sends_and_remembers_under_attack_what_the_python_ecu_does(release):
     c, python = twins(release)
-    sender = Sender()
-    for period in range(WINDOW + 8):
-        if period == WINDOW + 4:
+    assert differing(c.state, python.state, is_keyed=True) == []
+    seen = set()
+    for period, (now_ns, frames) in enumerate(Sender().periods()):
+        if period == WINDOW + 12:
             c.restore(python.state)
-        forged = [sender.genuine(key=bytes(range(16)))] if period == WINDOW else []
-        frames = [*forged, sender.genuine()]
-        sent = c.step(sender.feed.now_ns, frames)
-        assert sent == python.step(sender.feed.now_ns, frames), period
+        sent = c.step(now_ns, frames)
+        assert sent == python.step(now_ns, frames), period
         assert differing(c.state, python.state, is_keyed=True) == [], period
         assert (c.status(), c.frames_rejected) == (python.status(), python.frames_rejected)
         for frame, spec in zip(sent, (SECURED.command.spec, SECURED.status.spec), strict=True):
             assert verify(frame.data, spec, Key(SECRET)) == 1 << 32 | period
-        sender.feed.now_ns += CONFIG.period_ns
-    assert (c.trace.mode, c.state.verifier.not_authentic) == (Mode.CONTROL, 1)
+        seen.add((c.trace.mode, c.status().reason))
+    assert {(Mode.CONTROL, Reason.NONE), (Mode.HOLD, Reason.NOT_AUTHENTIC), (Mode.FAULT, Reason.OTHER_ECU)} <= seen
+    assert c.state.verifier.not_authentic == 3 and c.state.verifier.not_fresh > 10
     # The last values of both halves stay, in C as in Python.
     ended: EcuState = replace(python.state, freshness=Freshness(trip=LARGEST_HALF, count=LARGEST_HALF))
     for ecu in (c, python):
         ecu.restore(ended)
-    assert c.step(sender.feed.now_ns, []) == python.step(sender.feed.now_ns, [])
+    assert c.step(now_ns + 1, []) == python.step(now_ns + 1, [])
     assert c.state.freshness == python.state.freshness == ended.freshness
 
 
