@@ -36,8 +36,8 @@ SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
 """Ratios of the told speed to the true one."""
 BEST_TOLD: Final = {0.8: 0.95}
-"""Ratios of the told speed to a true speed with which the prior of `truck-wake-14` reaches less drag than with the right
-one: Cd 0.799 and 0.798 from two starts, in place of 0.827 and 0.814."""
+"""Ratios of the told speed to a true speed with which the prior of `truck-wake-14` reaches less drag than with the
+right one: Cd 0.799 and 0.798 from two starts, in place of 0.827 and 0.814."""
 GUST: Final = 0.1
 """Amplitude of the gusts in design speeds."""
 GUST_PERIOD: Final = 100
