@@ -106,9 +106,10 @@ retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake export runs/model runs/bundle --estimator --overwrite
 	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
 
-# The shipped release anew: make release KEY=release.key NAME=truck-wake-15. A model in runs/release is taken as it is.
-# This recipe trains the weights of the design speed. At other speeds the shipped prior imitates earlier trainings
-# (python -m benchmarks.release.join; data/stillwake_data/provenance.json), which the recipe does not repeat.
+# The shipped release anew: make release KEY=release.key NAME=truck-wake-16. A model in runs/release is taken as it is.
+# This recipe trains the weights of the design speed. At other speeds the shipped prior imitates earlier trainings, and at
+# wrong speeds itself (python -m benchmarks.release.join and wrong_speeds; data/stillwake_data/provenance.json), which
+# the recipe does not repeat.
 # The sensors are those that the vehicle has; without them, training chooses (tens of minutes).
 SENSORS := upper_39,lower_39,base_0,base_9
 TRAIN := stillwake train runs/trained --sensors $(SENSORS)
