@@ -33,6 +33,11 @@ def test_no_other_file_names_another_release():
         assert digest[:12] == full.release() or "export" in " ".join(one.before), one.file
 
 
+def test_no_file_names_a_folder_of_the_machine():
+    for path in full.RESULTS.glob("*.json"):
+        assert '"/' not in path.read_text(encoding="utf-8"), path
+
+
 def test_a_change_of_the_release_or_of_a_source_shows(monkeypatch: pytest.MonkeyPatch):
     (one,) = (figures for figures in FIGURES if figures.name == "mcu")
     before = one.stamp()["of"]
