@@ -21,7 +21,7 @@ from docs.site.browser_ecu import PERIODS, write_page
 from ecu.in_c.c_ecu import CEcu, ecu_sources
 from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.compiler import zig_compiler
-from tests.browser import PHONE, chromium, visit
+from tests.browser import PHONE, Visit, chromium, visit
 from tests.docs.test_site import SITE
 from tests.ecu.in_c.exported import CONFIG
 
@@ -93,8 +93,15 @@ def small(release, tmp_path_factory):
     return sources, root, release.bundle.manifest.sensors
 
 
+def try_page(browser, home: str) -> Visit:
+    """The page, once the browser has compiled the ECU."""
+    opened = visit(browser, f"{home}/try/index.html", home=home)
+    opened.page.wait_for_function("stillwake.page")
+    return opened
+
+
 def drive(browser, root) -> list[Any]:
-    opened = visit(browser, f"{root.as_uri()}/try/index.html", home=root.as_uri())
+    opened = try_page(browser, root.as_uri())
     told: list[Any] = opened.page.evaluate(_DRIVE, [CHANGES, 700])
     assert opened.troubles == []
     opened.page.context.close()
@@ -140,7 +147,7 @@ def test_each_command_equals_the_host_s_bit_for_bit_and_each_frame_the_bridge_s(
 
 def test_a_reader_breaks_and_mends_it_with_the_keyboard(small, browser):
     _, root, _ = small
-    opened = visit(browser, f"{root.as_uri()}/try/index.html", home=root.as_uri())
+    opened = try_page(browser, root.as_uri())
     page = opened.page
     page.locator("#pause").focus()
     page.keyboard.press("Space")
@@ -181,7 +188,7 @@ def test_a_reader_breaks_and_mends_it_with_the_keyboard(small, browser):
 
 
 def assert_everyone_can_use(browser, home: str) -> None:
-    opened = visit(browser, f"{home}/try/index.html", home=home)
+    opened = try_page(browser, home)
     opened.page.evaluate(f"stillwake.page.pause(true); {_TO_CONTROL}; stillwake.page.show()")
     assert opened.page.locator(".event-list li", has_text="requests").count()
     assert opened.troubles == []
