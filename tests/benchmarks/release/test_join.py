@@ -1,11 +1,12 @@
-"""A model that cannot imitate or be imitated is refused before any flow is run."""
+"""A model that cannot imitate or be imitated is refused before any flow is run; what a prior is told in a gust."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmarks.release.join import feedback_of, join
+from benchmarks.release.join import RAMP, feedback_of, join
+from benchmarks.release.wrong_speeds import GUST, gusty, steady
 from contract.errors import ModelError
 from contract.shipped import MODEL
 from train import model_store
@@ -24,3 +25,10 @@ def test_models_that_cannot_be_joined_are_refused():
     for other, reason in others:
         with pytest.raises(ModelError, match=reason):
             feedback_of(other, model)
+
+
+def test_a_gust_is_not_told():
+    """The told speed is the speed over the ground, which a ramp leads to."""
+    course, ground = gusty(0.8), steady(0.8, 1.0)
+    assert course.told * course.speeds[:-1] == pytest.approx(ground.speeds[:-1])
+    assert np.ptp(course.speeds[RAMP:]) == pytest.approx(2 * GUST, rel=1e-3)
