@@ -10,7 +10,7 @@ speed: a prior that is told a wrong speed can be fitted to the actions of a prio
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Final
 
@@ -88,9 +88,7 @@ def watch(
     with torch.no_grad():
         for first in range(0, len(told), PERIODS_AT_ONCE):
             part = told[first : first + PERIODS_AT_ONCE]
-            readings = StretchReadings(
-                noise=np.zeros((len(part), 2 * feedback.pairs)), told=part, lost=np.zeros(len(part), dtype=bool)
-            )
+            readings = replace(StretchReadings.plain(len(part), feedback.pairs), told=part)
             run = closed_loop(
                 flow,
                 feedback,
@@ -118,9 +116,7 @@ def demonstration(
     """
     limit = goal.share_of_limit() * expert.limit
     kept = ceil(expert.memory / SLOWEST) + 1
-    prior_reads, expert_reads = (
-        _as_told(run, ratio, kept, expert.memory) for ratio in (told, expert_told * np.ones(1))
-    )
+    prior_reads, expert_reads = (_as_told(run, ratio, kept, expert.memory) for ratio in (told, np.array([expert_told])))
     actions = list[float]()
     for k, ((_, said), (rows, speed)) in enumerate(zip(prior_reads, expert_reads, strict=True)):
         before = float(run.rows[kept - 1 + k, -1])
