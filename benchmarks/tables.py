@@ -64,6 +64,7 @@ TABLES: Final = {
     "mcu_release": PageTable(controller.mcu_release, ("mcu",), "mcu"),
     "mcu_worst": PageTable(controller.mcu_worst, ("mcu",)),
     "models": PageTable(ecu.models, ("models",)),
+    "openfoam_drive": PageTable(wake.openfoam_drive, ("own_drive", "openfoam_drive"), "openfoam_drive"),
     "openfoam_loop": PageTable(wake.openfoam_loop, ("demo", "openfoam_loop")),
     "proofs": PageTable(ecu.proofs, ("proofs",)),
     "proofs_sabotage": PageTable(ecu.sabotage, ("proofs",)),

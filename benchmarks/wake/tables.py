@@ -46,3 +46,17 @@ def openfoam_loop(*loops: Any) -> str:
     heads = ("closed loop", *columns.values())
     cells = [(row["case"], *(row.get(name) for name in columns)) for row in rows]
     return "\n".join([table(heads, cells), "", *notes])
+
+
+def openfoam_drive(*drives: Any) -> str:
+    """Return the table of a drive on each plant."""
+    columns = {
+        "reduction_percent": "less drag, %",
+        "net_reduction_percent": "less net energy, %",
+        "drag_kJ_per_km_without": "drag without control, kJ/km",
+        "drag_kJ_per_km": "with control",
+        "abs_Cl_without": "mean abs Cl without control",
+        "abs_Cl": "with control",
+    }
+    rows = [(found["facts"]["plant"], *(found["figures"]["drive"][name] for name in columns)) for found in drives]
+    return table(("plant", *columns.values()), rows)

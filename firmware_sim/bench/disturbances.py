@@ -89,7 +89,7 @@ class NoRequest(Span, section="no_request"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reynolds(Span, section="reynolds"):
-    """A Reynolds number of the flow that differs from `flow.reynolds`; only the built-in solver supports this."""
+    """A Reynolds number of the flow that differs from `flow.reynolds`."""
 
     reynolds: Positive[float]
     """Reynolds number U_inf W / nu."""
@@ -117,7 +117,7 @@ class OtherBody(Span, section="body"):
 
 @dataclass(frozen=True, kw_only=True)
 class GustyWind(Span, section="gust"):
-    """A gust in the built-in solver: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)).
+    """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)).
 
     `wake.plant.drive` defines the frame of reference. Forces, pressures and jet actions remain in units of the mean
     U_inf. The gust ends with its last period that ends in the span.

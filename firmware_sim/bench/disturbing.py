@@ -254,7 +254,7 @@ class Disturbing:
             yield
             return
         if not isinstance(plant, Disturbable):
-            raise ConfigError("the flow of this plant cannot be disturbed: reynolds and gust need stillwake's solver")
+            raise ConfigError("reynolds, gust: this plant's flow cannot change (`wake.plant.protocol.Disturbable`)")
         t_c, gusts = self._config.operating_point.convective_time, []
         for _, one in self._each(kinds.GustyWind):
             cycles, start = kinds.whole_cycles(one, t_c), plant.t + one.start_s / t_c

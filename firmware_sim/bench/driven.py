@@ -21,12 +21,12 @@ def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
     developed wake is scaled to the first speed, to which it adapts in the time without control. Raises ConfigError if
     the plant cannot change its speed."""
     if not isinstance(plant, Drivable):
-        raise ConfigError(f"drive {drive.name}: this plant has a constant speed; a drive needs stillwake's solver")
+        raise ConfigError(f"drive {drive.name}: this plant has a constant speed (`wake.plant.protocol.Drivable`)")
     wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed
-    if first != 1.0:
-        plant.scale(first)
     plant.wind = drive.wind(config.operating_point, plant.t)
     try:
+        if first != 1.0:
+            plant.scale(first)
         yield plant
     finally:
         plant.wind = wind

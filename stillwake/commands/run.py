@@ -98,8 +98,6 @@ def run(
     from firmware_sim.runs.summary import summary
 
     _check_reduction(require_reduction, averages=not no_averages)
-    if drive is not None and plant != shared.WAKE:
-        raise ConfigError(f"--drive {drive}: needs stillwake's solver, --plant {shared.WAKE}")
     kind, clock_mhz = ecu_of(ecu)
     disturbances = [parse_disturbance(text) for text in disturb]
     folder = RunFolder(output)

@@ -11,7 +11,7 @@ from contract.config.plant import FlowConfig
 from contract.geometry import WAKE_PROBE
 from wake.openfoam import foam_files, wall
 from wake.openfoam.mesh import PATCHES, Mesh
-from wake.openfoam.wall import JETS, pressure_points
+from wake.openfoam.wall import DRIVEN, pressure_points
 
 FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
 """Name of the function object that measures the force on each patch."""
@@ -40,11 +40,10 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
     """Write the fields at t = 0, one row for each of the m cells: velocity (m, 2) and kinematic pressure (m,)."""
     (folder / "0").mkdir(exist_ok=True)
     speeds: dict[str, dict[str, Any]] = {
-        "inlet": {"type": "fixedValue", "value": "uniform (1 0 0)"},
         "outlet": {"type": "zeroGradient"},
         "sides": {"type": "slip"},
         "truck": {"type": "noSlip"},
-        **{jet: wall.BOUNDARY for jet in JETS},
+        **{patch: wall.BOUNDARY for patch in DRIVEN},
         foam_files.PLANES: {"type": "empty"},
     }
     pressures: dict[str, dict[str, Any]] = {name: {"type": "zeroGradient"} for name in PATCHES}

@@ -91,6 +91,8 @@ def developed(
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
+    # Earlier states have an inlet whose velocity cannot change.
+    facts += ", inlet from files"
     if path.is_file():
         kept, made_with = load(path)
         if made_with == facts:

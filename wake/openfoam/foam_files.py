@@ -112,6 +112,29 @@ def parse_cells(content: bytes, name: str) -> Array:
     return flat if width == 1 else flat.reshape(count, width)
 
 
+_VALUES: Final = re.compile(
+    rb"nonuniform\s+List<(?P<type>scalar|vector)>\s*(?P<count>\d+)\s*\("
+    rb"|(?<![a-z])uniform\s+(?P<uniform>\([^()]*\)|[^\s();]+)"
+)
+
+
+def scaled(content: bytes, factor: float) -> bytes:
+    """Return a field's file, written in binary with 64-bit numbers, with all values in cells and on patches multiplied
+    by `factor`."""
+    parts, done = list[bytes](), 0
+    while found := _VALUES.search(content, done):
+        if found["type"]:
+            parts.append(content[done : found.end()])
+            done = found.end() + 8 * _WIDTH[found["type"]] * int(found["count"])
+            parts.append((factor * np.frombuffer(content[found.end() : done], dtype="<f8")).tobytes())
+        else:
+            text = found["uniform"].decode("ascii")
+            values = " ".join(f"{factor * float(number):.17g}" for number in text.strip("()").split())
+            parts += [content[done : found.start("uniform")], (f"({values})" if "(" in text else values).encode()]
+            done = found.end()
+    return b"".join([*parts, content[done:]])
+
+
 def latest(folder: Path) -> Path | None:
     """Return the folder of the latest time after 0 that has all fields, or None."""
     times = [

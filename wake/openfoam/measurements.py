@@ -1,6 +1,10 @@
 """Conversion of the files that icoFoam's function objects write into samples of the plant.
 
 Forces in units of rho U_inf^2 W / 2 are twice the kinematic forces, for a domain of depth 1.
+
+icoFoam accelerates the stream between inlet and outlet by a pressure gradient, -dU/dt. On a vehicle, the air is at rest
+and the body accelerates, without this gradient. The samples are those of the vehicle, as in stillwake's solver: the
+gradient's pressures and forces are subtracted.
 """
 
 import re
@@ -13,10 +17,11 @@ import numpy as np
 from contract import sensors
 from contract.arrays import Array
 from contract.errors import PlantError
+from contract.geometry import DOMAIN_X
 from contract.recording.openfoam_tables import read_foam_table
 from wake.openfoam.case import FORCE_OBJECTS, PRESSURES, PROBE_OBJECT
 from wake.openfoam.mesh import Mesh
-from wake.openfoam.wall import JETS, sensor_weights
+from wake.openfoam.wall import JETS, pressure_points, sensor_weights
 from wake.plant.sample import Sample
 from wake.truck.body import MOMENTUM_FACTOR
 
@@ -51,15 +56,20 @@ class Instruments:
 
     def __init__(self, mesh: Mesh) -> None:
         self._weights = sensor_weights(mesh)
+        self._upstream = pressure_points(mesh)[:, 0] - DOMAIN_X[1]
+        self._buoyancy = np.array([_buoyancy(mesh, patch) for patch in FORCE_OBJECTS])
 
-    def sample(self, readings: Readings, *, t: float, action: float) -> Sample:
-        """Return the sample at time t with the jet flow rate `action` in force. Raises PlantError if a reading is not
-        finite, or if the number of readings is not the mesh's number of probes."""
+    def sample(self, readings: Readings, *, t: float, action: float, acceleration: float = 0.0) -> Sample:
+        """Return the sample at time t with the jet flow rate `action` in force and a stream that is accelerated by
+        `acceleration`, in U_inf / t_c. Raises PlantError if a reading is not finite, or if the number of readings is
+        not the mesh's number of probes."""
         if readings.pressures.shape != (self._weights.shape[1],):
             raise PlantError(f"{readings.pressures.size} pressures read, this mesh has {self._weights.shape[1]} probes")
         readings.require_finite(t)
-        cp = self._weights @ readings.pressures
-        truck, slots = 2.0 * readings.forces[0, 0], 2.0 * readings.forces[1:].sum(axis=0)
+        cp = self._weights @ (readings.pressures + acceleration * self._upstream)
+        forces = readings.forces.copy()
+        forces[:, :2, 0] -= acceleration * self._buoyancy[:, None]
+        truck, slots = 2.0 * forces[0, 0], 2.0 * forces[1:].sum(axis=0)
         upper, lower = cp[sensors.COUNT :]
         return Sample(
             t=t,
@@ -73,6 +83,15 @@ class Instruments:
             Uy_probe=float(readings.wake[1]),
             action=action,
         )
+
+
+def _buoyancy(mesh: Mesh, patch: str) -> float:
+    """Return the force in x on a patch by a pressure that is zero at the outlet and has the gradient -1. On the
+    patches of a closed body, these forces add up to the body's area."""
+    ends = mesh.points[mesh.patches[patch]]
+    # The flow is on the left of an edge, so this is the area of the wall in x, positive if the wall faces downstream.
+    facing = ends[:, 0, 1] - ends[:, 1, 1]
+    return float((mesh.patch_centres(patch)[:, 0] - DOMAIN_X[1]) @ facing)
 
 
 class Follower:

@@ -6,6 +6,7 @@ times in advance, and a state can be taken only at a control period's end, where
 """
 
 import shutil
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar, Self
@@ -23,8 +24,9 @@ from contract.runtime.copies import NeverCopied
 from wake.openfoam import case, foam_files, wall
 from wake.openfoam.measurements import Follower, Instruments
 from wake.openfoam.mesh import Mesh, truck_mesh
-from wake.openfoam.process import PATIENCE_S, IcoFoam, JetPipes, require_installed
-from wake.openfoam.state import FoamState, put, read_fields
+from wake.openfoam.process import PATIENCE_S, BoundaryPipes, IcoFoam, require_installed
+from wake.openfoam.state import FoamState, put, read_fields, scaled
+from wake.plant.drive import Wind
 from wake.plant.protocol import SteppedPlant
 from wake.plant.sample import Sample
 from wake.solver.grid import Grid, truck_grid
@@ -64,6 +66,10 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         refinement: divisor of every spacing of the mesh; it must equal the state's refinement.
         duration: longest time that can be run after a `reset`, in t_c.
         patience_s: longest wait for one time step, in s.
+
+    Attributes:
+        wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
+            not hold the wind.
     """
 
     INSTEAD: ClassVar = "icoFoam is a process; give its state() to another OpenFoamWake"
@@ -89,7 +95,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self._patience_s = patience_s
         self._instruments = Instruments(self.mesh)
         self._child: IcoFoam | None = None
-        self._pipes: JetPipes | None = None
+        self._pipes: BoundaryPipes | None = None
+        self.wind: Wind | None = None
         self.reset(state)
 
     def __enter__(self) -> Self:
@@ -122,10 +129,11 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         # The case has one more step than the longest run, so that icoFoam still waits after the last step was measured.
         clock = case.CaseClock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
         case.write_settings(self._case, self.mesh, self.config, clock)
-        wall.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action)
+        stream = self._stream(state.substep)
+        wall.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action, stream=stream)
         self._follower = Follower(self._case)
         self._child = IcoFoam(self._case)
-        self._pipes = JetPipes(self._case, self.mesh, self._child, self._patience_s)
+        self._pipes = BoundaryPipes(self._case, self.mesh, self._child, self._patience_s)
         self._first = self._substep = state.substep
         self._state, self._action = state, state.action
         self._readings = state.readings
@@ -155,7 +163,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
             raise PlantError(f"cannot run past {self._steps * self.dt:g} t_c: give a longer duration")
         start, target = self._action, self._action if action is None else self._checked(action)
         for step in range(into + 1, substep + 1):
-            self._pipes.send(start + (target - start) * (step - into) / (last - into))
+            reached = start + (target - start) * (step - into) / (last - into)
+            self._pipes.send(reached, self._stream(self._substep - into + step))
         self._pipes.wait()
         self._readings = self._follower.read()
         self._substep += substep - into
@@ -164,7 +173,21 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:
-        return self._instruments.sample(self._readings, t=self.t, action=self._action)
+        now, before, earlier = (self._stream(self._substep - ago) for ago in range(3))
+        # This is the derivative by icoFoam's time scheme, so that it fits the pressures of icoFoam.
+        acceleration = (3.0 * now - 4.0 * before + earlier) / (2.0 * self.dt)
+        return self._instruments.sample(self._readings, t=self.t, action=self._action, acceleration=acceleration)
+
+    def set_reynolds(self, reynolds: float) -> None:
+        """Restart icoFoam with the viscosity of another Reynolds number. Raises PlantError in the middle of a control
+        period, or if icoFoam does not start."""
+        state = self.state()
+        self.config = replace(self.config, reynolds=reynolds)
+        self.reset(state)
+
+    def scale(self, ratio: float) -> None:
+        """Restart icoFoam with a flow that is scaled as by `TruckWake.scale`; raises as `set_reynolds` does."""
+        self.reset(scaled(self.state(), ratio))
 
     def vorticity(self) -> Array:
         """Return dv/dx - du/dy at the corners of `grid`, as `TruckWake.vorticity` does. It is only available at the end
@@ -186,6 +209,10 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     def pressure(self) -> None:
         """Return None: the pressure is available at the sensors only."""
+
+    def _stream(self, substep: int) -> float:
+        """Return the free stream at the end of a time step, in U_inf."""
+        return 1.0 if self.wind is None else 1.0 + self.wind(substep * self.dt)
 
     def close(self) -> None:
         for part in (self._child, self._pipes):

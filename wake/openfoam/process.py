@@ -1,10 +1,10 @@
-"""icoFoam as a child process, and the pipes through which its jets are controlled step by step.
+"""icoFoam as a child process, and the pipes through which its jets and its inlet are controlled step by step.
 
-The jets' boundary condition (`wake.openfoam.wall`) reads the velocity at listed instants from one file for each
-instant. When it has passed an instant, it opens the next instant's file in the following time step. Here the end of
-every time step is an instant, and its file is a named pipe for each jet. So icoFoam stops at the start of each time
-step, after it has measured and written everything about the last step, until the jets' velocity at the step's end
-arrives. A ramp can then start at any time step of a control period, as in stillwake's solver.
+The boundary condition of jets and inlet (`wake.openfoam.wall`) reads the velocity at listed instants from one file for
+each instant. When it has passed an instant, it opens the next instant's file in the following time step. Here the end
+of every time step is an instant, and its file is a named pipe for each patch. So icoFoam stops at the start of each
+time step, after it has measured and written everything about the last step, until the velocities at the step's end
+arrive. A ramp can then start at any time step of a control period, as in stillwake's solver.
 """
 
 import ctypes
@@ -22,7 +22,7 @@ from contract.errors import PlantError
 from contract.runtime.copies import NeverCopied
 from wake.openfoam import wall
 from wake.openfoam.mesh import Mesh
-from wake.openfoam.wall import JETS
+from wake.openfoam.wall import DRIVEN
 
 LOG: Final = "log.icoFoam"
 PROGRAM: Final = "icoFoam"
@@ -112,8 +112,8 @@ PATIENCE_S: Final = 120.0
 _POLL_S: Final = (2e-4, 5e-3)
 
 
-class JetPipes(NeverCopied):
-    """The controller's ends of the pipes to icoFoam's jets.
+class BoundaryPipes(NeverCopied):
+    """The controller's ends of the pipes to icoFoam's jets and inlet.
 
     Args:
         folder: the case, written by `wall.write_pipes`.
@@ -139,18 +139,18 @@ class JetPipes(NeverCopied):
         """Wait until icoFoam has finished its time step and opens the pipes for the next step. Raises PlantError if
         icoFoam ends or takes too long."""
         if self._waiting is None:
-            self._waiting = self._open(JETS[0])
+            self._waiting = self._open(DRIVEN[0])
 
-    def send(self, action: float) -> None:
-        """Let icoFoam take a time step that ends with the jets' flow rate `action`. Raises PlantError as `wait`
-        does."""
+    def send(self, action: float, stream: float = 1.0) -> None:
+        """Let icoFoam take a time step that ends with the jets' flow rate `action` and the free stream `stream`, in
+        U_inf. Raises PlantError as `wait` does."""
         self.wait()
-        for jet in JETS:
-            reader = self._open(jet) if self._waiting is None else self._waiting
+        for patch in DRIVEN:
+            reader = self._open(patch) if self._waiting is None else self._waiting
             self._waiting = None
             try:
-                # The text has a few hundred bytes, which a pipe accepts in one write.
-                os.write(reader, wall.velocities(self._mesh, jet, action).encode("ascii"))
+                # A pipe accepts the text, at most a few thousand bytes, in one write.
+                os.write(reader, wall.velocities(self._mesh, patch, action, stream).encode("ascii"))
             except BrokenPipeError:
                 self._child.wait(1.0)
                 raise self._child.failure("closed its end of a pipe") from None
@@ -163,8 +163,8 @@ class JetPipes(NeverCopied):
             os.close(self._waiting)
             self._waiting = None
 
-    def _open(self, jet: str) -> int:
-        path, pause = wall.pipe(self._folder, jet), _POLL_S[0]
+    def _open(self, patch: str) -> int:
+        path, pause = wall.pipe(self._folder, patch), _POLL_S[0]
         deadline = time.monotonic() + self._patience_s
         while True:
             try:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +19,8 @@ STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
 # The files are velocity and pressure, the flux through every face, and U and phi at the older level of the time scheme.
 _FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
+_POWERS: Final = dict.fromkeys(_FIELDS, 1) | {"p": 2}
+"""The powers of the velocity to which the fields are proportional."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +49,20 @@ class FoamState:
     def pressure(self) -> Array:
         """The kinematic pressure in the cells, (m,)."""
         return foam_files.parse_cells(self.files["p"], "p of a state")
+
+
+def scaled(state: FoamState, ratio: float) -> FoamState:
+    """Return the state of a stream that is `ratio` times as fast: velocities are multiplied by the ratio, pressures and
+    forces by its square."""
+    readings = state.readings
+    square = ratio * ratio
+    return replace(
+        state,
+        files={name: foam_files.scaled(content, ratio ** _POWERS[name]) for name, content in state.files.items()},
+        readings=Readings(
+            forces=square * readings.forces, pressures=square * readings.pressures, wake=ratio * readings.wake
+        ),
+    )
 
 
 def read_fields(folder: Path) -> dict[str, bytes]:

@@ -1,8 +1,9 @@
-"""The wall in icoFoam: the slots' boundary condition, the pressure probes, and the sensors as weighted sums of probes.
+"""Boundaries in icoFoam: the velocity at the inlet and in the slots, the pressure probes, and the sensors as weighted
+sums of probes.
 
-`timeVaryingMappedFixedValue` reads the jet velocity, a parabola over each slot, at each listed instant from a file and
-ramps linearly between instants. A case without control lists the beginning and a time that it never reaches. A case in
-closed loop lists the end of every time step, and its files are named pipes.
+`timeVaryingMappedFixedValue` reads a patch's velocity, uniform at the inlet and a parabola over each slot, at each
+listed instant from a file and ramps linearly between instants. A case without control lists the beginning and a time
+that it never reaches. A case in closed loop lists the end of every time step, and its files are named pipes.
 
 The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
 is interpolated linearly along the wall between the two nearest faces.
@@ -22,6 +23,8 @@ from wake.openfoam import foam_files
 from wake.openfoam.mesh import Mesh
 
 JETS: Final = ("jetUpper", "jetLower")
+DRIVEN: Final = ("inlet", *JETS)
+"""The patches whose velocity changes with time, in the order in which icoFoam updates them."""
 
 BOUNDARY: Final[dict[str, Any]] = {
     "type": "timeVaryingMappedFixedValue",
@@ -38,39 +41,42 @@ _NEVER: Final = "1000000"
 _LATE: Final = 1e-6
 
 
-def slot_velocity(mesh: Mesh, jet: str, action: float) -> Array:
-    """Return the velocity on the k faces of a slot, in the mesh's order, (k, 2), averaged exactly over each face.
-    `action` is the jet flow rate; the lower slot blows when the upper slot sucks (paper, section 2.1)."""
-    y = mesh.patch_centres(jet)[:, 1]
+def patch_velocity(mesh: Mesh, patch: str, action: float, stream: float) -> Array:
+    """Return the velocity on the k faces of a patch in `DRIVEN`, in the mesh's order, (k, 2); on a slot it is averaged
+    exactly over each face. `action` is the jet flow rate; the lower slot blows when the upper slot sucks (paper,
+    section 2.1). `stream` is the free stream in U_inf."""
+    y = mesh.patch_centres(patch)[:, 1]
+    if patch not in JETS:
+        return np.column_stack([np.full(len(y), stream), np.zeros(len(y))])
     shares = slot_shares(len(y))[np.argsort(np.argsort(y))]
-    sign = 1.0 if jet == "jetUpper" else -1.0
+    sign = 1.0 if patch == "jetUpper" else -1.0
     speed = sign * action * shares * len(y) / JET_WIDTH
     return np.column_stack([speed, np.zeros(len(y))])
 
 
-def velocities(mesh: Mesh, jet: str, action: float) -> str:
-    """Return the text of an instant's file with the values of `slot_velocity`."""
-    return foam_files.vectors(slot_velocity(mesh, jet, action)) + "\n"
+def velocities(mesh: Mesh, patch: str, action: float, stream: float = 1.0) -> str:
+    """Return the text of an instant's file with the values of `patch_velocity`."""
+    return foam_files.vectors(patch_velocity(mesh, patch, action, stream)) + "\n"
 
 
-def pipe(folder: Path, jet: str) -> Path:
-    """Return the path of a jet's named pipe in a case in closed loop."""
-    return folder / "pipes" / jet / "U"
+def pipe(folder: Path, patch: str) -> Path:
+    """Return the path of a patch's named pipe in a case in closed loop."""
+    return folder / "pipes" / patch / "U"
 
 
 def write_rest(folder: Path, mesh: Mesh) -> None:
-    """Write the files of the instants of a case whose jets never blow."""
-    for jet in JETS:
-        data = _begin(folder, mesh, jet, 0.0)
+    """Write the files of the instants of a case with a steady stream whose jets never blow."""
+    for patch in DRIVEN:
+        data = _begin(folder, mesh, patch, 0.0, 1.0)
         (data / _NEVER).mkdir(exist_ok=True)
-        (data / _NEVER / "U").write_text(velocities(mesh, jet, 0.0), encoding="ascii")
+        (data / _NEVER / "U").write_text(velocities(mesh, patch, 0.0), encoding="ascii")
 
 
-def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float) -> None:
-    """Write the files of the instants of a case in closed loop: the jets start from `action`, and the end of every time
-    step is an instant, whose folder is a link to the folder that holds the jet's pipe."""
-    for jet in JETS:
-        data, end = _begin(folder, mesh, jet, action), pipe(folder, jet)
+def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float, stream: float = 1.0) -> None:
+    """Write the files of the instants of a case in closed loop: jets and inlet start from `action` and `stream`, and
+    the end of every time step is an instant, whose folder is a link to the folder that holds the patch's pipe."""
+    for patch in DRIVEN:
+        data, end = _begin(folder, mesh, patch, action, stream), pipe(folder, patch)
         end.parent.mkdir(parents=True)
         os.mkfifo(end)
         target = Path(os.path.relpath(end.parent, data))
@@ -78,11 +84,11 @@ def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: floa
             (data / f"{(step + _LATE) * dt:.12g}").symlink_to(target)
 
 
-def _begin(folder: Path, mesh: Mesh, jet: str, action: float) -> Path:
-    data = folder / "constant" / "boundaryData" / jet
+def _begin(folder: Path, mesh: Mesh, patch: str, action: float, stream: float) -> Path:
+    data = folder / "constant" / "boundaryData" / patch
     (data / "0").mkdir(parents=True, exist_ok=True)
-    (data / "0" / "U").write_text(velocities(mesh, jet, action), encoding="ascii")
-    centres = [f"({x:.17g} {y:.17g} 0.5)" for x, y in mesh.patch_centres(jet)]
+    (data / "0" / "U").write_text(velocities(mesh, patch, action, stream), encoding="ascii")
+    centres = [f"({x:.17g} {y:.17g} 0.5)" for x, y in mesh.patch_centres(patch)]
     (data / "points").write_text(foam_files.numbers(centres) + "\n", encoding="ascii")
     return data
 

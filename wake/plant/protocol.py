@@ -70,7 +70,7 @@ class LivePlant(LoopPlant, Drawable, Protocol):
 
 @runtime_checkable
 class Disturbable(Plant, Protocol):
-    """A plant whose viscosity and wind can change during a run. Only stillwake's solver is such a plant."""
+    """A plant whose viscosity and wind can change during a run."""
 
     config: FlowConfig
     wind: Wind | None
@@ -85,7 +85,7 @@ class Disturbable(Plant, Protocol):
 
 @runtime_checkable
 class Drivable(Disturbable, Protocol):
-    """A plant whose free-stream speed can change. Only stillwake's solver is such a plant."""
+    """A plant whose free-stream speed can change."""
 
     def scale(self, ratio: float) -> None:
         """Scale the flow to a free stream of `ratio` times the present speed."""
@@ -94,7 +94,7 @@ class Drivable(Disturbable, Protocol):
         """Return the present state for a later `reset`."""
 
     def reset(self, state: Any) -> Sample:
-        """Continue from a state, bit for bit."""
+        """Continue from a state."""
 
 
 class SteppedPlant(Plant):

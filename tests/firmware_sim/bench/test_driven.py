@@ -138,5 +138,5 @@ def test_a_drive_at_the_design_speed_is_the_run_without_one_to_the_bit(short_rel
 
 
 def test_a_drive_needs_a_flow_that_can_have_it():
-    with pytest.raises(ConfigError, match="drive up: this plant has a constant speed; a drive needs stillwake's"):
+    with pytest.raises(ConfigError, match="drive up: this plant has a constant speed"):
         Simulation(make_bundle(), CONFIG, spans=SPANS, controller=Waves(), drive=UP).run(LiveOscillator(CONFIG))

@@ -196,7 +196,7 @@ def test_a_plant_that_cannot_be_disturbed_is_refused_and_one_that_fails_is_given
         def advance_to(self, substep, action=None):
             raise ArithmeticError
 
-    with pytest.raises(ConfigError, match="the flow of this plant cannot be disturbed"):
+    with pytest.raises(ConfigError, match="this plant's flow cannot change"):
         Run("reynolds=700", plant=Bare(CONFIG.flow.substeps))
     plant = Breaks(CONFIG)
     with pytest.raises(ArithmeticError):

@@ -32,7 +32,6 @@ BEFORE = {
     "--require-reduction nan": "--require-reduction nan: must be a number of percent",
     "--require-reduction 0.2": "--require-reduction 0.2: is a number of percent; for 20 % write 20",
     "--drive steady-55": "drive 'steady-55': must be a file ending in .csv, or one of steady-60, ",
-    "--drive ramps --plant openfoam": "--drive ramps: needs stillwake's solver, --plant wake",
     # An ECU in C.
     "--ecu rust": "--ecu rust: must be one of python, c, mcu, or a clock in MHz as in mcu@300",
     "--ecu c@3": "--ecu c@3: must be one of python, c, mcu",

@@ -7,6 +7,7 @@ Cell values at other points, against scipy's linear interpolation.
 
 import re
 import struct
+from math import pi
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from scipy.interpolate import LinearNDInterpolator
 
 from contract import sensors
 from contract.errors import PlantError
+from contract.geometry import DOMAIN_X, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
 from wake.openfoam import foam_files, state, wall
 from wake.openfoam.measurements import Follower, Instruments, Readings, read_all
 from wake.openfoam.plant import CellInterpolation
@@ -71,6 +73,31 @@ def test_a_sample_is_made_of_forces_per_unit_of_half_rho_u_squared(coarse_mesh, 
     assert sample.jet_power == pytest.approx(0.0, abs=1e-15)
     # Two slots of momentum flux 6/5 q^2 / width, per unit of half.
     assert sample.Cd_momentum == pytest.approx(-2 * 2 * 1.2 * 0.05**2 / 0.05)
+
+
+def test_the_pressures_that_accelerate_the_stream_are_taken_out(coarse_mesh):
+    # A fluid at rest relative to the body: icoFoam has only the gradient of the acceleration, and the vehicle nothing.
+    rate, area = 0.3, LENGTH - 2.0 * (1.0 - 0.25 * pi) * LEADING_EDGE_RADIUS**2
+    forces = np.zeros((3, 3, 3))
+    # Both slots face downstream; the rest of the body gets what is left of the buoyancy.
+    forces[1:, :2, 0] = rate * (LENGTH - DOMAIN_X[1]) * JET_WIDTH
+    forces[0, :2, 0] = rate * area - forces[1:, 0, 0].sum()
+    pressures = -rate * (pressure_points(coarse_mesh)[:, 0] - DOMAIN_X[1])
+    readings = Readings(forces=forces, pressures=pressures, wake=np.array([1.0, 0.0, 0.0]))
+    sample = Instruments(coarse_mesh).sample(readings, t=1.0, action=0.05, acceleration=rate)
+    assert sample.Cp == pytest.approx(np.zeros(90), abs=1e-12)
+    # The mesh has chords in place of the arcs.
+    assert (sample.Cd, sample.Cd_slot_pressure) == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+def test_a_scaled_field_is_scaled_in_all_cells_and_on_all_patches():
+    inside = _field([1.0, 2, 3, 4, 5, 6], "vector", 2)
+    patches = b"{\ninlet { type fixedValue; value uniform (1 0 0); }\nouter { value nonuniform List<scalar> \n2\n("
+    patches += struct.pack("<2d", 7.0, 8.0) + b"); }\nsides { type slip; value uniform 3; }\n}"
+    changed = foam_files.scaled(inside.replace(b"{}", patches), 0.5)
+    assert foam_files.parse_cells(changed, "U").tolist() == [[0.5, 1, 1.5], [2, 2.5, 3]]
+    assert b"value uniform (0.5 0 0);" in changed and b"slip; value uniform 1.5;" in changed
+    assert struct.pack("<2d", 3.5, 4.0) in changed and len(changed) == len(inside) - 2 + len(patches) + 4
 
 
 def test_only_the_newest_whole_line_is_read(coarse_mesh, tmp_path):
@@ -175,7 +202,7 @@ def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
 def test_jets_are_parabolas_averaged_over_each_face(coarse_mesh):
     action = 0.06
     for jet, sign, bottom in (("jetUpper", 1.0, 0.45), ("jetLower", -1.0, -0.5)):
-        speed = wall.slot_velocity(coarse_mesh, jet, action)
+        speed = wall.patch_velocity(coarse_mesh, jet, action, stream=1.3)
         edges = coarse_mesh.points[coarse_mesh.patches[jet]][:, :, 1]
         assert speed[:, 1] == pytest.approx(0.0, abs=0)
         for (a, b), u in zip(edges, speed[:, 0], strict=True):

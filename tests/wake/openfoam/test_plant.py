@@ -2,6 +2,8 @@
 
 import re
 import shutil
+from dataclasses import replace
+from math import cos, pi
 
 import numpy as np
 import pytest
@@ -68,6 +70,31 @@ def test_the_wake_goes_on_as_on_the_own_solver(plant):
     assert np.mean([s.Cd for s in theirs]) == pytest.approx(np.mean([s.Cd for s in ours]), rel=0.1)
     assert np.array([s.Cp for s in theirs]) == pytest.approx(np.array([s.Cp for s in ours]), abs=0.25)
     assert theirs[-1].t == pytest.approx(2.0)
+
+
+def test_a_varying_speed_gives_the_forces_of_the_own_solver(plant):
+    # The stream gains 0.2 U_inf in 2 t_c. Uncorrected, the pressures that accelerate it would shift Cp on the base by
+    # 2 * 0.16 * 15, about 5.
+    own, wind = TruckWake(replace(FlowConfig(), substeps=40)), lambda t: 0.1 * (1.0 - cos(0.5 * pi * t)) - 0.1
+    own.reset(developed_state())
+    for _ in range(3):
+        own.advance(0.0)
+    for either in (own, plant):
+        either.wind = lambda t, begin=either.t: wind(t - begin)
+        either.scale(0.9)
+    ours, theirs = ([either.advance(0.0) for _ in range(10)] for either in (own, plant))
+    assert [s.Cd for s in theirs] == pytest.approx([s.Cd for s in ours], abs=0.12)
+    assert [s.Cd_slot_pressure for s in theirs] == pytest.approx([s.Cd_slot_pressure for s in ours], abs=0.03)
+    assert np.array([s.Cp for s in theirs]) == pytest.approx(np.array([s.Cp for s in ours]), abs=0.3)
+
+
+def test_another_viscosity_changes_the_friction(plant):
+    before = plant.advance(0.0)
+    plant.set_reynolds(250.0)
+    after = plant.advance(0.0)
+    assert after.t == pytest.approx(before.t + 0.2)
+    # Right after the change the velocity at the wall is nearly the same, so friction rises with the viscosity.
+    assert after.Cd_slot_viscous / before.Cd_slot_viscous == pytest.approx(2.0, rel=0.3)
 
 
 def _sample_at(plant: OpenFoamWake, substep: int, action: float | None = None) -> Sample:
