@@ -43,10 +43,11 @@ def refine(
     The prior is a small feedback that gives the plan from which the controller's optimiser starts. It runs in closed
     loop with the flow solver, and learns by the exact gradient of the drag. The command can be stopped at any time; the
     same command continues. docs/explanation/through-the-flow.md describes the method. The sensors of --sensors must be
-    pairs of mirror images, --dataset is the model's training data, and --state is on the default grid.
+    pairs of mirror images; without it they are the model's sensors if these are such pairs, or else two pairs next to
+    the rear edges. --dataset is the model's training data, and --state is on the default grid.
     """
     from train import model_store
-    from train.refinement.pipeline import refine_model
+    from train.refinement.pipeline import are_pairs, refine_model
 
     folder = check_model_output(output, overwrite=overwrite)
     check_json(json_file)
@@ -71,7 +72,7 @@ def refine(
 
     layout = trained.layout
     by_hand = tuple(layout.names[index] for index in select_by_hand(_SENSORS, layout))
-    names = shared.names_in(sensors) or by_hand
+    names = shared.names_in(sensors) or (trained.sensors if are_pairs(layout, trained.sensors) else by_hand)
     spread = side_by_side(workers, partial(wake_of, config, names)) if workers > 1 else nullcontext()
     with go_on_with(lambda: advice(folder)), spread as run, progress("steps", estimate_over=600.0) as report:
         show = TrainingProgress(report)

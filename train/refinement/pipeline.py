@@ -180,6 +180,15 @@ _CHUNK: Final = 20_000
 """Number of rows of regressors in memory at a time."""
 
 
+def are_pairs(layout: SensorLayout, sensors: Sequence[str]) -> bool:
+    """Return whether the sensors are pairs of mirror images, as `check_pairs` requires."""
+    try:
+        check_pairs(layout, sensors)
+    except DatasetError:
+        return False
+    return True
+
+
 def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
     """Check that the sensors are pairs of mirror images, one pair after the other. Raises ConfigError if a name does
     not exist or is given twice; DatasetError if the two sensors of a pair are not mirror images of each other."""
