@@ -62,7 +62,8 @@ class GateLimits:
         if steps > INT16_MAX:
             widest = INT16_MAX * FLOW_RESOLUTION_M2_PER_S
             raise ConfigError(
-                f"flow.action_limit is {limit:g} m2/s at this speed and width: JetCommand ends at {widest:g}"
+                f"flow.action_limit is {limit:g} m2/s at this speed and width: JetCommand ends at {widest:g}; state "
+                f"the vehicle's operating_point.width and operating_point.speed"
             )
         held_age_ns = (1 + config.ecu.hold_periods + config.ecu.decay_periods) * config.period_ns
         return cls(

@@ -307,8 +307,8 @@ def write_film(path: Path, log: RunLog, story: Story, width: int = 960) -> int:
 def main(
     run: Annotated[Path, typer.Argument(help="Folder written by `stillwake run`.")],
     output: Annotated[Path, typer.Argument(help="Film to write: .webp or .gif.")],
-    begin: Annotated[float | None, typer.Option(help="In t_c; default: 11 before control begins.")] = None,
-    end: Annotated[float | None, typer.Option(help="In t_c; default: 50 after control begins.")] = None,
+    begin: Annotated[float | None, typer.Option(help="Time of the run in t_c; default: 11 before control.")] = None,
+    end: Annotated[float | None, typer.Option(help="Time of the run in t_c; default: 50 after control.")] = None,
     width: Annotated[int, typer.Option(help="Pixels.", min=400, max=4000)] = 960,
 ) -> None:
     """Write the film of a run under control."""

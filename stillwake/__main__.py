@@ -15,6 +15,7 @@ from inspect import getdoc
 from typing import Annotated, Final
 
 import typer
+from rich.markup import escape
 
 from stillwake.commands.bundle import bundle, keygen
 from stillwake.commands.campaign import campaign
@@ -93,10 +94,11 @@ app.add_typer(dataset, name="dataset", rich_help_panel=_MODEL)
 
 
 def _let_paragraphs_flow(group: typer.Typer) -> None:
-    """Let rich break the lines of every command's help where the terminal ends, not where the source's lines end."""
+    """Let rich break the lines of every command's help where the terminal ends, not where the source's lines end, and
+    show brackets such as [t_c], which rich would take for markup."""
     for info in group.registered_commands:
         paragraphs = (getdoc(info.callback) or "").split("\n\n")
-        info.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+        info.help = escape("\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs))
     for inner in group.registered_groups:
         if inner.typer_instance is not None:
             _let_paragraphs_flow(inner.typer_instance)

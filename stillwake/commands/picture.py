@@ -63,8 +63,10 @@ def picture(
     forces. The sensors of --sensors are coloured by Cp; by default they are the run's sensors, or all sensors.
     """
     from wake.pictures.animation import check_target
-    from wake.pictures.drawing import WakePicture, check_suffix, save_figure
+    from wake.pictures.drawing import PICTURES, WakePicture, check_suffix, save_figure
 
+    if output.suffix.lower() not in (*PICTURES, *_MOVING):
+        raise ConfigError(f"{output}: must be a file ending in {', '.join((*PICTURES, *_MOVING))}")
     moves = output.suffix.lower() in _MOVING
     if moves and field == "mean":
         raise ConfigError(f"{output}: the mean flow does not move; name a file that ends in .png, .pdf or .svg")

@@ -187,7 +187,7 @@ def test_fail_safe_settings_move_the_age():
     limits = GateLimits.from_config(config)
     assert (limits.fresh_age_ns, limits.held_age_ns) == (45_000_000, 180_000_000)
     # At this speed the wire cannot carry the limit.
-    with pytest.raises(ConfigError, match=r"action_limit is 7\.5 m2/s .* ends at 6\.5534"):
+    with pytest.raises(ConfigError, match=r"limit is 7\.5 m2/s .* ends at 6\.5534; state .*operating_point\.width"):
         GateLimits.from_config(Config(operating_point=OperatingPoint(speed=40.0)))
 
 

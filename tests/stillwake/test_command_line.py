@@ -25,6 +25,13 @@ def test_without_a_verb_it_lists_them_and_the_version_is_the_installed_one(cli):
     assert cli("--version").out == f"stillwake {version('stillwake')}\n"
 
 
+@pytest.mark.parametrize("words", VERBS)
+def test_the_help_shows_text_in_brackets(cli, words):
+    help_text = cli(*words.split(), "--help").out
+    source = inspect.getdoc(command_line.commands()[words].callback) or ""
+    assert [text for text in re.findall(r"\[[^\]\s]+\]", source) if text not in help_text] == []
+
+
 def test_it_stays_small():
     commands = command_line.commands()
     options = [one for command in commands.values() for one in command.params if one.param_type_name == "option"]

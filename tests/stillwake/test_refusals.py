@@ -100,7 +100,7 @@ BEFORE_THE_WORK = {
     "picture a.gif --forcing sine:frequency=nan": "frequency must be a positive number",
     "picture a.gif --forcing sine:amplitude=nan": "amplitude = nan: must be between",
     "picture a.gif --field mean": "a.gif: the mean flow does not move",
-    "picture a.xyz": "a.xyz: must be a file ending in .png",
+    "picture a.xyz": "a.xyz: must be a file ending in .png, .pdf, .svg, .gif, .webp",
     "picture a.png --duration 1": "--forcing go with --field mean or a moving picture",
     "develop a.npz --steady --duration 3": "--duration 3: does not go with --steady",
     "develop a.npz --json f": "--json: goes with --steady",

@@ -214,9 +214,10 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *
                 k = tuple(np.argwhere(beyond)[0])
                 hint = f"; {array[k]:g}, first at step {k[0]}, may stand for a missing value{GAP}"
             raise DatasetError(f"{path}: {name!r} reaches {peak:g}, a coefficient stays below {_LARGEST:g}{hint}")
-    spread = arrays["Cp"].std(axis=0)
+    # A constant series can have a deviation above 0 by rounding; the notes name a constant sensor.
+    spread = np.where(np.ptp(arrays["Cp"], axis=0) > 0.0, arrays["Cp"].std(axis=0), np.inf)
     weakest = int(spread.argmin())
-    if 0.0 < spread[weakest] < CP_QUANTUM:
+    if spread[weakest] < CP_QUANTUM:
         raise DatasetError(
             f"{path}: sensor {layout.names[weakest]} varies by {spread[weakest]:.2g}, less than the {CP_QUANTUM:.2g} "
             f"that a data set resolves; correct --reference Cp, or take the sensor out of the list if it is dead"

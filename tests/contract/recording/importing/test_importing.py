@@ -124,6 +124,17 @@ def test_a_file_that_does_not_fit_is_refused_by_name_and_place(tmp_path, layout)
         imported(tmp_path / "none.csv", layout)
 
 
+def test_a_constant_sensor_is_read_whatever_its_value_and_a_series_too_fine_to_store_is_refused(tmp_path, layout):
+    values = foreign_plant.series(300, 2)
+    for value in (0.0, 99.99, -0.37):
+        values["Cp"][:, 1] = value
+        made = imported(foreign_plant.write_csv(tmp_path / "a.csv", values), layout)
+        assert np.ptp(made.episodes[0].series["Cp"][:, 1]) == 0.0
+    values["Cp"][:, 1] = 0.5 + 1e-6 * np.sin(np.arange(300))
+    with pytest.raises(DatasetError, match=f"sensor {NAMES[1]} varies by .*correct --reference Cp"):
+        imported(foreign_plant.write_csv(tmp_path / "a.csv", values), layout)
+
+
 def test_comments_and_a_header_that_is_one_are_read(tmp_path, layout):
     """numpy.savetxt writes the header after a #; others write remarks above it, a byte order mark, or the separator."""
     for head in ("# {}\n", "# my rig, 2026\n\n{}\n", "\ufeff{}\r\n", "\ufeffsep=,\r\n{}\r\n"):
