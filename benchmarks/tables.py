@@ -75,6 +75,7 @@ TABLES: Final = {
     "runtimes": PageTable(controller.runtimes, ("runtimes",), "runtimes"),
     "sensor_check_alarms": PageTable(ecu.alarms, ("sensor_check",), "sensor_check"),
     "sensor_check_faults": PageTable(ecu.faults, ("sensor_check",), "sensor_check"),
+    "square_loop": PageTable(loop_tables.release_loop, ("square_loop",)),
     "steady": PageTable(release.steady, ("steady", "demo")),
     "steps": PageTable(wake.steps, ("wake_speed",), "wake_speed"),
     "summary": PageTable(
