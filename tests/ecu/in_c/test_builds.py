@@ -82,7 +82,7 @@ def with_compiler(name: str) -> str:
 
 @NEEDS_CMAKE
 def test_the_pages_project_starts(project):
-    ran(project, "cmake", "-B", "build", with_compiler("clang"), "-DSW_LOADER=OFF")
+    ran(project, "cmake", "-Werror=dev", "-B", "build", with_compiler("clang"), "-DSW_LOADER=OFF")
     ran(project, "cmake", "--build", "build")
     assert ran(project, "./build/vehicle") == STARTED
     assert not list(project.glob("build/**/libstillwake_loader.a"))
@@ -92,7 +92,7 @@ def test_the_pages_project_starts(project):
 @NEEDS_CMAKE
 def test_a_project_starts_that_finds_the_installed_package(project):
     """From a folder that knows nothing of ecu_c; the known answer is left out."""
-    ran(project, "cmake", "-B", "build_c", with_compiler("gcc"), "-DSW_KNOWN_ANSWER=OFF", "ecu_c")
+    ran(project, "cmake", "-Werror=dev", "-B", "build_c", with_compiler("gcc"), "-DSW_KNOWN_ANSWER=OFF", "ecu_c")
     ran(project, "cmake", "--build", "build_c")
     assert "100% tests passed" in ran(project, "ctest", "--test-dir", "build_c")
     ran(project, "cmake", "--install", "build_c", "--prefix", "installed")
