@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import typer
 
 from contract.recording.dataset import read
 from train.samples.rows import Rows, fit_scaling, prepare
@@ -35,4 +36,4 @@ def main(path: str, count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    typer.run(main)

@@ -212,7 +212,7 @@ def _run_store(
     from ecu.flashable.ecu_folder import read_folder
 
     uses = (*(name for name in _USES if name != COST_WEIGHTS), DIAGNOSIS)
-    config = settings("ecu", given, uses=uses).config
+    config = settings("ecu --slots", given, uses=uses).config
     _check_freshness(config, options)
     folder = read_folder(slots, root=root, hardware=hardware)
     key = AccessKey.read(access)

@@ -92,7 +92,7 @@ def test_the_pages_project_starts(project):
 @NEEDS_CMAKE
 def test_a_project_starts_that_finds_the_installed_package(project):
     """From a folder that knows nothing of ecu_c; the known answer is left out."""
-    ran(project, "cmake", "-B", "build_c", with_compiler("gcc"), "-DSW_KNOWN_ANSWER=OFF", "ecu_c")
+    ran(project, "cmake", "-Werror=dev", "-B", "build_c", with_compiler("gcc"), "-DSW_KNOWN_ANSWER=OFF", "ecu_c")
     ran(project, "cmake", "--build", "build_c")
     assert "100% tests passed" in ran(project, "ctest", "--test-dir", "build_c")
     ran(project, "cmake", "--install", "build_c", "--prefix", "installed")
