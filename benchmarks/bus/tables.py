@@ -121,7 +121,7 @@ def can_load(*found: Any) -> str:
     """Return a table with a row for each of the project's messages, and the total load of the bus below the table, from
     the results of `CAN_LOADS`."""
     rows, lines = [], []
-    for name, alone, loaded in zip(("CAN FD", "Classic CAN"), found[::2], found[1::2], strict=True):
+    for name, alone, loaded in zip(("CAN FD", "classic CAN"), found[::2], found[1::2], strict=True):
         others = _ours(loaded)
         for message in _ours(alone).values():
             crowded = others[message["name"]]
@@ -129,8 +129,8 @@ def can_load(*found: Any) -> str:
             in_time = "yes" if crowded["in_time"] else "no"
             rows.append((*alone_s, crowded["response_ms"], message["deadline_ms"], in_time))
         lines.append(
-            f"{name}: stillwake's messages load the bus by {_load(alone)}, together with "
-            f"{len(loaded['figures']['messages']) - len(others)} other messages by {_load(loaded)}."
+            f"Load of the bus, {name}: {_load(alone)}; with {len(loaded['figures']['messages']) - len(others)} other "
+            f"messages {_load(loaded)}."
         )
     heads = ("message", "bytes", "frame, ms", "response, ms", "with other traffic, ms", "deadline, ms", "in time")
     return table(heads, rows) + "\n\n" + "\n".join(lines)
