@@ -69,6 +69,10 @@ Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted}
 {forged["genuine"]:,} genuine frames between them {forged["genuine_refused"]} were refused."""
 
 
+_FEW: Final = 4
+"""Largest number of services or identifiers that the table of the attack tools lists; of more it has the number."""
+
+
 def attack_tools(found: Any) -> str:
     """Return the table of the information about the ECU that scapy's scanners found."""
     figures, versions = found["figures"], found["facts"]["versions"]
@@ -81,9 +85,12 @@ def attack_tools(found: Any) -> str:
         "seeds": "levels that give a seed",
         "unlocked": "levels unlocked",
     }
-    rows = [
-        (text, ", ".join(value) if isinstance(value := figures[name], list) else value) for name, text in texts.items()
-    ]
+    rows = []
+    for name, text in texts.items():
+        value = figures[name]
+        if isinstance(value, list):
+            value = len(value) if len(value) > _FEW else ", ".join(value)
+        rows.append((text, value))
     return f"{table(('found', ''), rows)}\n\nMeasured on {found['date']}, scapy {versions['scapy']}."
 
 

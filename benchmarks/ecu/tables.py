@@ -27,10 +27,11 @@ PROVED: Final = {
     "reception.any_pressures": "usable pressures are recent, of a valid stream, at a known speed; only a valid stream "
     "can request control",
     "reception.another_ecu": "another ECU is present until it has been silent for the set time",
-    "gate.any_command": "each command is within the range, and zero unless it is enabled, finite, and based on recent "
-    "pressures, and the clock has advanced",
-    "gate.largest_step": "it differs from the previous command by at most one step",
-    "gate.old_pressures": "with older pressures, only a command between the previous command and zero passes",
+    "gate.any_command": "no command exceeds the range; a command other than zero is enabled, finite, and based on "
+    "pressures that are not too old, and the clock has advanced",
+    "gate.largest_step": "a command differs from the previous command by at most one step",
+    "gate.old_pressures": "with pressures too old for a new command, only a command between the previous "
+    "command and zero passes",
     "fail_safe.any_period": "the jets are not driven with a fault, without a request, or after too many misses; only a "
     "reset leaves UPDATE",
     "fail_safe.any_latch": "a fault that latches during a period shuts the jets",
@@ -242,8 +243,10 @@ def flash_c(found: Any) -> str:
     if "branches" in of:
         taken = f"{of['branches_taken']} of {of['branches']}; {of['branches_explained']} cannot be reached"
         rows.append(("executed branches of the store", taken))
-    cut = f"The supply was cut in {found['facts']['eighths']} of 8 operations of the flash memory."
-    return f"{table(('', 'figure'), rows)}\n\n{cut}"
+    eighths = found["facts"]["eighths"]
+    if eighths < 8:
+        rows.append(("share of the flash memory's operations in which the supply was cut", f"{eighths} of 8"))
+    return table(("", "figure"), rows)
 
 
 def uds_states(found: Any) -> str:
