@@ -67,7 +67,6 @@ TABLES: Final = {
     "openfoam_drive": PageTable(wake.openfoam_drive, ("own_drive", "openfoam_drive"), "openfoam_drive"),
     "openfoam_loop": PageTable(wake.openfoam_loop, ("demo", "openfoam_loop")),
     "proofs": PageTable(ecu.proofs, ("proofs",)),
-    "proofs_sabotage": PageTable(ecu.sabotage, ("proofs",)),
     "release_distributions": PageTable(release.release_distributions, ("release_figures",), "release_figures"),
     "release_forecasts": PageTable(release.release_forecasts, ("release_figures",)),
     "release_loop": PageTable(loop_tables.release_loop, ("release_loop",)),

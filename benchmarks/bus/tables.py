@@ -69,6 +69,10 @@ Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted}
 {forged["genuine"]:,} genuine frames between them {forged["genuine_refused"]} were refused."""
 
 
+_FEW: Final = 4
+"""Largest number of services or identifiers that the table of the attack tools lists; of more it has the number."""
+
+
 def attack_tools(found: Any) -> str:
     """Return the table of the information about the ECU that scapy's scanners found."""
     figures, versions = found["figures"], found["facts"]["versions"]
@@ -81,9 +85,12 @@ def attack_tools(found: Any) -> str:
         "seeds": "levels that give a seed",
         "unlocked": "levels unlocked",
     }
-    rows = [
-        (text, ", ".join(value) if isinstance(value := figures[name], list) else value) for name, text in texts.items()
-    ]
+    rows = []
+    for name, text in texts.items():
+        value = figures[name]
+        if isinstance(value, list):
+            value = len(value) if len(value) > _FEW else ", ".join(value)
+        rows.append((text, value))
     return f"{table(('found', ''), rows)}\n\nMeasured on {found['date']}, scapy {versions['scapy']}."
 
 
@@ -121,7 +128,7 @@ def can_load(*found: Any) -> str:
     """Return a table with a row for each of the project's messages, and the total load of the bus below the table, from
     the results of `CAN_LOADS`."""
     rows, lines = [], []
-    for name, alone, loaded in zip(("CAN FD", "Classic CAN"), found[::2], found[1::2], strict=True):
+    for name, alone, loaded in zip(("CAN FD", "classic CAN"), found[::2], found[1::2], strict=True):
         others = _ours(loaded)
         for message in _ours(alone).values():
             crowded = others[message["name"]]
@@ -129,8 +136,8 @@ def can_load(*found: Any) -> str:
             in_time = "yes" if crowded["in_time"] else "no"
             rows.append((*alone_s, crowded["response_ms"], message["deadline_ms"], in_time))
         lines.append(
-            f"{name}: stillwake's messages load the bus by {_load(alone)}, together with "
-            f"{len(loaded['figures']['messages']) - len(others)} other messages by {_load(loaded)}."
+            f"Load of the bus, {name}: {_load(alone)}; with {len(loaded['figures']['messages']) - len(others)} other "
+            f"messages {_load(loaded)}."
         )
     heads = ("message", "bytes", "frame, ms", "response, ms", "with other traffic, ms", "deadline, ms", "in time")
     return table(heads, rows) + "\n\n" + "\n".join(lines)
