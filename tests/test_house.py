@@ -19,11 +19,11 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 62_908, "benchmarks": 4_901, "tests": 54_177, "own C": 15_499, "JavaScript": 2_746, "docs": 2_274,
-    "examples": 2_028,
+    "source": 63_014, "benchmarks": 4_978, "tests": 54_250, "own C": 15_499, "JavaScript": 2_746, "docs": 2_274,
+    "examples": 2_029,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""
-MOST_WORDS = 70_792
+MOST_WORDS = 65_873
 """Of the documents, as wc counts them, with what is made in them."""
 STAND_TWICE = {
     "an option, by its word, beside the class or type of what it gives": """Board Bundle Bus Drive Freshness Key
