@@ -25,7 +25,7 @@ _WRITES: Final = re.compile(
 _SENSORS: Final = (
     "name,x,y,base\nlower_36,6.9125,-0.5,0\nbase_7,7.647,-0.2045,1\nupper_39,7.4634,0.5,0\nbase_0,7.647,0.3682,1\n"
 )
-_BEFORE_OUTPUTS: Final = ("--csv", "--json", "--picture", "--output", "--frames")
+_BEFORE_OUTPUTS: Final = ("--csv", "--json", "--picture", "--output", "--frames", "--c")
 _ROWS: Final = 200
 _DBC: Final = """VERSION ""
 NS_ :
