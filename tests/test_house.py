@@ -19,7 +19,7 @@ MOST_MODULES = 15
 MOST_C_MODULES = 25
 """In a folder: the ECU's has as many, by the names of its twin's modules."""
 MOST_LINES = {
-    "source": 63_014, "benchmarks": 4_978, "tests": 54_252, "own C": 15_499, "JavaScript": 2_746, "docs": 2_274,
+    "source": 63_022, "benchmarks": 4_978, "tests": 54_261, "own C": 15_499, "JavaScript": 2_746, "docs": 2_274,
     "examples": 2_029,
 }  # fmt: skip
 """Of Python, but for C and JavaScript without the code of others; a ratchet, lowered with every line that goes."""

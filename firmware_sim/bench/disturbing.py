@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from can_bridge.wire.frame import Frame
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.errors import ConfigError
+from contract.errors import ConfigError, PlantError
 from firmware_sim.bench import disturbances as kinds
 from firmware_sim.bench.disturbances import NODES, Disturbances, NodeFault
 from firmware_sim.bench.sensor_faults import SensorDisturbance
@@ -267,12 +267,20 @@ class Disturbing:
 
         if gusts:  # a drive may already vary the vehicle's speed through the plant's wind
             plant.wind = blown
-        try:
-            yield
-        finally:
+
+        def restore() -> None:
             plant.wind = wind
             if plant.config.reynolds != before:
                 plant.set_reynolds(before)
+
+        try:
+            yield
+        except BaseException:
+            # A plant that failed may refuse another viscosity; the user needs the first error.
+            with suppress(PlantError):
+                restore()
+            raise
+        restore()
 
     def injected(self) -> tuple[InjectedFault, ...]:
         """Return each disturbance with the number of times it has acted so far, in the order given."""

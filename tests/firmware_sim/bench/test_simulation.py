@@ -12,7 +12,7 @@ from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from contract.errors import ConfigError, StillwakeError
+from contract.errors import ConfigError, PlantError, StillwakeError
 from firmware_sim.bench.disturbances import parse_disturbance
 from firmware_sim.bench.disturbing import LOOK_NS, NodeFaults
 from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
@@ -202,6 +202,15 @@ def test_a_plant_that_cannot_be_disturbed_is_refused_and_one_that_fails_is_given
     with pytest.raises(ArithmeticError):
         Run("reynolds=700", "gust:amplitude=0.1,period=1", plant=plant)
     assert (plant.config.reynolds, plant.wind) == (500.0, None)
+
+    class Ended(Breaks):
+        def set_reynolds(self, reynolds):
+            if reynolds == 500.0:
+                raise PlantError("has ended")
+            super().set_reynolds(reynolds)
+
+    with pytest.raises(ArithmeticError):
+        Run("reynolds=700", plant=Ended(CONFIG))
 
 
 def test_spans_that_are_no_numbers_or_too_short_are_refused_with_the_remedy():
