@@ -19,7 +19,6 @@ class Heard(Counter[tuple[int, int]]):
     """Counts of the frames since the last report, by identifier and length."""
 
     def add(self, frames: Iterable[Frame]) -> None:
-        """Count more frames."""
         for frame in frames:
             if len(self) < 1000 or (frame.frame_id, len(frame.data)) in self:
                 self[frame.frame_id, len(frame.data)] += 1

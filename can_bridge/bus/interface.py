@@ -62,8 +62,7 @@ class Rejection(Enum):
     OTHER_ID = "another identifier"
     OWN = "own frame received again"
     ADAPTER = "adapter refused a command"
-    """A serial adapter answered BEL, its sign of an error: it refused to send a frame, or it refused a command while
-    the adapter was being opened."""
+    """A serial adapter answered BEL: it refused to send a frame, or a command while it was being opened."""
 
 
 class UnusableReceptionError(Exception):

@@ -14,19 +14,15 @@ from contract.errors import ConfigError
 ADDRESS: Final = 0x2000_0000
 """The address at which a tool finds the segment: the beginning of a Cortex-M's RAM."""
 VALUE_BYTES: Final = 4
-"""Number of bytes of each value."""
 
 
 class Page(IntEnum):
-    """The two pages of the segment."""
-
     WORKING = 0
     REFERENCE = 1
 
 
 class Segment:
-    """The two pages, and the choice of the page in force, `page`. Raises ConfigError if the release's values are out of
-    the limits."""
+    """The two pages, and the page in force, `page`. Raises ConfigError for release values out of the limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
@@ -90,7 +86,6 @@ class Segment:
         self.page = Page.WORKING
 
     def copy_reference(self) -> None:
-        """Copy the release's own values to the working page."""
         self._working = self.reference
         self._begun = b""
 

@@ -18,7 +18,6 @@ from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
 A2L_NAME: Final = b"stillwake"
-"""The name of the A2L file, without its extension."""
 IDLE_NS: Final = 600_000_000_000
 """The time without a command after which an open connection ends and its resource is locked. While a measurement runs,
 only the resource is locked, because a tool that measures need not send commands."""
@@ -28,8 +27,7 @@ WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
 
 
 class XcpSlave:
-    """The slave, which has one connection at a time. `random_bytes` returns so many unpredictable bytes, and `daq` is
-    the list of measured values."""
+    """The slave, which has one connection at a time; `random_bytes` returns so many unpredictable bytes."""
 
     def __init__(
         self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes], *, period_ns: int

@@ -33,11 +33,9 @@ _DRIFT: Final = 1e-3
 (`contract.recording.findings`). Quartz clocks differ by at most a tenth of this limit. Rows are resampled if their
 distance in convective time differs from the control period by more than this limit."""
 _OUTSIDE: Final = 0.05
-"""Largest distance of the control period from the range of periods that fit the log's speeds, as a share of the range's
-nearer end."""
+"""Largest distance of the control period from the periods that fit the log's speeds, as a share of the nearest."""
 _CONTRADICTS: Final = 0.01
-"""Largest relative difference between a setting and the log. It is not zero, because the vehicle's own value has an
-error too."""
+"""Largest relative difference between a setting and the log; not zero, as the vehicle's own value has an error too."""
 _STANDS: Final = 0.2
 """Distance travelled from one row to the next below which the vehicle counts as stationary, as a share of the control
 period in W. The pressures are then as small as their resolution."""
@@ -237,8 +235,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Return speed in m/s and density in kg/m3 at the rows of a table; the speed is NaN where it is unknown or the
-    vehicle does not move."""
+    """Return speed in m/s, NaN where it is unknown or the vehicle stands, and density in kg/m3, for a table's rows."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)

@@ -90,7 +90,6 @@ class Remembered:
         return self._calibrations.get(digest)
 
     def keep_faults(self, record: bytes) -> None:
-        """Store the fault memory's record."""
         self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 

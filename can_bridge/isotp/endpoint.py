@@ -60,7 +60,6 @@ class _Reception:
         return self._wanted > 0
 
     def abort(self) -> None:
-        """Drop the received part of a message."""
         self._wanted = 0
         self._data.clear()
 
@@ -206,8 +205,7 @@ class _Transmission:
 
 
 KEPT_PLACES: Final = 2
-"""Number of places in the transmit queue that are reserved for the response-pending message and the answer of the
-request being processed."""
+"""Number of places in the transmit queue for the response-pending and the answer of the request being processed."""
 
 
 class Endpoint:
@@ -228,7 +226,6 @@ class Endpoint:
 
     @property
     def is_receiving(self) -> bool:
-        """Whether a message is being received."""
         return self._reception.is_running
 
     @property

@@ -48,13 +48,11 @@ def named(tag: str, name: str, *parts: str, prefix: str = "") -> str:
 
 
 def constant(name: str, value: int, bits: int = 8) -> str:
-    """Return a parameter with a constant value."""
     inner = f"<SHORT-NAME>{name}</SHORT-NAME><CODED-VALUE>{value}</CODED-VALUE>{CODED.format(bits)}"
     return f'<PARAM xsi:type="CODED-CONST">{inner}</PARAM>'
 
 
 def value(name: str, of: str) -> str:
-    """Return a parameter of the type `of`."""
     return f'<PARAM xsi:type="VALUE"><SHORT-NAME>{name}</SHORT-NAME><DOP-REF ID-REF="{of}"/></PARAM>'
 
 
@@ -121,8 +119,7 @@ DID_TYPES: Final[Mapping[Did, str]] = {
     Did.CALIBRATION_LIMITS: "calibration_limits",
     Did.CALIBRATION_STORED: "u8",
 }
-"""Type of each identifier's value when read. An identifier that can be written has the same type when written, except
-the key list."""
+"""Type of each identifier's value; what is written has the same type, except the key list."""
 _OPTIONS: Final = {Routine.ERASE: (value("length", "u32"), value("sha256", "bytes_32"))}
 _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (value("verdict", "verdict"),)}
 
@@ -217,8 +214,7 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
     listed = {file.name: file.read_text(encoding="utf-8") for file in files(__package__).joinpath("files").iterdir()}
     with zipfile.ZipFile(packed, "w") as archive:
         for name, text in sorted(listed.items()):
-            # Every file in the archive has the earliest time that the format can state, so that equal descriptions give
-            # equal bytes.
+            # A file's time is the earliest that the format can state, so that equal descriptions give equal bytes.
             filled = Template(text).substitute(_filling(bus, because)) if name.startswith("stillwake.") else text
             archive.writestr(zipfile.ZipInfo(name), filled, zipfile.ZIP_DEFLATED)
     return packed.getvalue()

@@ -51,8 +51,6 @@ RESETS: Final = 3
 
 
 class Step(Enum):
-    """The steps of flashing, for display."""
-
     IDENTIFY = auto()
     PRECONDITIONS = auto()
     TRANSFER = auto()
@@ -76,8 +74,7 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class FlashOptions:
-    """Options that leave out steps: a dry run leaves out every step that writes; without `confirm` the release stays on
-    trial."""
+    """Options that leave out steps: a dry run all that write; without `confirm` the release stays on trial."""
 
     dry_run: bool = False
     confirm: bool = True
@@ -138,8 +135,6 @@ def reset_and_wait(asking: Asking) -> None:
 
 @dataclass(frozen=True)
 class _Flashing:
-    """One run of `flash`, with its arguments."""
-
     asking: Asking
     image: bytes
     options: FlashOptions
@@ -180,7 +175,6 @@ class _Flashing:
         return ended(End.CONFIRMED)
 
     def _bring(self) -> Transferred:
-        """Transfer the image and start it on trial."""
         try:
             self.asking.quieten()
             self.on_step(Step.TRANSFER)
@@ -206,7 +200,6 @@ class _Flashing:
         return False
 
     def _start(self) -> None:
-        """Reset the ECU until the activated image runs."""
         for _ in range(RESETS):
             self.on_step(Step.RESET)
             reset_and_wait(self.asking)
@@ -256,7 +249,6 @@ class _Flashing:
         return read_store(self.asking)
 
     def _go_back(self) -> StoreReport:
-        """Return from a trial to the confirmed release."""
         enter_programming(self.asking)
         in_programming(self.asking, Routine.REVERT)
         reset_and_wait(self.asking)

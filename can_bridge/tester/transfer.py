@@ -71,7 +71,6 @@ _SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
 STARTING_S: Final = 15.0
-"""Longest wait in s for an ECU that may be starting."""
 
 _AGAIN: Final = _SESSION_ENDED | frozenset(
     {
@@ -99,8 +98,6 @@ class Transferred:
 
 
 class Transfer:
-    """Transfer of one image to an ECU."""
-
     def __init__(self, asking: Asking, image: bytes, progress: OnProgress) -> None:
         self._asking = asking
         self._image = image
@@ -202,7 +199,6 @@ def in_session(begin: Callable[[], None], step: Callable[[], object], *, has_beg
 
 
 def enter_programming(asking: Asking) -> None:
-    """Begin the programming session and unlock it."""
     in_session(lambda: asking.session(Session.PROGRAMMING), lambda: asking.unlock(Level.PROGRAMMING))
 
 
@@ -212,9 +208,8 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; return the version of the old list, 0 if there was none, and the version of the new list.
-    Raises WrongKeysError if the ECU rejects the new list; FlashError if the list may not be written now or the ECU does
-    not answer."""
+    """Replace the key list; return the versions of the old one, 0 for none, and of the new one. Raises WrongKeysError
+    if the ECU rejects it; FlashError if it may not be written now or the ECU does not answer."""
     before = _version(asking)
     enter_programming(asking)
     wrong = WrongKeysError(

@@ -62,16 +62,11 @@ _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
 """Timeouts in ms for a flow control frame (N_Bs) and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
 _MOST_WAITS: Final = 100
-_ENDS_SENDING: Final = (
-    isotp.FlowControlTimeoutError,
-    isotp.OverflowError,
-    isotp.MaximumWaitFrameReachedError,
-)
+_ENDS_SENDING: Final = (isotp.FlowControlTimeoutError, isotp.OverflowError, isotp.MaximumWaitFrameReachedError)
 
 
 def silence() -> None:
-    """Prevent the libraries' log messages from reaching stderr, where Python prints the warnings of a logger without a
-    handler."""
+    """Keep the libraries' warnings from stderr, where Python prints those of a logger without a handler."""
     for name in ("UdsClient", "Connection", "isotp"):
         logging.getLogger(name).addHandler(logging.NullHandler())
 
@@ -120,25 +115,21 @@ class BusConnection(BaseConnection):
         )
 
     def open(self) -> "BusConnection":
-        """Open the connection."""
         self._is_open = True
         return self
 
     def close(self) -> None:
-        """Close the connection; the bus stays open."""
         self._is_open = False
 
     def is_open(self) -> bool:
         return self._is_open
 
     def empty_rxqueue(self) -> None:
-        """Drop all received data."""
         self._bus.receive_all()
         self._layer.reset()
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        """Send a request. Raises TimeoutException if the ECU's flow control stops sending, BusError if the bus
-        fails."""
+        """Send a request. Raises TimeoutException if the ECU's flow control stops it, BusError if the bus fails."""
         self._request, self._failed = payload, False
         self._layer.send(payload)
         until = self._clock() + SEND_S
@@ -151,8 +142,7 @@ class BusConnection(BaseConnection):
             raise TimeoutException("the ECU accepted only a part of the request")  # type: ignore[no-untyped-call]
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        """Return the next payload that can be the answer to the request; raises TimeoutException after `timeout`
-        seconds."""
+        """Return the next payload that can be the answer; raises TimeoutException after `timeout` seconds."""
         until = self._clock() + (timeout or 0.0)
         while True:
             while self._layer.available():

@@ -17,8 +17,6 @@ from contract.errors import ConfigError
 
 
 class RawBus(OpenBus):
-    """A tool's connection to a bus."""
-
     def receive_message(self, timeout_s: float) -> can.Message | None:
         """Return the next message of any kind, even if it is not valid; None if no readable message came in time.
         Raises BusError if the bus failed or delivers only garbage."""

@@ -36,8 +36,7 @@ PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 STALE_MS: Final = 70
 """Largest age in ms that a frame of the classic set can state. The value means this age or any greater age."""
 INVALID_PA: Final = -INT12_MAX - 1
-"""Value in Pa of a pressure in frames of the classic set by which the vehicle reports that the sensor's own diagnosis
-found a fault."""
+"""Value in Pa in frames of the classic set by which the vehicle reports that the sensor's diagnosis found a fault."""
 NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
 """Value in m/s of the speed in a frame by which the vehicle reports that its speed is unknown."""
 
@@ -57,8 +56,7 @@ class SignalValue(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """The signals of one of our messages in the order of the frame; none if a value is outside its table or the frame's
-    length is wrong."""
+    """The signals of one of our messages, in their order; none for a value outside its table or a wrong length."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]

@@ -44,8 +44,7 @@ class CalibrationService:
         self._kept, self._keep, self._refusal = kept, keep, refusal
 
     def restore(self) -> ConfigError | None:
-        """Put stored values in force after power-on. Returns an error if there are stored values and they are not
-        allowed."""
+        """Put stored values in force after power-on; return the error if they are not allowed."""
         raw = self._kept()
         if raw is None:
             return None

@@ -63,7 +63,6 @@ class SecurityAccess:
                 self._closed_until_ns[level] = now_ns + DELAY_NS
 
     def lock(self) -> None:
-        """Lock all levels at the end of a session."""
         self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:

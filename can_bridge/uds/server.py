@@ -112,7 +112,6 @@ class UdsServer:
 
     @property
     def is_writing(self) -> bool:
-        """Whether a block is being written to the memory."""
         return self._job is not None and self._job.service == Service.TRANSFER
 
     def look(self, now_ns: int, *, in_transit: bool) -> None:
@@ -251,8 +250,7 @@ class UdsServer:
             try:
                 answer += number + self._value(int.from_bytes(number, "big"))
             except Refused as refusal:
-                # The standard leaves unknown identifiers out of the answer if another identifier of the request is
-                # known.
+                # By the standard an unknown identifier is left out of the answer if another one is known.
                 if refusal.code is not Nrc.OUT_OF_RANGE:
                     raise
         if not answer:

@@ -14,7 +14,6 @@ ends with the last bit of the response on the bus."""
 
 
 def negative(service: int, code: Nrc) -> bytes:
-    """Return a negative response."""
     return bytes([NEGATIVE, service, code])
 
 
@@ -35,8 +34,7 @@ class Job:
         """Execute one part of the work; return the responses to send now."""
         sent = []
         if now_ns >= self._pending_ns:
-            # After a response-pending the tester waits for an answer, even if the request suppressed the positive
-            # answer.
+            # After a response-pending the tester waits for an answer, even to a request that suppressed it.
             self._is_quiet, self._passed_over = False, ()
             self._pending_ns = now_ns + _NEXT_NS
             sent.append(negative(self.service, Nrc.RESPONSE_PENDING))
@@ -86,7 +84,6 @@ class Download:
         return True
 
     def taken(self, counter: int, data: bytes) -> None:
-        """Note that this block was written."""
         self.missing -= len(data)
         self._expected = (counter + 1) % 256
         self._last = counter, data

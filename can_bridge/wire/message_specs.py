@@ -34,8 +34,7 @@ class MessageSpec:
     is_secured: bool = False
 
     def names(self, frame: Frame) -> bool:
-        """Return whether a frame has this message's 11-bit identifier. A 29-bit identifier with the same number belongs
-        to another node."""
+        """Return whether a frame has this message's identifier, of 11 bits: with 29 bits it is another node's."""
         return frame.frame_id == self.frame_id and not frame.is_extended
 
 
@@ -52,8 +51,7 @@ def _classic(plain: MessageSpec, data_id: int) -> MessageSpec:
 
 
 def _secured(plain: MessageSpec, data_id: int) -> MessageSpec:
-    """Return the secured form of a message, in the shortest frame that holds it, with the identifier increased by
-    two."""
+    """Return the secured form of a message, in the shortest frame that holds it, with the identifier raised by two."""
     name, frame_id = f"{plain.name}Secured", plain.frame_id + 2
     length = min(one for one in FD_LENGTHS if one >= plain.protected + FRESHNESS_LENGTH + MAC_LENGTH)
     return replace(plain, name=name, frame_id=frame_id, length=length, data_id=data_id, is_secured=True)

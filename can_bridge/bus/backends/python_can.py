@@ -27,8 +27,7 @@ from contract.errors import BusError
 
 _CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
 """Error classes of Linux: CAN_ERR_CRTL (data byte 1 has the controller's state), CAN_ERR_BUSOFF, CAN_ERR_RESTARTED
-(from bus-off) and CAN_ERR_CNT (data bytes 6 and 7 have the transmit and receive error counters; kernels before 6.0 do
-not set this class)."""
+(from bus-off) and, since kernel 6.0, CAN_ERR_CNT (data bytes 6 and 7 are the transmit and receive error counters)."""
 _RX_OVERFLOW, _PASSIVE, _ACTIVE = 0x01, 0x10 | 0x20, 0x40
 """Bits CAN_ERR_CRTL_... of data byte 1: received frames were lost; error-passive by RX or TX; error-active again."""
 _LENGTH: Final = 8
@@ -47,8 +46,7 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     if classes & _BUS_OFF:
         return replace(health, state=BusState.BUS_OFF, bus_off=health.bus_off + 1)
     if classes & _RESTARTED:
-        # When a controller leaves bus-off, it is error-active and both its counters are zero (ISO 11898-1, fault
-        # confinement).
+        # After bus-off, a controller is error-active and its counters are zero (ISO 11898-1, fault confinement).
         return replace(health, state=BusState.ERROR_ACTIVE, tx_errors=0, rx_errors=0)
     if health.state is BusState.BUS_OFF:
         return health
@@ -65,14 +63,12 @@ def lost_frames(classes: int, data: bytes) -> bool:
 
 
 _SO_MEMINFO: Final = 55
-"""Linux: option that reads `SK_MEMINFO_VARS` numbers of 32 bits; the last number counts the receptions that the socket
-dropped (linux/sock_diag.h)."""
+"""Linux: option that reads nine numbers of 32 bits; the last counts dropped receptions (linux/sock_diag.h)."""
 _MEMINFO: Final = struct.Struct("=9I")
 
 
 def _dropped(fileno: int) -> int:
-    """Return the number of receptions that were dropped because a socket's queue was full; 0 if the system does not
-    count them."""
+    """Return the number of receptions that a socket's full queue dropped; 0 if the system does not count them."""
     if sys.platform != "linux":
         return 0
     try:
@@ -84,8 +80,7 @@ def _dropped(fileno: int) -> int:
 
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
-"""Largest number of receptions that one call of `receive_all` reads, so that a flood of unusable frames cannot make the
-call endless."""
+"""Largest number of receptions that one call of `receive_all` reads, so that a flood of unusable frames ends."""
 
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
@@ -198,8 +193,7 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame; None if none arrives in time. Raises BusError if the bus failed or delivers only
-        garbage."""
+        """Return the next frame, or None in time. Raises BusError if the bus failed or delivers only garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())

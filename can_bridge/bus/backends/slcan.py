@@ -20,12 +20,10 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
-"""Groups of a received line: frame kind, identifier, length code, data digits. A CANDapter sends `x` in place of
-`T`."""
+"""Groups of a received line: kind of 11 or of 29 bits, length code, data digits. A CANDapter sends `x` for `T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
-"""Number of digits of the time stamp that an adapter can append to a line. The time stamp is ignored because it wraps
-every minute."""
+"""Number of digits of the time stamp that an adapter can append to a line; ignored, because it wraps every minute."""
 
 _ENDS: Final = re.compile(rb"[\r\a]")
 _BEL: Final = 0x07
@@ -52,8 +50,7 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """A connection to one adapter. An unusable line raises `UnusableReceptionError`; the next call continues after this
-    line."""
+    """A connection to an adapter. An unusable line raises `UnusableReceptionError`; the next call goes on after it."""
 
     _line_cut = False
 

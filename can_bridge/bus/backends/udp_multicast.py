@@ -31,12 +31,10 @@ except ModuleNotFoundError:
     fallback = None
 
 RECEIVE_QUEUE: Final = 1 << 22
-"""Size in bytes of the receive buffer that is requested from the kernel: about 5,000 datagrams; the kernel's default
-holds 256."""
+"""Size in bytes of the receive buffer that is requested from the kernel: about 5,000 datagrams, by default 256."""
 
 _ECHOES: Final = 4096
-"""Largest number of sent datagrams that the node stores until it receives their echoes; the kernel's queue holds
-fewer."""
+"""Largest number of sent datagrams that are stored until their echoes come; the kernel's queue holds fewer."""
 
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
@@ -56,9 +54,8 @@ _FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "da
 
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
-    """Return the message in a datagram packed by python-can, or the reason why the datagram has no message. Never
-    raises, and allocates no more than the datagram's size. `timestamp` is the time of reception in s; the sender's time
-    is dropped."""
+    """Return the message in a datagram packed by python-can, or the reason why it has none. Never raises, and
+    allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's."""
     try:
         fields = fallback.unpackb(datagram)
     except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them

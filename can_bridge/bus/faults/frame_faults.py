@@ -24,8 +24,7 @@ from contract.errors import BusError
 
 @dataclass(frozen=True, kw_only=True)
 class Drop(SidedFault, section="drop"):
-    """Each frame is lost with an equal probability, independently of all other frames. `acted` counts the lost
-    frames."""
+    """Each frame is lost with an equal probability, independently of all others. `acted` counts the lost frames."""
 
     probability: Probability[float]
 
@@ -54,7 +53,6 @@ class BurstLoss(SidedFault, section="burst_loss"):
         require(self.loss <= most, self, "loss", wording)
 
     def change(self, random: Random) -> Change:
-        """Return a function that drops the frames of each burst."""
         to_good = 1.0 / self.mean_burst
         to_bad = to_good * self.loss / (1.0 - self.loss)
         # The chain starts in its stationary distribution: the first state is bad with probability `loss`.
@@ -95,7 +93,6 @@ class Delay(FrameFault, section="delay"):
     stamp shows the delay, because the frame waits after it was stamped, in a queue of the receiver."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Receive frames when their delays have passed, in the order of these times."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -132,7 +129,6 @@ class Reorder(FrameFault, section="reorder"):
     window: Annotated[int, at_least(1)] = 2
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Receive each complete group in a random order; unaffected frames never wait."""
         kept: list[Frame] = []
 
         def shuffled() -> list[Frame]:
@@ -196,9 +192,8 @@ class StuckAt(SidedFault, section="stuck_at"):
     """A node repeats the data of the first frame of each identifier in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
-    """Whether counter and CRC are renewed in each frame, as if the application were stuck but the communication stack
-    were not; frames that are not stillwake's then stay unchanged. Otherwise the data stay equal bit for bit, as in a
-    buffer that is not refilled."""
+    """Whether counter and CRC are renewed in each frame, as if the application were stuck and the communication stack
+    not; others' frames then stay unchanged. Otherwise the data stay equal, as in a buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
         """Return the function; with `counter_runs`, it raises BusError for an authenticated frame."""
@@ -226,8 +221,7 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the positions of the message's bits after the header. Position 8 i + j is bit j of byte i; bit 0 is the
-    least significant."""
+    """Return the positions of the message's bits after the header: 8 i + j for bit j, from the least, of byte i."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
@@ -243,8 +237,7 @@ _INTERMISSION: Final = 3
 
 @dataclass(frozen=True, kw_only=True)
 class WireErrors(Span, section="wire_errors"):
-    """Each bit is wrong with the same probability, independently of all other bits. Only the first wrong bit of a frame
-    has an effect."""
+    """Each bit is wrong with the same probability, independently of all others; only a frame's first has an effect."""
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()
@@ -252,7 +245,7 @@ class WireErrors(Span, section="wire_errors"):
     fault acts on the frames that these ports send, and all nodes see the error. With the argument `mishears`, only
     these ports see the error, in the frames that they receive."""
     frame_ids: tuple[int, ...] = ()
-    """Identifiers of the frames on which the fault acts; empty for all frames."""
+    """See `FrameFault.frame_ids`."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
         """Return a function for the argument `corrupts` or `mishears` of one `can_bridge.bus.simulated.SimulatedBus`.

@@ -1,5 +1,4 @@
-"""Faults of whole nodes: a lost connection to the bus, a slow consumer, a clock that drifts, frames sent without
-end."""
+"""Faults of whole nodes: a lost connection, a slow consumer, a clock that drifts, frames sent without end."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -38,8 +37,7 @@ class Disconnect(BusFault, section="disconnect"):
 
         def receive() -> list[Frame]:
             now_ns = port.clock()
-            # Other nodes still use the bus. Frames that arrive during the fault are read now, so that the node does not
-            # receive them later.
+            # Frames that arrive during the fault are read now, so that the node does not receive them later.
             for arrived_ns, frame in port.arrived(now_ns):
                 if self.is_active(arrived_ns):
                     port.acted += 1
@@ -65,10 +63,8 @@ class SlowConsumer(BusFault, section="slow_consumer"):
 
     frames_per_call: AtLeastOne[int] = 1
     queue: AtLeastOne[int] = 16
-    """Largest number of frames in the queue."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Receive the oldest frames of the queue at each reading."""
         waiting = deque[Frame]()
 
         def receive() -> list[Frame]:
@@ -145,7 +141,6 @@ class Babble(BusFault, section="babble"):
         require(self.length in lengths, self, "length", f"one of {', '.join(map(str, lengths))}")
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Send the frames that are due, first at each call."""
         since_ns, due = round(self.start_s * NS), 0.0
 
         def babble() -> None:

@@ -32,8 +32,7 @@ returns the index of the inverted bit; None if no bit is inverted."""
 
 SUSPEND: Final = 8
 """Number of bits for which an error-passive node waits after its own frame before its next frame. If another node
-begins a frame meanwhile, the waiting node may send after the end of that frame, which always comes later than these
-bits."""
+begins a frame meanwhile, the waiting node may send after that frame, whose end always comes later."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +49,7 @@ class Transmission:
 
 @dataclass(frozen=True, kw_only=True)
 class BusActivity:
-    """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and the time that both occupied the bus,
-    including intermissions."""
+    """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and the time of both, with intermissions."""
 
     frames: int
     error_frames: int
@@ -60,7 +58,7 @@ class BusActivity:
 
     @property
     def load(self) -> float:
-        """The share of time in which the bus was occupied, 0 to 1."""
+        """The share of time with a frame on the bus, 0 to 1."""
         return min(self.busy_ns / self.now_ns, 1.0) if self.now_ns else 0.0
 
 
@@ -216,7 +214,6 @@ class SimulatedBus:
         return {port: position for port, position in answers.items() if position is not None}
 
     def _end(self) -> None:
-        """Apply the outcome of the attempt."""
         assert self._attempt is not None
         attempt, self._attempt = self._attempt, None
         self._free_ns = attempt.free_ns
@@ -227,8 +224,7 @@ class SimulatedBus:
         for port in self._ports:
             port.settle(attempt.end_ns)
             if port.recovery is not None:
-                # Every frame and every error frame ends with one of the sequences of recessive bits that a recovering
-                # node counts.
+                # Every frame and error frame ends with one of the recessive sequences that a recovering node counts.
                 port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
 
     def _conclude(self, attempt: _Attempt) -> None:

@@ -51,7 +51,6 @@ class TransmitQueue:
         return self._waiting[0]
 
     def remove(self, sent: Queued) -> None:
-        """Remove a frame that was sent."""
         if self._waiting[0] is sent:
             heapq.heappop(self._waiting)
         else:
@@ -70,8 +69,7 @@ class TransmitQueue:
 
 
 class Recovery(NamedTuple):
-    """The recovery from bus-off: the number of sequences of eleven recessive bits still missing, counted from
-    `since_ns`."""
+    """The recovery from bus-off: how many sequences of eleven recessive bits are missing, counted from `since_ns`."""
 
     left: int
     since_ns: int
@@ -120,7 +118,6 @@ class SimulatedPort:
         return frames
 
     def health(self) -> BusHealth:
-        """The health of this node's controller."""
         return self.faults.health
 
     def deliver(self, frame: Frame) -> None:
@@ -135,8 +132,7 @@ class SimulatedPort:
         self.recovery, self.faults = None, self.faults.recovered()
 
     def settle(self, now_ns: int) -> None:
-        """Empty the queue of a node that went bus-off, and begin the node's recovery. The bus calls this method after
-        every error."""
+        """Empty the queue of a node that went bus-off, and begin its recovery. The bus calls this after every error."""
         if self.faults.is_off and self.recovery is None:
             self.discarded += self.queue.clear()
             self.recovery = Recovery(left=RECOVERY, since_ns=now_ns)
