@@ -65,8 +65,7 @@ def line(
 
 
 class Silence:
-    """A reporter, which reports once when no usable frame has arrived for `SILENCE_S`, and once when usable frames
-    arrive again. The arguments are those of the function `line`."""
+    """A reporter, once of `SILENCE_S` without a usable frame, and once of its end; for the arguments see `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report

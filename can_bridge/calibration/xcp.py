@@ -13,8 +13,7 @@ PROTOCOL_VERSION: Final = 1
 TRANSPORT_VERSION: Final = 1
 DRIVER_VERSION: Final = 0x10
 COMM_MODE: Final = 0x80
-"""Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode. The answer to
-GET_COMM_MODE_INFO has further properties."""
+"""Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode."""
 CAL_PAG: Final = 0x01
 """The bit of the XCP resource that contains calibration and its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
@@ -87,8 +86,7 @@ class Command(IntEnum):
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that are refused while the resource is locked. Commands that read values are always allowed, because UDS
-also shows these values to every tester."""
+"""Commands that are refused while the resource is locked; UDS, too, shows values to every tester."""
 
 
 class Error(IntEnum):

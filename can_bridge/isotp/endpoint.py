@@ -127,7 +127,6 @@ class _Transmission:
         self.message = b""
         self._sent = 0
         self._number = 0
-        self._block_size = 0
         self._left_in_block = 0
         self._separation_ns = 0
         self._not_before_ns = 0
@@ -154,7 +153,7 @@ class _Transmission:
             return
         if part.status is FlowStatus.CONTINUE:
             self._state = _State.SENDING
-            self._left_in_block = self._block_size = part.block_size
+            self._left_in_block = part.block_size
             self._separation_ns = part.separation_ns
             self._not_before_ns = now_ns
             self._waits = 0

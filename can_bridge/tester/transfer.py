@@ -134,7 +134,10 @@ class Transfer:
                 failure = refused
             except NoAnswerError:
                 failure = LostError(self._received, len(self._image))
-                self._wait_for(failure)
+                try:
+                    self._asking.wait_until_there(STARTING_S, "answer")
+                except NoAnswerError:
+                    raise failure from None
             stalls = 0 if self._received > before else stalls + 1
             if stalls >= STALLS:
                 raise failure
@@ -176,12 +179,6 @@ class Transfer:
             offset += len(block)
             self._received = offset
             self._progress(offset, len(self._image))
-
-    def _wait_for(self, failure: FlashError) -> None:
-        try:
-            self._asking.wait_until_there(STARTING_S, "answer")
-        except NoAnswerError:
-            raise failure from None
 
 
 def in_session(begin: Callable[[], None], step: Callable[[], object], *, has_begun: bool = False) -> None:

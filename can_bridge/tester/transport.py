@@ -25,17 +25,10 @@ from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 _SAME: Final = {
-    Service.SESSION: slice(1, 2),
-    Service.RESET: slice(1, 2),
-    Service.REPORT_FAULTS: slice(1, 2),
-    Service.READ: slice(1, 3),
-    Service.SECURITY: slice(1, 2),
-    Service.COMMUNICATION: slice(1, 2),
-    Service.WRITE: slice(1, 3),
-    Service.ROUTINE: slice(1, 4),
-    Service.TRANSFER: slice(1, 2),
-    Service.TESTER_PRESENT: slice(1, 2),
-    Service.FAULT_SETTING: slice(1, 2),
+    **dict.fromkeys((Service.SESSION, Service.RESET, Service.REPORT_FAULTS, Service.SECURITY), slice(1, 2)),
+    **dict.fromkeys((Service.COMMUNICATION, Service.TRANSFER, Service.TESTER_PRESENT), slice(1, 2)),
+    **dict.fromkeys((Service.READ, Service.WRITE), slice(1, 3)),
+    **{Service.FAULT_SETTING: slice(1, 2), Service.ROUTINE: slice(1, 4)},
 }
 """Bytes of a request that a positive response repeats at the same place: sub-function, identifier or block counter."""
 _OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})

@@ -23,10 +23,7 @@ WRITTEN: Final = 512
 """Number of bytes of an image that are written in one part of a long operation."""
 _DONE: Final = {
     Routine.ERASE: ("update", "a release is being written: jets shut until a reset"),
-    Routine.ACTIVATE: (
-        "activated",
-        "the written release is activated: it boots on trial at the next reset",
-    ),
+    Routine.ACTIVATE: ("activated", "the written release is activated: it boots on trial at the next reset"),
     Routine.CONFIRM: ("confirmed", "the running release is confirmed"),
     Routine.REVERT: ("given_up", "the previous release boots at the next reset"),
 }

@@ -2,7 +2,8 @@
 
 Every request is checked in the order of the standard's figures: service known, allowed in this session, valid length,
 sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse the request for
-reasons of its own. One request is processed at a time, in parts, one part in each call of `tick`.
+reasons of its own. One request is processed at a time, in parts, one part in each call of `tick`. Each service has a
+method of its own name.
 """
 
 from collections.abc import Callable, Mapping
@@ -198,33 +199,34 @@ class UdsServer:
             body = bytes([body[0] & ~_SUPPRESS]) + body[1:]
             if body[0] not in _SUB_FUNCTIONS[service]:
                 raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
-        answer = _HANDLERS[service](self, body)
+        handle: Callable[[bytes], bytes | Long[bytes]] = getattr(self, f"_on_{Service(service).name.lower()}")
+        answer = handle(body)
         return answer if isinstance(answer, bytes) else (yield from answer)
 
-    def _control_session(self, body: bytes) -> bytes:
+    def _on_session(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         session = Session(body[0])
         self._diagnostics.enter(session)
         self._change_session(self._now(), session)
         return body + _TIMING
 
-    def _reset(self, body: bytes) -> bytes:
+    def _on_reset(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         self._diagnostics.before_reset()
         self._reset_is_due = True
         return body
 
-    def _clear_faults(self, body: bytes) -> bytes:
+    def _on_clear_faults(self, body: bytes) -> bytes:
         _check_length(len(body) == CODE_BYTES)
         self._faults.clear(cleared(int.from_bytes(body, "big")))
         return b""
 
-    def _report_faults(self, body: bytes) -> bytes:
+    def _on_report_faults(self, body: bytes) -> bytes:
         kind = FaultReport(body[0])
         _check_length(len(body) == 1 + LENGTHS[kind])
         return body[:1] + report(self._faults, kind, body[1:])
 
-    def _control_communication(self, body: bytes) -> bytes:
+    def _on_communication(self, body: bytes) -> bytes:
         _check_length(len(body) == 2)
         if body[1] not in _NORMAL:
             raise Refused(Nrc.OUT_OF_RANGE)
@@ -234,16 +236,16 @@ class UdsServer:
         self.is_silent = body[0] == _DISABLE_SENDING
         return body[:1]
 
-    def _set_faults(self, body: bytes) -> bytes:
+    def _on_fault_setting(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         self._faults.is_on = body[0] == _FAULTS_ON
         return body
 
-    def _hear_tester(self, body: bytes) -> bytes:
+    def _on_tester_present(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         return body
 
-    def _read(self, body: bytes) -> bytes:
+    def _on_read(self, body: bytes) -> bytes:
         _check_length(len(body) > 0 and len(body) % 2 == 0 and len(body) <= 2 * MAX_DIDS)
         answer = b""
         for number in (body[i : i + 2] for i in range(0, len(body), 2)):
@@ -266,7 +268,7 @@ class UdsServer:
             return bytes([self.session])
         return self._diagnostics.read(Did(number))
 
-    def _access(self, body: bytes) -> bytes:
+    def _on_security(self, body: bytes) -> bytes:
         level, is_answer = Level(body[0] - (body[0] + 1) % 2), body[0] % 2 == 0
         if self.session not in LEVELS[level].sessions:
             raise Refused(Nrc.SUB_FUNCTION_NOT_IN_SESSION)
@@ -277,7 +279,7 @@ class UdsServer:
         self._security.unlock(self._now(), level, body[1:])
         return body[:1]
 
-    def _write(self, body: bytes) -> bytes:
+    def _on_write(self, body: bytes) -> bytes:
         _check_length(len(body) > 2)
         number, value = int.from_bytes(body[:2], "big"), body[2:]
         permission = WRITABLE.get(number)
@@ -288,7 +290,7 @@ class UdsServer:
         self._diagnostics.write(Did(number), value)
         return body[:2]
 
-    def _routine(self, body: bytes) -> Long[bytes]:
+    def _on_routine(self, body: bytes) -> Long[bytes]:
         _check_length(len(body) >= 3)
         number, option = int.from_bytes(body[1:3], "big"), body[3:]
         permission = ROUTINES.get(number)
@@ -301,7 +303,7 @@ class UdsServer:
             self._transfer = None
         return body[:3] + (yield from self._diagnostics.routine(routine, option))
 
-    def _download(self, body: bytes) -> bytes:
+    def _on_download(self, body: bytes) -> bytes:
         _check_length(len(body) >= 2)
         if body[0] != _PLAIN or body[1] != _FOUR_AND_FOUR:
             raise Refused(Nrc.OUT_OF_RANGE)
@@ -316,7 +318,7 @@ class UdsServer:
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
         return bytes([_TWO_BYTES]) + MAX_BLOCK.to_bytes(2, "big")
 
-    def _take_block(self, body: bytes) -> Long[bytes]:
+    def _on_transfer(self, body: bytes) -> Long[bytes]:
         _check_length(1 < len(body) < MAX_BLOCK)
         self._check_unlocked(SERVICES[Service.TRANSFER])
         counter, data = body[0], body[1:]
@@ -330,7 +332,7 @@ class UdsServer:
             self._transfer = transfer
         return body[:1]
 
-    def _exit(self, body: bytes) -> bytes:
+    def _on_exit(self, body: bytes) -> bytes:
         _check_length(not body)
         self._check_unlocked(SERVICES[Service.EXIT])
         if self._transfer is None or self._transfer.missing:
@@ -350,23 +352,3 @@ class UdsServer:
 def _check_length(is_right: bool) -> None:
     if not is_right:
         raise Refused(Nrc.INCORRECT_LENGTH)
-
-
-_HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], bytes | Long[bytes]]]] = {
-    Service.SESSION: UdsServer._control_session,
-    Service.RESET: UdsServer._reset,
-    Service.CLEAR_FAULTS: UdsServer._clear_faults,
-    Service.REPORT_FAULTS: UdsServer._report_faults,
-    Service.READ: UdsServer._read,
-    Service.SECURITY: UdsServer._access,
-    Service.COMMUNICATION: UdsServer._control_communication,
-    Service.WRITE: UdsServer._write,
-    Service.ROUTINE: UdsServer._routine,
-    Service.DOWNLOAD: UdsServer._download,
-    Service.TRANSFER: UdsServer._take_block,
-    Service.EXIT: UdsServer._exit,
-    Service.TESTER_PRESENT: UdsServer._hear_tester,
-    Service.FAULT_SETTING: UdsServer._set_faults,
-}
-"""Handlers of the services. They are functions, not methods bound to a server, because only the garbage collector could
-free a server that holds its own bound methods."""

@@ -86,8 +86,7 @@ _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
 
 class PythonCanBus(OpenBus):
-    """A node's connection to a python-can bus. One thread may send while another thread receives. `received` counts all
-    receptions, accepted and rejected."""
+    """A node's connection to a python-can bus. One thread may send while another thread receives."""
 
     def __init__(
         self,
@@ -101,9 +100,8 @@ class PythonCanBus(OpenBus):
         """Take over an open python-can bus, which is closed together with this object.
 
         Args:
-            accept: identifiers to receive, in which a plain number is an 11-bit identifier; None for all 11-bit
-                identifiers. python-can's own filter is not used, because with this filter a call that waits for a frame
-                ends at the first frame that the filter drops.
+            accept: identifiers to receive, as plain numbers of 11 bits; None for all of 11 bits. python-can's own
+                filter would end a call that waits at the first frame that it drops.
             is_classic: whether CAN FD frames are neither sent nor received.
             linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
             keep: called with every frame that was sent or accepted, and with True for a received frame.
@@ -152,11 +150,8 @@ class PythonCanBus(OpenBus):
 
     @property
     def overflows(self) -> int:
-        """The number of receptions that are known to be lost because a queue was full.
-
-        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Other
-        losses appear as gaps in the end-to-end counters.
-        """
+        """The number of receptions that are known to be lost because a queue was full. Linux counts the losses of
+        `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own."""
         try:
             in_kernel = _dropped(self._bus.fileno())
         except (can.CanError, OSError, NotImplementedError):
@@ -164,11 +159,8 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """The health of the CAN controller as far as it is known; `HEALTHY` if nothing is known.
-
-        SocketCAN reports the health in error frames, which this object has to receive. For other interfaces, the health
-        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers.
-        """
+        """The health of the CAN controller as far as it is known: from SocketCAN's error frames, which this object has
+        to receive, or from python-can's `state`, of which ERROR alone (bus-off) means the same for all drivers."""
         try:
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):

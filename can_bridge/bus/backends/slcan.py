@@ -97,12 +97,9 @@ class SlcanBus(slcanBus):
         return line
 
     def _write(self, string: str) -> None:
-        """Write one line within the port's time limit.
-
-        A line is either written completely or truncated at the time limit. After a truncated line, a line end is sent
-        before the next line, so that the adapter rejects only the truncated line. Raises can.CanTimeoutError if the
-        port did not accept the whole line in time; can.CanOperationError if the port failed.
-        """
+        """Write one line, truncated at the port's time limit; a line end then comes before the next one, so that the
+        adapter rejects only the truncated line. Raises can.CanTimeoutError if the port did not accept the whole line in
+        time; can.CanOperationError if it failed."""
         port = self._open_port()
         if not hasattr(port, "fd"):  # no POSIX port: pyserial's own ways
             super()._write(string)

@@ -4,9 +4,8 @@ python-can 4.6 passes a datagram's values to `can.Message` without checking thei
 allocates a gigabyte. The backend receives its own frames and, on Linux, the frames of groups that other processes have
 joined. The backend does not report datagrams that were lost because the kernel's queue was full.
 
-Equal datagrams are not treated as copies of one datagram, because different frames can have equal datagrams: some
-senders send no time, and the sequence numbers of ISO-TP repeat every 16 frames. A datagram that stays on this machine
-arrives only once; if it arrived twice, the end-to-end counters would show this.
+Equal datagrams are not treated as copies of one: some senders send no time, and the sequence numbers of ISO-TP repeat
+every 16 frames. A datagram that stays on this machine arrives only once.
 """
 
 import socket
@@ -39,8 +38,7 @@ _ECHOES: Final = 4096
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
-"""Linux: option that decides whether a socket also receives the datagrams of groups that only other sockets on the
-machine have joined (ip(7)). By default a socket receives them."""
+"""Linux: whether a socket receives, as by default, datagrams of groups that only other sockets have joined (ip(7))."""
 
 _FLAGS: Final = (
     "is_extended_id",
@@ -73,12 +71,7 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
         return Rejection.WRONG_LENGTH
     try:
         return can.Message(
-            check=True,
-            arbitration_id=fields["arbitration_id"],
-            data=data,
-            dlc=length,
-            timestamp=timestamp,
-            **flags,
+            check=True, arbitration_id=fields["arbitration_id"], data=data, dlc=length, timestamp=timestamp, **flags
         )
     except ValueError:
         return Rejection.GARBAGE

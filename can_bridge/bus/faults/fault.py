@@ -86,8 +86,7 @@ class BusFault(Span, ABC, section="fault"):
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return the functions with which the port sends and receives while it has this fault. Both functions count the
-        fault's effects in `port.acted`."""
+        """Return the functions with which the port sends and receives; they count the effects in `port.acted`."""
 
 
 class Injector(WrappedBus):
@@ -126,8 +125,7 @@ class SidedFault(FrameFault, section="sided_fault"):
     """A fault that acts on single frames in one direction."""
 
     at: Literal["send", "receive"] = "send"
-    """Direction of the fault. "send": it acts on the frames that this node sends, so all receivers get the changed
-    frames. "receive": it acts only on this node's copies of the received frames."""
+    """Whether the frames that this node sends, and so all receivers get, or its copies of received frames change."""
 
     @abstractmethod
     def change(self, random: Random) -> Change:

@@ -79,10 +79,8 @@ class Duplicate(SidedFault, section="duplicate"):
 
 @dataclass(frozen=True, kw_only=True)
 class Delay(FrameFault, section="delay"):
-    """Frames wait in a queue, in their order, until their delay has passed. `acted` counts the late frames.
-
-    The delay starts at the frame's arrival (`can_bridge.bus.faults.fault.FrameArrivals`).
-    """
+    """Frames wait in a queue, in their order, until their delay from the arrival (`FrameArrivals`) has passed. `acted`
+    counts the late frames."""
 
     delay_s: NonNegative[float]
     """Smallest delay in s."""
@@ -119,12 +117,8 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are delayed, then received in a random order. `acted` counts the frames that change
-    places.
-
-    No frame moves by `window` places or more. When the span ends, the frames that still wait are received at the next
-    reading.
-    """
+    """Groups of `window` frames are delayed, then received in a random order; when the span ends, those that wait come
+    at the next reading. `acted` counts the frames that change places."""
 
     window: Annotated[int, at_least(1)] = 2
 

@@ -10,8 +10,7 @@ from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Rul
 from contract.errors import BusError
 
 MOST_BABBLED: Final = 1000
-"""Largest number of additional frames in one call, which is reached if the node's previous call was long ago. The
-transmit queue of a simulated port holds fewer frames."""
+"""Largest number of additional frames in one call; the transmit queue of a simulated port holds fewer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +53,9 @@ class Disconnect(BusFault, section="disconnect"):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowConsumer(BusFault, section="slow_consumer"):
-    """The node reads few frames at a time from a short queue. `acted` counts the frames lost because the queue was
-    full.
-
-    A full queue loses the newest frame, like the queues of python-can's buses and of CAN controllers in FIFO mode. When
-    the span ends, one reading receives all frames in the queue.
-    """
+    """The node reads few frames at a time from a short queue. A full queue loses the newest frame, like the queues of
+    python-can's buses and of CAN controllers in FIFO mode. When the span ends, one reading receives all frames in the
+    queue. `acted` counts the lost frames."""
 
     frames_per_call: AtLeastOne[int] = 1
     queue: AtLeastOne[int] = 16
@@ -121,9 +117,8 @@ class ClockDrift(BusFault, section="clock_drift"):
 class Babble(BusFault, section="babble"):
     """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
-    In each call of the port, the node first sends the additional frames that are due at the given rate since the
-    previous call, until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A
-    node that only babbles needs a separate port, which has to be called often.
+    Each call of the port first sends those that are due since the previous call, until the bus refuses one; what does
+    not fit is not sent later. A node that only babbles needs a separate port, which has to be called often.
     """
 
     frame_id: NonNegative[int] = 0
@@ -131,8 +126,7 @@ class Babble(BusFault, section="babble"):
     length: NonNegative[int] = 8
     is_fd: bool = False
     rate_hz: Positive[float] = 5000.0
-    """Number of additional frames per s. The default exceeds the capacity of a bus with 500 kbit/s, which is at most
-    4,504 classic frames of 8 bytes per s."""
+    """Number of additional frames per s; a bus with 500 kbit/s carries at most 4,504 classic frames of 8 bytes."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -155,11 +155,7 @@ class AttemptOutcome(Generic[T]):
 
 
 def resolve(
-    senders: Sequence[Sender[T]],
-    receivers: Mapping[T, bool],
-    *,
-    misheard: Mapping[T, int],
-    disturbed: int | None,
+    senders: Sequence[Sender[T]], receivers: Mapping[T, bool], *, misheard: Mapping[T, int], disturbed: int | None
 ) -> AttemptOutcome[T]:
     """Return the outcome of an attempt in which the senders start frames of equal priority at the same time.
 

@@ -118,7 +118,8 @@ class SimulatedBus:
 
     def under_way(self, frame_id: int) -> int:
         """Return the number of frames with this 11-bit identifier that were sent and have not arrived yet."""
-        return sum(port.queue.count(frame_id) for port in self._ports)
+        frames = (item.frame for port in self._ports for item in port.waiting)
+        return sum(frame.frame_id == frame_id and not frame.is_extended for frame in frames)
 
     def activity(self) -> BusActivity:
         """Return the activity so far, without the attempt that is on the bus now."""
@@ -173,14 +174,14 @@ class SimulatedBus:
         if self._calls:
             events.append((self._calls[0][0], lambda: heapq.heappop(self._calls)[2]()))
         if self._attempt is None:
-            events += [(max(self._free_ns, port.ready_ns), None) for port in self._ports if port.queue]
+            events += [(max(self._free_ns, port.ready_ns), None) for port in self._ports if port.waiting]
         return min(events, key=itemgetter(0), default=None)
 
     def _begin(self, at_ns: int) -> None:
         """Let the ready nodes compete in an arbitration, and begin the winner's attempt."""
-        ready = [port for port in self._ports if port.queue and port.ready_ns <= at_ns]
-        wins = min(port.queue.head.priority for port in ready)
-        items = {port: port.queue.head for port in ready if port.queue.head.priority == wins}
+        heads = {port: port.waiting[0] for port in self._ports if port.waiting and port.ready_ns <= at_ns}
+        wins = min(item.priority for item in heads.values())
+        items = {port: item for port, item in heads.items() if item.priority == wins}
         for port in self._ports:
             if port.recovery is not None:
                 idle_ns = max(at_ns - max(self._free_ns, port.recovery.since_ns), 0)
@@ -238,7 +239,7 @@ class SimulatedBus:
                 port.deliver(frame)
         sent = [port for port, verdict in outcome.verdicts.items() if verdict is AttemptVerdict.SENT]
         for port in sent:
-            port.queue.remove(attempt.items[port])
+            port.sent(attempt.items[port])
         if sent and frame is not None:
             # If several nodes sent an identical frame at the same time, the bus carried only one frame.
             self._frames += 1
