@@ -35,12 +35,8 @@ class XcpSlave:
         self._segment = segment
         self.daq = DaqLists(period_ns)
         self._access = XcpAccess(access, random_bytes)
-        self._is_connected = False
         self._last_ns = 0
-        self._address = 0
-        self._identification = b""
-        self._page = Page.WORKING
-        self._to_store: Calibration | None = None
+        self._end()
 
     def to_store(self, now_ns: int) -> Calibration | None:
         """Return the values that the tool asked to store, until the answer or the end of the connection."""
@@ -84,16 +80,8 @@ class XcpSlave:
     def _connect(self, data: bytes) -> bytes:
         self._end()
         self._is_connected = True
-        return struct.pack(
-            "<4BH2B",
-            xcp.RESPONSE,
-            xcp.RESOURCES,
-            xcp.COMM_MODE,
-            MAX_CTO,
-            MAX_CTO,
-            xcp.PROTOCOL_VERSION,
-            xcp.TRANSPORT_VERSION,
-        )
+        versions = xcp.PROTOCOL_VERSION, xcp.TRANSPORT_VERSION
+        return struct.pack("<4BH2B", xcp.RESPONSE, xcp.RESOURCES, xcp.COMM_MODE, MAX_CTO, MAX_CTO, *versions)
 
     def _end_if_idle(self, now_ns: int) -> None:
         if self._is_connected and now_ns - self._last_ns > IDLE_NS:
@@ -106,7 +94,7 @@ class XcpSlave:
     def _end(self) -> None:
         self._is_connected = False
         self.daq.free()
-        self._to_store = None
+        self._to_store: Calibration | None = None
         self._access.lock()
         self._address = 0
         self._identification = b""

@@ -29,9 +29,8 @@ from contract.errors import DatasetError
 _OTHER_PERIOD: Final = 0.2
 """Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
-"""Largest relative difference between the sender's period and the control period; tables with times have the same limit
-(`contract.recording.findings`). Quartz clocks differ by at most a tenth of this limit. Rows are resampled if their
-distance in convective time differs from the control period by more than this limit."""
+"""Largest relative difference between the sender's period and the control period, as in tables with times
+(`contract.recording.findings`); quartz clocks differ by a tenth of it. Rows are resampled if theirs is larger."""
 _OUTSIDE: Final = 0.05
 """Largest distance of the control period from the periods that fit the log's speeds, as a share of the nearest."""
 _CONTRADICTS: Final = 0.01

@@ -22,9 +22,8 @@ class MediumError(BusError):
 T = TypeVar("T")
 
 Long = Generator[None, None, T]
-"""A long operation in parts. Each `next` executes a part, which takes at most a few tens of milliseconds on a
-controller; the generator's return value is the result. The caller can answer frames between two parts, and does not
-execute further parts when the session has ended."""
+"""A long operation in parts, of at most a few tens of milliseconds on a controller, between which the caller can answer
+frames or give up. The generator's return value is the result."""
 
 
 def at_once(work: Long[T]) -> T:

@@ -154,11 +154,8 @@ def _ident(digits: str) -> entries.Ident:
 
 @contextmanager
 def recording(path: Path) -> Iterator[Callable[[Frame], None]]:
-    """Yield a function that appends a frame to the log. The file is created only if the `with` block ends without an
-    error.
-
-    Frames must come in the order of their timestamps: the writer stamps a frame that is earlier than the previous frame
-    with the previous frame's time. Raises StillwakeError if the file cannot be written.
-    """
+    """Yield a function that appends a frame to the log; the file is created only if the `with` block ends without an
+    error. Frames must come in the order of their timestamps: the writer stamps an earlier one with the previous frame's
+    time. Raises StillwakeError if the file cannot be written."""
     with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
         yield lambda frame: writer.on_message_received(to_message(frame))

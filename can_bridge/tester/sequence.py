@@ -19,18 +19,11 @@ from typing import TYPE_CHECKING, Final
 
 from can_bridge.flashing.report import SlotReport, StoreReport
 from can_bridge.flashing.state import SlotPhase
+from can_bridge.tester import transfer
 from can_bridge.tester.asking import Asking, KeyOf
 from can_bridge.tester.facts import EcuFacts, read_facts, read_store
 from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
-from can_bridge.tester.transfer import (
-    TRIES,
-    OnProgress,
-    Transfer,
-    Transferred,
-    enter_programming,
-    in_programming,
-    in_session,
-)
+from can_bridge.tester.transfer import OnProgress, Transfer, Transferred, enter_programming, in_programming, in_session
 from can_bridge.uds.services import Nrc, Routine, Session
 from contract.errors import FlashError, StillwakeError
 from contract.release import controller_image
@@ -229,7 +222,7 @@ class _Flashing:
 
     def _confirm(self) -> StoreReport:
         """Confirm the running release; return the store's report afterwards."""
-        for left in reversed(range(TRIES)):
+        for left in reversed(range(transfer.TRIES)):
             try:
                 in_programming(self.asking, Routine.CONFIRM)
                 break

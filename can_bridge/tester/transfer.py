@@ -12,15 +12,9 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.tester import messages
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import (
-    ImageRefusedError,
-    LostError,
-    NoAnswerError,
-    RefusedError,
-    WrongKeysError,
-    refusal_means,
-)
+from can_bridge.tester.messages import NoAnswerError, RefusedError
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
@@ -125,7 +119,7 @@ class Transfer:
                 verdict = self._bring(offset)
                 if verdict is Verdict.GOOD:
                     return Transferred(resumed_from=resumed_from, attempts=attempts)
-                failure: FlashError = ImageRefusedError(verdict)
+                failure: FlashError = messages.ImageRefusedError(verdict)
                 if verdict not in _DAMAGED_ON_THE_WAY:
                     raise failure
             except RefusedError as refused:
@@ -133,7 +127,7 @@ class Transfer:
                     raise
                 failure = refused
             except NoAnswerError:
-                failure = LostError(self._received, len(self._image))
+                failure = messages.LostError(self._received, len(self._image))
                 try:
                     self._asking.wait_until_there(STARTING_S, "answer")
                 except NoAnswerError:
@@ -209,11 +203,11 @@ def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
     if the ECU rejects it; FlashError if it may not be written now or the ECU does not answer."""
     before = _version(asking)
     enter_programming(asking)
-    wrong = WrongKeysError(
+    wrong = messages.WrongKeysError(
         f"the ECU refused the key list: it must be signed by the ECU's root key, have a version above {before}, and "
         "contain the key that signed the confirmed release"
     )
-    with refusal_means(Nrc.OUT_OF_RANGE, wrong):
+    with messages.refusal_means(Nrc.OUT_OF_RANGE, wrong):
         asking.write(Did.KEY_LIST, raw)
     after = _version(asking)
     asking.session(Session.DEFAULT)

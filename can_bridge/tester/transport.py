@@ -6,7 +6,7 @@ unrequested. Late or repeated responses to an earlier request are dropped.
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -78,12 +78,11 @@ def open_client(config: BusConfig) -> Iterator[Client]:
 class BusConnection(BaseConnection):
     """An ISO-TP connection over an open bus; the caller that opened the bus closes it."""
 
-    def __init__(self, bus: PythonCanBus, config: BusConfig, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, bus: PythonCanBus, config: BusConfig) -> None:
         super().__init__()
         is_fd, request, response = config.frames == "fd", config.diagnosis.request, config.diagnosis.response
         mode = isotp.AddressingMode.Normal_29bits if request.is_extended else isotp.AddressingMode.Normal_11bits
         self._bus = bus
-        self._clock = clock
         self._request = b""
         self._is_open = False
         self._failed = False
@@ -125,10 +124,10 @@ class BusConnection(BaseConnection):
         """Send a request. Raises TimeoutException if the ECU's flow control stops it, BusError if the bus fails."""
         self._request, self._failed = payload, False
         self._layer.send(payload)
-        until = self._clock() + SEND_S
+        until = time.monotonic() + SEND_S
         while self._layer.transmitting():
             self._layer.process(rx_timeout=_TURN_S)
-            if self._clock() > until:
+            if time.monotonic() > until:
                 self._layer.stop_sending()
                 self._failed = True
         if self._failed:
@@ -136,13 +135,13 @@ class BusConnection(BaseConnection):
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
         """Return the next payload that can be the answer; raises TimeoutException after `timeout` seconds."""
-        until = self._clock() + (timeout or 0.0)
+        until = time.monotonic() + (timeout or 0.0)
         while True:
             while self._layer.available():
                 payload = bytes(self._layer.recv())
                 if answers(self._request, payload):
                     return payload
-            left = until - self._clock()
+            left = until - time.monotonic()
             if left <= 0.0:
                 raise TimeoutException("no answer")  # type: ignore[no-untyped-call]
             self._layer.process(rx_timeout=min(left, _TURN_S))
@@ -163,13 +162,13 @@ class BusConnection(BaseConnection):
             is_fd=message.is_fd,
             is_extended=message.is_extended_id,
         )
-        until = self._clock() + FRAME_S
+        until = time.monotonic() + FRAME_S
         while True:
             try:
                 self._bus.send(frame, timeout_s=_TURN_S)
                 return
             except BusError:
-                if self._clock() >= until:
+                if time.monotonic() >= until:
                     raise
                 # Some drivers return immediately if the queue is full, so there is a pause before the next attempt.
                 time.sleep(0.001)

@@ -11,36 +11,18 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
+from can_bridge.uds import services
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_codes import CODE_BYTES
 from can_bridge.uds.fault_memory import LENGTHS, FaultMemory, FaultReport, cleared, report
 from can_bridge.uds.security import ANSWER_LENGTH, AccessKey, SecurityAccess
-from can_bridge.uds.services import (
-    LEVELS,
-    LONGEST_ANSWER,
-    MAX_BLOCK,
-    MAX_REQUEST,
-    P2_EXTENDED_MS,
-    P2_MS,
-    ROUTINES,
-    S3_MS,
-    SERVICES,
-    UNSENT_TO_ALL,
-    WRITABLE,
-    Did,
-    Nrc,
-    Permission,
-    Refused,
-    Routine,
-    Service,
-    Session,
-)
+from can_bridge.uds.services import MAX_BLOCK, SERVICES, Did, Nrc, Permission, Refused, Routine, Service, Session
 from can_bridge.uds.under_way import Download, Job, negative
 
 MAX_DIDS: Final = 16
 """Largest number of identifiers that one request may read."""
-_S3_NS: Final = S3_MS * 1_000_000
-_TIMING: Final = P2_MS.to_bytes(2, "big") + (P2_EXTENDED_MS // 10).to_bytes(2, "big")
+_S3_NS: Final = services.S3_MS * 1_000_000
+_TIMING: Final = services.P2_MS.to_bytes(2, "big") + (services.P2_EXTENDED_MS // 10).to_bytes(2, "big")
 """P2 in ms and P2* in units of 10 ms, as in the answer to DiagnosticSessionControl."""
 _SUPPRESS: Final = 0x80
 _HARD_RESET: Final = 1
@@ -139,7 +121,7 @@ class UdsServer:
                 return []
             return [negative(payload[0], Nrc.BUSY_REPEAT_REQUEST)]
         is_quiet = len(payload) > 1 and payload[0] in _SUB_FUNCTIONS and bool(payload[1] & _SUPPRESS)
-        passed_over = UNSENT_TO_ALL if is_functional else ()
+        passed_over = services.UNSENT_TO_ALL if is_functional else ()
         self._job = Job(now_ns, payload[0], self._answer(payload), is_quiet=is_quiet, passed_over=passed_over)
         return self._go_on(now_ns)
 
@@ -193,7 +175,7 @@ class UdsServer:
             raise Refused(Nrc.SERVICE_NOT_SUPPORTED)
         if self.session not in permission.sessions:
             raise Refused(Nrc.SERVICE_NOT_IN_SESSION)
-        _check_length(len(payload) <= MAX_REQUEST)
+        _check_length(len(payload) <= services.MAX_REQUEST)
         if service in _SUB_FUNCTIONS:
             _check_length(len(body) >= 1)
             body = bytes([body[0] & ~_SUPPRESS]) + body[1:]
@@ -257,7 +239,7 @@ class UdsServer:
                     raise
         if not answer:
             raise Refused(Nrc.OUT_OF_RANGE)
-        if 1 + len(answer) > (LONGEST_ANSWER if len(body) > 2 else MAX_REQUEST):
+        if 1 + len(answer) > (services.LONGEST_ANSWER if len(body) > 2 else services.MAX_REQUEST):
             raise Refused(Nrc.RESPONSE_TOO_LONG)
         return answer
 
@@ -270,7 +252,7 @@ class UdsServer:
 
     def _on_security(self, body: bytes) -> bytes:
         level, is_answer = Level(body[0] - (body[0] + 1) % 2), body[0] % 2 == 0
-        if self.session not in LEVELS[level].sessions:
+        if self.session not in services.LEVELS[level].sessions:
             raise Refused(Nrc.SUB_FUNCTION_NOT_IN_SESSION)
         if not is_answer:
             _check_length(len(body) == 1)
@@ -282,7 +264,7 @@ class UdsServer:
     def _on_write(self, body: bytes) -> bytes:
         _check_length(len(body) > 2)
         number, value = int.from_bytes(body[:2], "big"), body[2:]
-        permission = WRITABLE.get(number)
+        permission = services.WRITABLE.get(number)
         if permission is None or self.session not in permission.sessions:
             raise Refused(Nrc.OUT_OF_RANGE)
         self._check_unlocked(permission)
@@ -293,7 +275,7 @@ class UdsServer:
     def _on_routine(self, body: bytes) -> Long[bytes]:
         _check_length(len(body) >= 3)
         number, option = int.from_bytes(body[1:3], "big"), body[3:]
-        permission = ROUTINES.get(number)
+        permission = services.ROUTINES.get(number)
         if permission is None or self.session not in permission.sessions:
             raise Refused(Nrc.OUT_OF_RANGE)
         self._check_unlocked(permission)
