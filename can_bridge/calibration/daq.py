@@ -46,11 +46,8 @@ class _Stage(IntEnum):
 
 
 class DaqLists:
-    """The measurement list, and the values of the latest control period.
-
-    `sample` may be called in one thread, and the remaining methods in another thread. The method of a command takes a
-    packet of at least the command's shortest length and returns the answer, or raises Denied.
-    """
+    """The measurement list, and the values of the latest control period. Only `sample` may be called by another thread.
+    The method of a command takes a packet of at least its shortest length and returns the answer, or raises Denied."""
 
     def __init__(self, period_ns: int) -> None:
         self._cycle = cycle_of(period_ns)

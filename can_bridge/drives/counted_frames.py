@@ -2,8 +2,7 @@
 
 A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. So the
 counter numbers the frames; the time only shows how often the counter has wrapped. A new stretch of frames begins after
-a long gap, and where the counter and the time disagree permanently because the sender restarted or the logger's clock
-was set.
+a long gap, and where counter and time disagree permanently: the sender restarted, or the logger's clock was set.
 """
 
 from collections.abc import Sequence

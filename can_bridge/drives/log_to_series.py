@@ -1,7 +1,6 @@
 """A recorded drive as series: pressures and actions, one row for each control period, and a report of missing data.
 
-A short gap is interpolated linearly. A long gap ends a piece, because an episode of a data set is one uninterrupted
-recording.
+A short gap is interpolated linearly; a long gap ends a piece, as an episode is one uninterrupted recording.
 
 If the log has the vehicle's speed, the coefficients are computed from it row by row. If the recorded rows are not a
 control period apart in convective time, new rows are interpolated from them, as in the ECU's window.

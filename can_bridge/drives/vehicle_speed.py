@@ -1,5 +1,4 @@
-"""The vehicle's speed during a drive, from the vehicle's own frames. The speed is needed to convert pressures to Cp,
-and seconds to convective times.
+"""The vehicle's speed during a drive, from its own frames, to convert pressures to Cp and seconds to convective times.
 
 The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out, and
 the last valid speed is then used for a limited time. Between two valid speeds the speed is interpolated linearly.

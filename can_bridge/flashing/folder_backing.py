@@ -73,8 +73,7 @@ class FolderFiles:
 
 
 def open_regular(path: Path, flags: int) -> int:
-    """Open a regular file and return its handle. A file that is created is accessible to its owner only. Raises OSError
-    for anything but a regular file, because opening a FIFO would block until its other end is opened."""
+    """Return the handle of a regular file; a new one is its owner's only. Raises OSError for others: a FIFO blocks."""
     handle = os.open(path, flags | os.O_NONBLOCK, 0o600)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)

@@ -1,5 +1,4 @@
-"""Flashing of an ECU, step by step, through an open udsoncan client. Real buses, the bench in virtual time and tests
-use the same code.
+"""Flashing of an ECU, step by step, through an open udsoncan client, on real buses and in virtual time.
 
 Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. If
 `flash` is called again, it continues from the state of the ECU: with an image that is partly transferred or not yet
@@ -248,7 +247,7 @@ class _Flashing:
         return read_store(self.asking)
 
     def _leave(self) -> None:
-        """Reset the ECU to its old release, because only a reset ends a transfer that has begun."""
+        """Reset the ECU to its old release: only a reset ends a transfer that has begun."""
         with suppress(FlashError):
             self.asking.session(Session.PROGRAMMING)
             self.asking.reset(times=1)

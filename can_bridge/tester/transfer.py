@@ -59,8 +59,7 @@ OnProgress = Callable[[int, int], None]
 STALLS: Final = 5
 """Largest number of consecutive attempts to transfer an image in which the ECU receives no further bytes."""
 TRIES: Final = 3
-"""Largest number of attempts at a step. A step is repeated if the session ended during the step, because the ECU did
-not answer for a long time or lost its power supply."""
+"""Largest number of attempts at a step, which is repeated if the session ended during it."""
 _SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )

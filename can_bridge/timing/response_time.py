@@ -25,8 +25,7 @@ from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.config.vehicle import BusConfig
 
 LONGEST_BUSY_NS: Final = 60 * 10**9
-"""Longest busy period in ns that is examined; the response time counts as unbounded if the busy period is longer. Only
-loads near 100 % reach this limit."""
+"""Longest busy period in ns that is examined, near 100 % load; beyond it the response time counts as unbounded."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +70,7 @@ def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Res
 
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
-    """Return the response times of all messages in the given order. Raises ValueError if the messages are not in the
-    order of falling priority, or two messages have equal priorities."""
+    """Return the response times of all messages. Raises ValueError unless they are in strictly falling priority."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} before {other.name}: messages must be in strictly falling priority")

@@ -1,7 +1,6 @@
 """A bus for tools, which delivers all received data as python-can's messages, including remote and error frames.
 
-A node uses `can_bridge.bus.backends.python_can` instead, which delivers only valid data frames with the identifiers
-that the node selected.
+A node uses `can_bridge.bus.backends.python_can` instead, which delivers only valid data frames that it selected.
 """
 
 from copy import copy

@@ -149,11 +149,8 @@ _read_once = cache(load_network)
 
 def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     """Return the message's specification and its bytes with an empty E2E header. Raises BusError for an unknown message
-    or signal, a value out of range, or if cantools is missing.
-
-    `assignments` are texts "signal=value", in which the value is a number in the signal's unit or a name from the
-    signal's table.
-    """
+    or signal, a value out of range, or if cantools is missing. `assignments` are texts "signal=value", in which the
+    value is a number in the signal's unit or a name from its table."""
     if name not in _SPECS:
         names = ", ".join(_SPECS)
         raise BusError(f"{name}: must be one of {names}; `python -m can.player` sends other frames, from a log")

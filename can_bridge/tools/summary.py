@@ -15,8 +15,7 @@ from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 
 MOST_MESSAGES: Final = 1000
-"""Largest number of messages that are listed: more than the bus of a vehicle has. The limit bounds the length of the
-list if frames have random 29-bit identifiers."""
+"""Largest number of messages that are listed, if frames have random 29-bit identifiers: more than a vehicle has."""
 
 SignalCell = tuple[str, str, str]
 

@@ -1,7 +1,6 @@
 """Calibration of an ECU through UDS: its identifiers, and the values in non-volatile memory.
 
-Stored values belong to the release for which they were stored, and are used only with this release. Stored values that
-the vehicle's settings no longer allow are not used.
+Stored values are used only with the release for which they were stored, and only if the vehicle's settings allow them.
 """
 
 from collections.abc import Callable, Iterator

@@ -9,8 +9,7 @@ from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, N
 _MS: Final = 1_000_000
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
-"""Times after which a response-pending is sent. These times are half of the permitted times, because a permitted time
-ends with the last bit of the response on the bus."""
+"""Times after which a response-pending is sent: half of those by which its last bit must be on the bus."""
 
 
 def negative(service: int, code: Nrc) -> bytes:

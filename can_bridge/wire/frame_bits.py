@@ -40,11 +40,8 @@ class SentBits:
 
     @property
     def total(self) -> tuple[int, int]:
-        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission.
-
-        A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; here both bits are counted
-        completely at the nominal rate, as in `worst_case_bits`.
-        """
+        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission. BRS
+        and CRC delimiter, in which the rate changes, count at the nominal rate, as in `worst_case_bits`."""
         return self.nominal + TAIL, self.data
 
     def through(self, position: int) -> tuple[int, int]:

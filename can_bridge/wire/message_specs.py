@@ -1,8 +1,5 @@
-"""Identifiers, lengths, protection and resolutions of the messages.
-
-`contract/stillwake.dbc` defines these numbers. They are repeated here because the runtime has no DBC parser; tests
-compare them with the file.
-"""
+"""Identifiers, lengths, protection and resolutions of the messages, as in `contract/stillwake.dbc`: the runtime has no
+DBC parser; tests compare them with the file."""
 
 from dataclasses import dataclass, replace
 from typing import Final, Literal
@@ -77,8 +74,7 @@ SPEED_RESOLUTION_M_PER_S: Final = 0.005
 DENSITY_RESOLUTION_KG_PER_M3: Final = 0.01
 SPEED_UNKNOWN: Final = 0xFFFF
 DENSITY_UNKNOWN: Final = 0
-"""Raw value for a density that the vehicle does not know. Every set has the same raw values for unknown quantities and
-the same resolutions of speed and density."""
+"""Raw value for an unknown density. All sets have the same resolutions and unknown values of speed and density."""
 
 PRESSURE_RESOLUTION_PA: Final = 0.1
 AGE_RESOLUTION_NS: Final = 10_000

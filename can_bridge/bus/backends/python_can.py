@@ -127,12 +127,11 @@ class PythonCanBus(OpenBus):
         accept: Collection[CanId | int] | None = None,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> Self:
-        """Open the configured bus; `accept` and `keep` are those of the constructor.
+        """Open the configured bus; `accept` and `keep` are those of the constructor. Raises BusError as `open_backend`.
 
         A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
         epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on
-        `udp_multicast` do not leave this machine. Raises BusError, which states the interface and the channel, if the
-        bus cannot be opened.
+        `udp_multicast` do not leave this machine.
         """
         bus, interface = open_backend(config)
         return cls(

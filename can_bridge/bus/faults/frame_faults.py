@@ -1,8 +1,7 @@
 """Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
-the receiver's CAN controller. The CRC detects wrong bits on the bus. The frame is then repeated, which takes time, and
-the error counters rise, up to bus-off.
+the receiver's. For wrong bits on the bus a frame is repeated, and the error counters rise, up to bus-off.
 """
 
 import heapq
@@ -161,9 +160,8 @@ class FlipBits(SidedFault, section="flip_bits"):
     bits: AtLeastOne[int] = 1
     """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
-    """Whether the bits change in the sender's memory before the sender protects the message, so that the end-to-end CRC
-    is valid for the wrong data; frames that are not stillwake's then stay unchanged. Otherwise the bits change after
-    the protection: in a driver, a gateway or the receiver's memory."""
+    """Whether the bits change before the sender protects the message, so that the end-to-end CRC is valid for the wrong
+    data; others' frames then stay unchanged. Otherwise they change in a driver, a gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
         """Return the function; with `before_crc`, it raises BusError for an authenticated frame."""
@@ -235,15 +233,13 @@ class WireErrors(Span, section="wire_errors"):
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()
-    """Names of the ports at which the bits are wrong; empty for all ports. With the argument `corrupts` of the bus, the
-    fault acts on the frames that these ports send, and all nodes see the error. With the argument `mishears`, only
-    these ports see the error, in the frames that they receive."""
+    """Names of the ports at which the bits are wrong; empty for all ports. As the bus's `corrupts`, the fault acts on
+    the frames that these ports send, for all nodes; as `mishears`, only on the frames that these ports receive."""
     frame_ids: tuple[int, ...] = ()
     """See `FrameFault.frame_ids`."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """Return a function for the argument `corrupts` or `mishears` of one `can_bridge.bus.simulated.SimulatedBus`.
-        Each bus needs a separate function."""
+        """Return a function for the argument `corrupts` or `mishears` of one `SimulatedBus`; each bus needs its own."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 

@@ -79,13 +79,11 @@ class SlowConsumer(BusFault, section="slow_consumer"):
 
 @dataclass(frozen=True, kw_only=True)
 class ClockDrift(BusFault, section="clock_drift"):
-    """A clock that runs fast or slow, or has a constant offset. At the span's end the clock jumps back to the true
-    time.
+    """A clock that runs fast or slow, or has a constant offset. At the span's end it jumps back to the true time.
 
     On a bus, the fault replaces the stamps of the frames that the node receives by this clock's time. A node whose own
-    clock drifts also reads its time through `local_ns`. If only the stamps or only the node's time use the drifting
-    clock, stamps and time disagree, as with an adapter that has a separate clock. `acted` counts the frames with a
-    changed stamp.
+    clock drifts also reads its time through `local_ns`; if it does not, stamps and time disagree, as with an adapter
+    that has a separate clock. `acted` counts the frames with a changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0

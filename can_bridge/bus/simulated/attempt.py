@@ -212,12 +212,9 @@ def resolve(
 
 
 def _collide(senders: list[Sender[T]], verdicts: dict[T, AttemptVerdict]) -> tuple[list[Sender[T]], int | None]:
-    """Return the remaining senders, and the bit at which their frames end in an error flag; None if the frames have
-    equal contents.
-
-    At the first difference a recessive bit meets a dominant bit, and the sender of the recessive bit has a bit error.
-    If that node is error-passive, its flag is recessive and all other nodes continue.
-    """
+    """Return the remaining senders, and the bit at which their frames end in an error flag; None for equal frames. At
+    the first difference, the sender of a recessive bit has a bit error. If that node is error-passive, its flag is
+    recessive and all other nodes continue."""
     while len({sender.bits.stuffed for sender in senders}) > 1:
         position = next(
             k for k, values in enumerate(zip(*(s.bits.stuffed for s in senders), strict=False)) if len(set(values)) > 1

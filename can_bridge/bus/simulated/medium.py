@@ -141,8 +141,8 @@ class SimulatedBus:
         self.advance_until(t_ns, lambda: False)
 
     def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
-        """Advance the time as `advance_to` does, but stop at the first event after which `stop()` is true. Returns
-        whether the bus stopped at such an event. Raises ValueError for a time in the past."""
+        """Advance the time as `advance_to` does, but only to the first event after which `stop()` is true; return
+        whether there was one."""
         if t_ns < self.now_ns:
             raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
         while (due := self._next_event()) is not None and due[0] <= t_ns:
