@@ -36,6 +36,7 @@ class XcpSlave:
         self.daq = DaqLists(period_ns)
         self._access = XcpAccess(access, random_bytes)
         self._last_ns = 0
+        self._to_store: Calibration | None = None
         self._end()
 
     def to_store(self, now_ns: int) -> Calibration | None:
@@ -94,7 +95,7 @@ class XcpSlave:
     def _end(self) -> None:
         self._is_connected = False
         self.daq.free()
-        self._to_store: Calibration | None = None
+        self._to_store = None
         self._access.lock()
         self._address = 0
         self._identification = b""
