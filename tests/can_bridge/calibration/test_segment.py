@@ -65,8 +65,8 @@ def test_half_of_a_value_waits_for_the_rest_or_is_dropped():
     assert taken is not None and taken.weights.effort == 2.0
     # Its rest is refused; the page is left; another value is written.
     segment = begun()
-    with pytest.raises(ConfigError, match="effort = -2"):
-        segment.write(end, float_bytes(-2.0)[3:])
+    with pytest.raises(ConfigError, match="effort = 2048"):
+        segment.write(end, float_bytes(2048.0)[3:])
     assert segment.read(Page.WORKING, 0, 44) == REFERENCE.pack()
     for drop in (
         lambda one: one.revert(),
