@@ -7,8 +7,7 @@ from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 
 
 def to_message(frame: Frame) -> can.Message:
-    """Return the frame as a python-can message. The message's time in float seconds is exact to the ns in the first
-    weeks after time 0."""
+    """Return the frame as a message, whose time in float seconds is exact to the ns in the first weeks after time 0."""
     return can.Message(
         arbitration_id=frame.frame_id,
         data=frame.data,
@@ -27,8 +26,7 @@ def frame_of(message: can.Message) -> Frame | Rejection:
     if message.is_remote_frame:
         return Rejection.REMOTE
     is_fd = bool(message.is_fd)
-    # A backend may have read a truncated line. This shows only in a difference between the stated and the actual
-    # length.
+    # That a backend has read a truncated line shows only in a difference of stated and actual length.
     if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         return Rejection.WRONG_LENGTH
     # A backend may deliver values of any type and range, and a float would pass the check of the range.

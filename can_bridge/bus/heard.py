@@ -19,7 +19,6 @@ class Heard(Counter[tuple[int, int]]):
     """Counts of the frames since the last report, by identifier and length."""
 
     def add(self, frames: Iterable[Frame]) -> None:
-        """Count more frames."""
         for frame in frames:
             if len(self) < 1000 or (frame.frame_id, len(frame.data)) in self:
                 self[frame.frame_id, len(frame.data)] += 1
@@ -66,8 +65,7 @@ def line(
 
 
 class Silence:
-    """A reporter, which reports once when no usable frame has arrived for `SILENCE_S`, and once when usable frames
-    arrive again. The arguments are those of the function `line`."""
+    """A reporter, once of `SILENCE_S` without a usable frame, and once of its end; for the arguments see `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report

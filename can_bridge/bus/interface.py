@@ -51,8 +51,7 @@ class Rejection(Enum):
     GARBAGE = "unreadable"
     """No CAN frame: a datagram or line of another format, or an identifier or time out of range."""
     WRONG_LENGTH = "wrong length"
-    """The data are truncated, or have a length that is impossible in the frame's format. A possible length that is not
-    the message's length is rejected by the end-to-end check instead."""
+    """A length that is impossible in the frame's format; the end-to-end check rejects others than the message's."""
     REMOTE = "remote frame"
     ERROR_FRAME = "error frame"
     """The controller's report on the bus or on itself; see `PythonCanBus.health`."""
@@ -62,8 +61,7 @@ class Rejection(Enum):
     OTHER_ID = "another identifier"
     OWN = "own frame received again"
     ADAPTER = "adapter refused a command"
-    """A serial adapter answered BEL, its sign of an error: it refused to send a frame, or it refused a command while
-    the adapter was being opened."""
+    """A serial adapter answered BEL: it refused to send a frame, or a command while it was being opened."""
 
 
 class UnusableReceptionError(Exception):

@@ -25,12 +25,8 @@ _CAN_FD: Final = """
           MAX_DLC 8
           CAN_FD_DATA_TRANSFER_BAUDRATE {}
         /end CAN_FD"""
-
-
 _EXTENDED: Final = 1 << 31
 """The bit that marks a 29-bit identifier (part 3)."""
-
-
 _MOST_CP: Final = 100
 """Largest magnitude of a pressure coefficient in a tool's display, far above every pressure coefficient that occurs."""
 
@@ -58,8 +54,7 @@ def a2l_text(segment: Segment, *, release: str, bus: BusConfig, period_ns: int) 
 
 
 def _measured(limits: dict[str, str]) -> Iterator[tuple[str, str, str, str, str]]:
-    """Yield name, description, type, conversion and range of each measured value, in the order of
-    `measured.measured_bytes`."""
+    """Yield name, description, type, conversion and range of each value, in the order of `measured_bytes`."""
     for sensor in range(1, SENSORS + 1):
         yield f"pressure_{sensor}", f"Cp of sensor {sensor}", "FLOAT32_IEEE", "weight", f"-{_MOST_CP} {_MOST_CP}"
     most = limits["action_limit"].split()[1]
@@ -85,7 +80,6 @@ def _measurements(measured: list[tuple[str, str, str, str, str]]) -> Iterator[st
 
 
 def _table(numbers: type[IntEnum]) -> Iterator[str]:
-    """Yield the lines of a conversion table from a state's numbers to its names."""
     name = numbers.__name__.lower()
     yield (
         f'    /begin COMPU_METHOD {name} "Words for numbers"\n      TAB_VERB "%3.0" ""\n'

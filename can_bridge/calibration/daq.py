@@ -14,18 +14,16 @@ from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error, deny_if
 MOST_ODTS: Final = 16
 """Largest number of frames per period: enough for all values of `measured`, one floating-point value per frame."""
 MOST_ENTRIES: Final = 32
-"""The largest number of entries in all frames of the list together."""
+"""Largest number of entries in all frames of the list together."""
 MOST_IN_ODT: Final = MAX_CTO - 1
 """Largest number of bytes in a frame after the byte with the frame's number."""
 EVENT_NAME: Final = b"control period"
 DYNAMIC: Final = 0x01
-"""Properties of the DAQ processor: lists are allocated dynamically, there are neither prescalers nor time stamps, and a
-frame begins with its number."""
+"""Properties of the processor: dynamic lists, neither prescalers nor time stamps, frames that begin with a number."""
 OF_DAQ: Final = 0x44
 """Properties of the event: it is for measurement, and all frames of a list have values of the same control period."""
 _NO_BITS: Final = 0xFF
 _SELECTED, _RUNNING = 0x01, 0x40
-"""Bits of a list's mode: selected, running."""
 
 
 def cycle_of(period_ns: int) -> tuple[int, int]:
@@ -38,8 +36,7 @@ def cycle_of(period_ns: int) -> tuple[int, int]:
 
 
 class _Stage(IntEnum):
-    """The stage that the allocation has reached; the commands for the allocation have a fixed order (ASAM MCD-1 XCP,
-    part 2)."""
+    """The stage of the allocation, whose commands have a fixed order (ASAM MCD-1 XCP, part 2)."""
 
     NOTHING = 0
     FREED = 1
@@ -49,11 +46,8 @@ class _Stage(IntEnum):
 
 
 class DaqLists:
-    """The measurement list, and the values of the latest control period.
-
-    `sample` may be called in one thread, and the remaining methods in another thread. The method of a command takes a
-    packet of at least the command's shortest length and returns the answer, or raises Denied.
-    """
+    """The measurement list, and the values of the latest control period. Only `sample` may be called by another thread.
+    The method of a command takes a packet of at least its shortest length and returns the answer, or raises Denied."""
 
     def __init__(self, period_ns: int) -> None:
         self._cycle = cycle_of(period_ns)
@@ -71,16 +65,13 @@ class DaqLists:
         self._pointer: tuple[int, int] | None = None
         self._left: list[int] = []
 
-    # These methods take and send the values of a control period.
-
     def sample(self, measured: bytes) -> None:
         """Store the values of a control period for `look`, unless frames of an earlier period are not sent yet."""
         if not self._left and not (self.is_running and self._fresh is not None):
             self._fresh = measured
 
     def look(self) -> None:
-        """Take over the values that `sample` stored, if there are any, and queue their frames if the list is
-        running."""
+        """Take over the values that `sample` stored, if any, and queue their frames if the list is running."""
         fresh, self._fresh = self._fresh, None
         if fresh is not None:
             self._measured = fresh
@@ -101,16 +92,14 @@ class DaqLists:
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 
-    # These commands build and start the list.
+    # The commands of XCP, by their names.
 
     def free_daq(self, data: bytes) -> bytes:
-        """Delete the list and allow a new allocation."""
         self.free()
         self._stage = _Stage.FREED
         return _OK
 
     def alloc_daq(self, data: bytes) -> bytes:
-        """Allocate the list."""
         self._check_stage(_Stage.FREED, _Stage.LISTS)
         count = _number(data, 2)
         deny_if(count > 1, Error.MEMORY_OVERFLOW)
@@ -118,7 +107,6 @@ class DaqLists:
         return _OK
 
     def alloc_odt(self, data: bytes) -> bytes:
-        """Allocate the frames of the list."""
         self._check_stage(_Stage.LISTS, _Stage.ODTS)
         self._check_list(data, 2)
         count = data[4]
@@ -140,7 +128,6 @@ class DaqLists:
         return _OK
 
     def set_daq_ptr(self, data: bytes) -> bytes:
-        """Set the pointer to an entry."""
         self._check_idle()
         self._check_list(data, 2)
         odt, entry = data[4], data[5]
@@ -173,14 +160,12 @@ class DaqLists:
         return _OK
 
     def get_daq_list_mode(self, data: bytes) -> bytes:
-        """Return the list's mode."""
         self._check_list(data, 2)
         bits = (_SELECTED if self._is_selected else 0) | (_RUNNING if self.is_running else 0)
         event, prescaler, priority = 0, 1, 0
         return bytes([RESPONSE, bits, 0, 0, event, 0, prescaler, priority])
 
     def start_stop_daq_list(self, data: bytes) -> bytes:
-        """Stop, start or select the list."""
         self._check_list(data, 2)
         deny_if(data[1] > 2, Error.MODE_NOT_VALID)
         if data[1] == 0:
@@ -194,7 +179,6 @@ class DaqLists:
         return bytes([RESPONSE, 0])
 
     def start_stop_synch(self, data: bytes) -> bytes:
-        """Stop all lists, start the selected lists, or stop the selected lists."""
         deny_if(data[1] > 2, Error.MODE_NOT_VALID)
         if data[1] == 0 or (data[1] == 2 and self._is_selected):
             self._stop()
@@ -203,15 +187,11 @@ class DaqLists:
         self._is_selected = False
         return _OK
 
-    # These commands describe the measurement.
-
     def get_daq_processor_info(self, data: bytes) -> bytes:
-        """Return the properties of the processor."""
         events = 1
         return bytes([RESPONSE, DYNAMIC, self._lists, 0, events, 0, 0, 0])
 
     def get_daq_resolution_info(self, data: bytes) -> bytes:
-        """Return the sizes that an entry may have."""
         return bytes([RESPONSE, 1, MOST_IN_ODT, 1, 0, 0, 0, 0])
 
     def get_daq_event_info(self, data: bytes) -> bytes:

@@ -1,5 +1,4 @@
-"""The values of the ECU's latest control period as a memory area, which a measurement tool reads or receives each
-period."""
+"""The values of the ECU's latest control period as a memory area, which a measurement tool reads or receives."""
 
 import struct
 from typing import Final

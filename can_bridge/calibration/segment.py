@@ -1,5 +1,4 @@
-"""The calibration as a memory segment. UDS and XCP read and write the segment, and the controller reads it between
-periods.
+"""The calibration as a memory segment, which UDS and XCP read and write, and the controller reads between periods.
 
 The working page is writable; the reference page has the release's own values. A value takes effect with the next
 control period after all its bytes have been written, if it is within its limits.
@@ -14,19 +13,15 @@ from contract.errors import ConfigError
 ADDRESS: Final = 0x2000_0000
 """The address at which a tool finds the segment: the beginning of a Cortex-M's RAM."""
 VALUE_BYTES: Final = 4
-"""Number of bytes of each value."""
 
 
 class Page(IntEnum):
-    """The two pages of the segment."""
-
     WORKING = 0
     REFERENCE = 1
 
 
 class Segment:
-    """The two pages, and the choice of the page in force, `page`. Raises ConfigError if the release's values are out of
-    the limits."""
+    """The two pages, and the page in force, `page`. Raises ConfigError for release values out of the limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
@@ -54,11 +49,9 @@ class Segment:
 
     def write(self, offset: int, data: bytes) -> None:
         """Write bytes of the working page, in order: from the beginning of a value, or from the end of the last write.
-
         The first bytes of a partly written value wait for the rest; a write to another place discards them. Raises
-        ConfigError for a range outside the segment, for a write that begins inside a value, or for a value that is not
-        allowed; the values then stay unchanged.
-        """
+        ConfigError, without a change, for a range outside the segment, a write that begins inside a value, or a value
+        that is not allowed."""
         _check_range(offset, len(data))
         if self._begun and offset == self._begun_at + len(self._begun):
             offset, data = self._begun_at, self._begun + data
@@ -90,7 +83,6 @@ class Segment:
         self.page = Page.WORKING
 
     def copy_reference(self) -> None:
-        """Copy the release's own values to the working page."""
         self._working = self.reference
         self._begun = b""
 

@@ -13,20 +13,18 @@ PROTOCOL_VERSION: Final = 1
 TRANSPORT_VERSION: Final = 1
 DRIVER_VERSION: Final = 0x10
 COMM_MODE: Final = 0x80
-"""Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode. The answer to
-GET_COMM_MODE_INFO has further properties."""
+"""Communication mode in CONNECT's answer: little-endian, byte addresses, no block mode."""
 CAL_PAG: Final = 0x01
 """The bit of the XCP resource that contains calibration and its pages."""
 RESOURCES: Final = CAL_PAG | 0x04
-"""The bits of this ECU's resources: calibration, and measurement (DAQ). Measurement needs no key, because its values
-are not secret."""
+"""The bits of this ECU's resources: calibration, and measurement (DAQ), which needs no key."""
 
 RESPONSE: Final = 0xFF
 ERROR: Final = 0xFE
 EVENT: Final = 0xFD
 """The values of the first byte of a packet to the tool: response, error and event."""
 STORED_EVENT: Final = 0x03
-"""The number of the event that reports that the calibration was stored."""
+"""The event that reports a stored calibration."""
 STORE_REQUEST: Final = 0x01
 """The bit for the calibration in SET_REQUEST's mode and in GET_STATUS's session status."""
 DAQ_RUNNING: Final = 0x40
@@ -41,8 +39,7 @@ ALL_MODE: Final = 0x80
 
 
 class Command(IntEnum):
-    """The first byte of a packet from the tool. `shortest` is the smallest number of bytes of the command; padding may
-    follow."""
+    """The first byte of a packet from the tool. A command has `shortest` bytes or more; padding may follow."""
 
     shortest: int
 
@@ -89,8 +86,7 @@ class Command(IntEnum):
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that are refused while the resource is locked. Commands that read values are always allowed, because UDS
-also shows these values to every tester."""
+"""Commands that are refused while the resource is locked; UDS, too, shows values to every tester."""
 
 
 class Error(IntEnum):
@@ -122,7 +118,6 @@ class Denied(Exception):  # noqa: N818  (an error packet is an answer, no error)
 
 
 def deny_if(condition: bool, code: Error) -> None:
-    """Raise Denied if the condition holds."""
     if condition:
         raise Denied(code)
 
@@ -156,7 +151,6 @@ class XcpAccess:
 
     @property
     def protected(self) -> int:
-        """The bits of the resources that are locked."""
         return 0 if self.is_unlocked else CAL_PAG
 
     def lock(self) -> None:
@@ -186,8 +180,7 @@ class XcpAccess:
 
     def unlock(self, left: int, data: bytes) -> None:
         """Process the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
-        Denied if the seed was not read completely or a part of the key is missing, and WrongKey for a wrong key. Every
-        attempt needs a new seed."""
+        Denied unless the whole seed was read and no part of the key is missing; WrongKey, which ends the seed too."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)

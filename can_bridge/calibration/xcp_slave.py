@@ -18,7 +18,6 @@ from contract.controller.calibration import PACKED_BYTES, Calibration
 from contract.errors import ConfigError
 
 A2L_NAME: Final = b"stillwake"
-"""The name of the A2L file, without its extension."""
 IDLE_NS: Final = 600_000_000_000
 """The time without a command after which an open connection ends and its resource is locked. While a measurement runs,
 only the resource is locked, because a tool that measures need not send commands."""
@@ -28,8 +27,7 @@ WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
 
 
 class XcpSlave:
-    """The slave, which has one connection at a time. `random_bytes` returns so many unpredictable bytes, and `daq` is
-    the list of measured values."""
+    """The slave, which has one connection at a time; `random_bytes` returns so many unpredictable bytes."""
 
     def __init__(
         self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes], *, period_ns: int
@@ -37,12 +35,9 @@ class XcpSlave:
         self._segment = segment
         self.daq = DaqLists(period_ns)
         self._access = XcpAccess(access, random_bytes)
-        self._is_connected = False
         self._last_ns = 0
-        self._address = 0
-        self._identification = b""
-        self._page = Page.WORKING
         self._to_store: Calibration | None = None
+        self._end()
 
     def to_store(self, now_ns: int) -> Calibration | None:
         """Return the values that the tool asked to store, until the answer or the end of the connection."""
@@ -86,16 +81,8 @@ class XcpSlave:
     def _connect(self, data: bytes) -> bytes:
         self._end()
         self._is_connected = True
-        return struct.pack(
-            "<4BH2B",
-            xcp.RESPONSE,
-            xcp.RESOURCES,
-            xcp.COMM_MODE,
-            MAX_CTO,
-            MAX_CTO,
-            xcp.PROTOCOL_VERSION,
-            xcp.TRANSPORT_VERSION,
-        )
+        versions = xcp.PROTOCOL_VERSION, xcp.TRANSPORT_VERSION
+        return struct.pack("<4BH2B", xcp.RESPONSE, xcp.RESOURCES, xcp.COMM_MODE, MAX_CTO, MAX_CTO, *versions)
 
     def _end_if_idle(self, now_ns: int) -> None:
         if self._is_connected and now_ns - self._last_ns > IDLE_NS:

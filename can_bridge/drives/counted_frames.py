@@ -2,8 +2,7 @@
 
 A log's times are times of reception: a frame may have waited for other traffic, and loggers write in bursts. So the
 counter numbers the frames; the time only shows how often the counter has wrapped. A new stretch of frames begins after
-a long gap, and where the counter and the time disagree permanently because the sender restarted or the logger's clock
-was set.
+a long gap, and where counter and time disagree permanently: the sender restarted, or the logger's clock was set.
 """
 
 from collections.abc import Sequence
@@ -16,13 +15,11 @@ import numpy as np
 from contract.arrays import Array, Index
 
 SLACK: Final = 2.0
-"""Largest difference, in periods, between the time from one frame to the next and the time that their counters
-imply."""
+"""Largest difference, in periods, between the time from frame to frame and that which their counters imply."""
 _LONGEST: Final = 1000
 """Largest number of periods without a frame within a stretch, so that a change of the clock does not add many rows."""
 _JUMP: Final = 0.5
-"""Largest permanent shift of the frames' times within a stretch, in periods. After a larger shift the counter does not
-show how many frames were lost."""
+"""Largest permanent shift of times within a stretch, in periods; after a larger one the counter shows no losses."""
 _AROUND: Final = 16
 """Number of frames before, and after, a possible shift of the reception times; the shift is the difference of their
 median delays. The number exceeds that of a burst, and is large enough to average jitter of 0.4 periods."""
@@ -59,8 +56,7 @@ class FrameStretch:
 
 
 def usual_interval(frames: Sequence[CountedFrame], modulus: int) -> float | None:
-    """Return the median time in s between two successive frames with consecutive counters; None if there are no such
-    frames."""
+    """Return the median time in s between successive frames with consecutive counters; None without such frames."""
     times, counters = np.array([(frame.time_s, frame.counter) for frame in frames]).T
     steps = np.diff(times)[np.diff(counters) % modulus == 1]
     return float(np.median(steps)) if len(steps) else None
@@ -88,8 +84,7 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
     """
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)
-    # The frames before and after a misplaced frame may belong to one stretch, so the misplaced frames are removed
-    # first.
+    # Misplaced frames are removed first: those before and after them may belong to one stretch.
     fitting = [frame for part in parts if len(part) > 1 for _, frame in part] or once
     stretches: list[FrameStretch] = []
     for part in _parts(fitting, period_s, modulus):

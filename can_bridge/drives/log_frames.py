@@ -1,5 +1,4 @@
-"""The pressures, commands and speeds in a log, from our frames with a valid CRC on one channel, and counts of all other
-frames."""
+"""The pressures, commands and speeds in a log: our frames with a valid CRC on one channel, and counts of all others."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -16,8 +15,7 @@ from can_bridge.wire.message_specs import MessageSpec
 from contract.errors import DatasetError
 
 Verify = Callable[[MessageSpec, bytes], int | None]
-"""A function that returns the freshness value of a secured message if the message's authentication code is valid, or
-else None."""
+"""A function that returns the freshness value of a secured message; None if its authentication code is wrong."""
 
 _SHOWN: Final = 12
 
@@ -120,9 +118,7 @@ class _Bus:
         self._latest = float("-inf")
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
-        """Add one data frame."""
-        # A frame with a 29-bit identifier belongs to another node, so its number here must differ from every 11-bit
-        # identifier.
+        # A 29-bit identifier belongs to another node, so its number here must differ from all of 11 bits.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         spec = specs.get(frame_id)

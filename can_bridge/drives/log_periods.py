@@ -45,7 +45,6 @@ class Scales:
 
     @property
     def period_s(self) -> float:
-        """The control period in s."""
         return self.point.period_ns(self.period) * 1e-9
 
 

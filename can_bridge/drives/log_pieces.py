@@ -1,5 +1,4 @@
-"""The rows of a drive, cut into uninterrupted pieces. Short gaps are filled; at a long gap the drive is cut or
-rejected."""
+"""The rows of a drive in uninterrupted pieces. Short gaps are filled; at a long gap the drive is cut or rejected."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

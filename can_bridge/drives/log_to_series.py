@@ -1,7 +1,6 @@
 """A recorded drive as series: pressures and actions, one row for each control period, and a report of missing data.
 
-A short gap is interpolated linearly. A long gap ends a piece, because an episode of a data set is one uninterrupted
-recording.
+A short gap is interpolated linearly; a long gap ends a piece, as an episode is one uninterrupted recording.
 
 If the log has the vehicle's speed, the coefficients are computed from it row by row. If the recorded rows are not a
 control period apart in convective time, new rows are interpolated from them, as in the ECU's window.
@@ -29,15 +28,12 @@ from contract.errors import DatasetError
 _OTHER_PERIOD: Final = 0.2
 """Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
-"""Largest relative difference between the sender's period and the control period; tables with times have the same limit
-(`contract.recording.findings`). Quartz clocks differ by at most a tenth of this limit. Rows are resampled if their
-distance in convective time differs from the control period by more than this limit."""
+"""Largest relative difference between the sender's period and the control period, as in tables with times
+(`contract.recording.findings`); quartz clocks differ by a tenth of it. Rows are resampled if theirs is larger."""
 _OUTSIDE: Final = 0.05
-"""Largest distance of the control period from the range of periods that fit the log's speeds, as a share of the range's
-nearer end."""
+"""Largest distance of the control period from the periods that fit the log's speeds, as a share of the nearest."""
 _CONTRADICTS: Final = 0.01
-"""Largest relative difference between a setting and the log. It is not zero, because the vehicle's own value has an
-error too."""
+"""Largest relative difference between a setting and the log; not zero, as the vehicle's own value has an error too."""
 _STANDS: Final = 0.2
 """Distance travelled from one row to the next below which the vehicle counts as stationary, as a share of the control
 period in W. The pressures are then as small as their resolution."""
@@ -237,8 +233,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Return speed in m/s and density in kg/m3 at the rows of a table; the speed is NaN where it is unknown or the
-    vehicle does not move."""
+    """Return speed in m/s, NaN where it is unknown or the vehicle stands, and density in kg/m3, for a table's rows."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)

@@ -1,5 +1,4 @@
-"""The vehicle's speed during a drive, from the vehicle's own frames. The speed is needed to convert pressures to Cp,
-and seconds to convective times.
+"""The vehicle's speed during a drive, from its own frames, to convert pressures to Cp and seconds to convective times.
 
 The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out, and
 the last valid speed is then used for a limited time. Between two valid speeds the speed is interpolated linearly.
@@ -19,11 +18,9 @@ from contract.config.vehicle import SpeedConfig
 _SHORTEST_S: Final = 0.1
 """Shortest time in s over which a change of speed is checked, so that rounding is not mistaken for an acceleration."""
 _STARTS: Final = 10
-"""Largest number of short groups of speeds at the beginning of a log that may be rejected as wrong (see
-`vehicle_speeds`)."""
+"""Largest number of short spans at the beginning of a log that are left out as wrong (see `vehicle_speeds`)."""
 _SLOWEST: Final = 1e-3
-"""Smallest speed in m/s that is used for the distance travelled, also for a stationary vehicle, because the distance
-must increase."""
+"""Smallest speed in m/s for the distance travelled, also of a stationary vehicle: the distance must increase."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,9 +110,8 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group triples of time, speed and density into spans. A triple jumps if no vehicle can change its speed so fast
-    since the previous triple. A triple that jumps begins a new span if the last speed is too old to be used; otherwise
-    it is left out."""
+    """Group triples of time, speed and density into spans. A triple to which no vehicle changes its speed so fast
+    begins a new span if the speed before it is too old to be used, and is left out otherwise."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

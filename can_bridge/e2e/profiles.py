@@ -28,8 +28,7 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """The number of bits of the header at the message's beginning; bits are counted from a byte's least significant
-        bit."""
+        """The number of bits of the header, with which the message begins, from a byte's least significant bit on."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:
@@ -51,11 +50,9 @@ class Profile:
         return len(data) > length and data[:length] == self.crc(data[length:], data_id).to_bytes(length, "little")
 
     def counter_of(self, data: bytes) -> int:
-        """Return the counter of a protected message."""
         return data[self.crc_length] & self.counter_period - 1
 
     def crc_of(self, data: bytes) -> int:
-        """Return the CRC in a protected message."""
         return int.from_bytes(data[: self.crc_length], "little")
 
 
@@ -92,5 +89,4 @@ PROFILE_5: Final = Profile(crc_length=2, counter_period=256, crc=_crc_16)
 
 
 def profile_of(spec: MessageSpec) -> Profile:
-    """Return the profile that protects a message."""
     return PROFILE_2 if spec.profile == 2 else PROFILE_5

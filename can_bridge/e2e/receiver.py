@@ -89,12 +89,10 @@ class ReceiverState:
     counts: tuple[int, ...] = (0,) * len(FrameCheck)
 
     def count(self, check: FrameCheck) -> int:
-        """Return the number of checks with this result."""
         return self.counts[check.value]
 
     @property
     def frames_rejected(self) -> int:
-        """The number of received frames whose check was not good."""
         return sum(self.count(check) for check in _REJECTED)
 
 
@@ -132,7 +130,6 @@ class E2eReceiver:
         self.state = ReceiverState()
 
     def tick(self, frames: Iterable[Frame]) -> Reception:
-        """See `receive`."""
         self.state, reception = receive(self.state, frames, spec=self.spec, config=self.config)
         return reception
 
@@ -157,7 +154,6 @@ def _checked(
 def _advanced(
     state: ReceiverState, period: FrameCheck, config: E2eConfig
 ) -> tuple[StreamState, tuple[FrameCheck, ...]]:
-    """Return the stream's state and its window after one period's check."""
     if state.stream is StreamState.NODATA:
         if period in (FrameCheck.ERROR, FrameCheck.NO_NEW_DATA):
             return StreamState.NODATA, ()

@@ -14,7 +14,6 @@ class SenderState:
     counter: int = 0
 
     def next(self, spec: MessageSpec) -> "SenderState":
-        """Return the state after one more frame of this message."""
         return SenderState(counter=(self.counter + 1) % profile_of(spec).counter_period)
 
 
@@ -28,8 +27,6 @@ def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_n
 
 
 class E2eSender:
-    """A sender that numbers and protects the frames of one message."""
-
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec
         self.state = SenderState()

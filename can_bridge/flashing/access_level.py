@@ -1,5 +1,4 @@
-"""The security levels of diagnosis. The store counts failed attempts for each level, and the UDS server asks for each
-level's key."""
+"""The security levels of diagnosis: the store counts failed attempts for each, and the UDS server asks for its key."""
 
 from enum import IntEnum
 

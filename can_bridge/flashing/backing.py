@@ -22,9 +22,8 @@ class MediumError(BusError):
 T = TypeVar("T")
 
 Long = Generator[None, None, T]
-"""A long operation in parts. Each `next` executes a part, which takes at most a few tens of milliseconds on a
-controller; the generator's return value is the result. The caller can answer frames between two parts, and does not
-execute further parts when the session has ended."""
+"""A long operation in parts, of at most a few tens of milliseconds on a controller, between which the caller can answer
+frames or give up. The generator's return value is the result."""
 
 
 def at_once(work: Long[T]) -> T:
@@ -41,8 +40,6 @@ MAX_RECORD: Final = 8192
 
 
 class Slot(IntEnum):
-    """The two slots of the store, each for one image."""
-
     A = 0
     B = 1
 
@@ -61,34 +58,27 @@ class RecordKind(IntEnum):
 
 
 class Backing(Protocol):
-    """A memory for two images of up to `capacity` bytes, and four records. Its methods raise MediumError if the memory
-    fails."""
+    """A memory for two images of up to `capacity` bytes, and four records. It raises MediumError if it fails."""
 
     @property
     def capacity(self) -> int: ...
 
     def records(self) -> Mapping[RecordKind, bytes]:
         """Return the newest complete record of each kind; a kind is missing if it was never stored."""
-        ...
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
         """Replace the record of this kind; `record` has at most `MAX_RECORD` bytes."""
-        ...
 
     def clear(self, slot: Slot, behind: int = 0) -> Long[None]:
         """Erase a slot in parts, from byte `behind` to the end; `behind` is 0 or a result of `begin_again`."""
-        ...
 
     def begin_again(self, slot: Slot, length: int) -> int:
         """Prepare a slot after power-on so that data can be appended after its first `length` bytes. Returns the number
         of bytes that stay valid: `length`, or fewer if the memory after these bytes must be erased next. Raises
         MediumError if the whole slot must be erased."""
-        ...
 
     def append(self, slot: Slot, data: bytes) -> None:
         """Write data after the data written to a slot since it was erased; raises MediumError also if it is full."""
-        ...
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
         """Return bytes that were appended."""
-        ...

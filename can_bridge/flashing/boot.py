@@ -11,8 +11,6 @@ from can_bridge.flashing.verdicts import InWords, Verdict
 
 
 class BootReason(InWords):
-    """The reason why an image was booted."""
-
     CONFIRMED = 1, "confirmed"
     TRIAL = 2, "on trial"
     """An activated image that has not been confirmed yet."""

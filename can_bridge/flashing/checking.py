@@ -30,8 +30,7 @@ class Release(Protocol):
 
 
 Fits = Callable[[Any], Verdict]
-"""A function that returns the verdict on whether a checked release was made for this vehicle: GOOD, WRONG_PERIOD or
-WRONG_VEHICLE."""
+"""A function that returns whether a checked release is for this vehicle: GOOD, WRONG_PERIOD or WRONG_VEHICLE."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,6 @@ class FolderFiles:
     """Access to files in one folder by their names; every method raises MediumError if the system reports an error."""
 
     def __init__(self, folder: Path) -> None:
-        """Create the folder if it does not exist."""
         self._folder = folder
         with _reported(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -40,29 +39,24 @@ class FolderFiles:
         return 0
 
     def append(self, name: str, data: bytes) -> None:
-        """Append to a file, which is created if it does not exist."""
         self._write(name, os.O_WRONLY | os.O_CREAT | os.O_APPEND, data)
 
     def replace(self, name: str, data: bytes) -> None:
-        """Replace a file's content."""
         self._write(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, data)
 
     def truncate(self, name: str, length: int) -> None:
-        """Truncate a file to its first bytes."""
         with _reported(self._folder / name):
             os.truncate(self._folder / name, length)
 
     def rename(self, old: str, new: str) -> None:
-        """Rename a file; an existing file with the new name is replaced."""
         with _reported(self._folder / old):
             (self._folder / old).replace(self._folder / new)
 
     def sync(self, name: str) -> None:
-        """Synchronise the file, and return when its content is on the disk."""
+        """Return when the file's content is on the disk."""
         self._sync(self._folder / name)
 
     def sync_folder(self) -> None:
-        """Synchronise the folder, and return when its entries are on the disk."""
         self._sync(self._folder)
 
     def _sync(self, path: Path) -> None:
@@ -79,8 +73,7 @@ class FolderFiles:
 
 
 def open_regular(path: Path, flags: int) -> int:
-    """Open a regular file and return its handle. A file that is created is accessible to its owner only. Raises OSError
-    for anything but a regular file, because opening a FIFO would block until its other end is opened."""
+    """Return the handle of a regular file; a new one is its owner's only. Raises OSError for others: a FIFO blocks."""
     handle = os.open(path, flags | os.O_NONBLOCK, 0o600)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
@@ -119,8 +112,7 @@ class FolderBacking:
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace a record; for `RecordKind.STATE`, first synchronise the slots. Raises ValueError if the record is too
-        long."""
+        """Replace a record, for `RecordKind.STATE` with the slots on the disk. Raises ValueError for a long one."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == RecordKind.STATE:
@@ -154,8 +146,7 @@ class FolderBacking:
         return length
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write data after the data already written since the slot was erased. Raises MediumError also if the slot was
-        not prepared since power-on."""
+        """See `Backing.append`. Raises MediumError also if the slot was not prepared since power-on."""
         if slot not in self._written:
             raise MediumError(f"slot {slot.name}: clear it, or announce an image again, before writing to it", 0)
         if self._written[slot] + len(data) > self.capacity:

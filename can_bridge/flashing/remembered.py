@@ -27,12 +27,10 @@ class Remembered:
 
     Args:
         root: the key that signs key lists.
-        hardware: name of this ECU's hardware.
         fits: returns whether a release was made for this vehicle.
         check: checks an image: the check of bundles, or `judge_image` for the images of microcontrollers.
 
     Attributes:
-        state: the stored state.
         keys: the keys that may sign; None without a valid list.
         faults: the fault memory's record; empty if there is none.
     """
@@ -90,7 +88,6 @@ class Remembered:
         return self._calibrations.get(digest)
 
     def keep_faults(self, record: bytes) -> None:
-        """Store the fault memory's record."""
         self.backing.keep(RecordKind.FAULTS, record)
         self.faults = record
 

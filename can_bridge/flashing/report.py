@@ -65,12 +65,10 @@ class StoreReport:
 
     @property
     def running_slot(self) -> SlotReport | None:
-        """The slot of the running release."""
         return None if self.running is None else self.slots[self.running]
 
 
 def report_of(store: Store) -> StoreReport:
-    """Return the report of the store's present state."""
     state, boot = store.state, store.last_boot
     verdicts = {} if boot is None else boot.verdicts
     first, second = (

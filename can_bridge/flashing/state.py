@@ -23,10 +23,8 @@ from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION
 
 TRIAL_BOOTS: Final = 3
-"""Number of times that an activated image boots without confirmation before the store returns to the confirmed
-image."""
+"""Number of boots of an activated image without confirmation before the store returns to the confirmed one."""
 MOST_ATTEMPTS: Final = 255
-"""Largest count of failed attempts."""
 
 _MAGIC: Final = b"SWS1"
 _SLOT: Final = struct.Struct(">BBIII32s32s32sH")
@@ -119,7 +117,6 @@ class StoreState:
 
 
 def encode(state: StoreState) -> bytes:
-    """Return the state as a record."""
     parts = [_MAGIC]
     for slot in state.slots:
         name = slot.name.encode()

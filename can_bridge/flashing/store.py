@@ -58,8 +58,7 @@ class Store(Remembered):
         check: ImageCheck = check,
     ) -> "Store":
         """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A. Raises
-        OutOfOrderError if the backing is not empty; KeyFileError if the root key did not sign the list; ConfigError if
-        the image fails a check."""
+        OutOfOrderError unless it is empty; KeyFileError for a list not by the root key; ConfigError for a bad image."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
@@ -106,8 +105,7 @@ class Store(Remembered):
         wanted = stays or 0
         announced = SlotState(phase=SlotPhase.FILLING, length=length, sha256=sha256, received=wanted)
         if stays is None or stays < standing.received:
-            # The record is stored before the slot is erased, so that erased bytes do not count as received after an
-            # interruption.
+            # Stored before the slot is erased, so that erased bytes never count as received.
             self.keep(self._without(slot).with_slot(slot, announced if stays else SlotState()))
             yield from self.backing.clear(slot, wanted)
         if announced != self.state.slots[slot]:
@@ -116,9 +114,8 @@ class Store(Remembered):
         return wanted
 
     def append(self, data: bytes) -> None:
-        """Append bytes to the announced image; when the method returns, the bytes survive a loss of power. Raises
-        OutOfOrderError if no image is announced or the bytes exceed its length. After a MediumError the image must be
-        announced again."""
+        """Append bytes to the announced image; when the method returns, they survive a loss of power. Raises
+        OutOfOrderError without an image or beyond its length. After a MediumError it must be announced again."""
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
@@ -130,9 +127,8 @@ class Store(Remembered):
         self._announced = slot
 
     def finish(self) -> Long[Verdict]:
-        """Check the announced image in the memory. If the verdict is GOOD, the image becomes `SlotPhase.CHECKED`;
-        INCOMPLETE changes nothing. The call may be repeated until the image is activated. Raises OutOfOrderError if no
-        image is announced."""
+        """Check the announced image in the memory. If it is GOOD, it becomes `SlotPhase.CHECKED`; INCOMPLETE changes
+        nothing. The call may be repeated until the activation. Raises OutOfOrderError if no image is announced."""
         slot, standing = self._transfer()
         if standing.received < standing.length:
             return Verdict.INCOMPLETE
@@ -217,9 +213,8 @@ class Store(Remembered):
         return verdict
 
     def take_keys(self, raw: bytes) -> None:
-        """Replace the key list. Raises KeyFileError if the root key did not sign the new list, if the new list is not
-        newer, or if the new list lacks the key that signed the active or the running confirmed release, which could
-        then not boot."""
+        """Replace the key list. Raises KeyFileError if the new list is not by the root key, is not newer, or lacks the
+        key that signed the active or the running confirmed release, which could then not boot."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
@@ -240,9 +235,8 @@ class Store(Remembered):
         self.keys = listed
 
     def keep_calibration(self, blob: bytes | None) -> None:
-        """Store a calibration for the running release; None removes it. Calibrations of other releases stay only if
-        their release is in a slot. Raises OutOfOrderError if no release runs; ConfigError for a calibration that is
-        empty or too long."""
+        """Store a calibration for the running release; None removes it. Only calibrations of releases in a slot stay.
+        Raises OutOfOrderError if no release runs; ConfigError for a calibration that is empty or too long."""
         if self.running is None:
             raise OutOfOrderError("no release for the calibration: a release must run")
         running = self.state.slots[self.running].digest
@@ -258,8 +252,7 @@ class Store(Remembered):
         self._calibrations = kept
 
     def _writable_slot(self) -> Slot:
-        """Return the slot that may be written; protected is the running release if it is confirmed, otherwise the
-        active one."""
+        """Return the slot to write; protected is the running release if it is confirmed, otherwise the active one."""
         running, active = self.running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other

@@ -10,7 +10,6 @@ class InWords(IntEnum):
     in_words: str
 
     def __new__(cls, value: int, in_words: str = "") -> Self:
-        """Create a member from its byte and its text."""
         made = int.__new__(cls, value)
         made._value_, made.in_words = value, in_words
         return made

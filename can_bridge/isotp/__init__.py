@@ -1,2 +1,1 @@
-"""The ECU's side of ISO-TP (ISO 15765-2), which sends messages longer than a frame. Testers use the library
-can-isotp."""
+"""The ECU's side of ISO-TP (ISO 15765-2), for messages longer than a frame. Testers use the library can-isotp."""

@@ -23,8 +23,6 @@ _NS_PER_100_US: Final = 100_000
 
 
 class FlowStatus(IntEnum):
-    """The flow status in a receiver's answer to the sender."""
-
     CONTINUE = 0
     WAIT = 1
     OVERFLOW = 2
@@ -60,8 +58,7 @@ class FlowControl(NamedTuple):
 
 
 def parse(data: bytes) -> Single | First | Consecutive | FlowControl | None:
-    """Return the part of a message that a frame contains; None for a frame that a receiver must ignore. Never
-    raises."""
+    """Return a frame's part of a message; None for a frame that a receiver must ignore. Never raises."""
     if not data:
         return None
     kind, low = data[0] >> 4, data[0] & 0xF
@@ -111,25 +108,21 @@ def capacity(frame_length: int) -> int:
 
 
 def single(message: bytes) -> bytes:
-    """Return the padded frame of a short message."""
     length = len(message)
     header = bytes([length]) if length < CLASSIC_LENGTH else bytes([0, length])
     return padded(header + message)
 
 
 def first(message: bytes, frame_length: int) -> bytes:
-    """Return the frame with a message's length and beginning."""
     length = len(message)
     return bytes([_FIRST << 4 | length >> 8, length & 0xFF]) + message[: frame_length - 2]
 
 
 def consecutive(number: int, data: bytes) -> bytes:
-    """Return a padded frame with the next bytes of a message."""
     return padded(bytes([_CONSECUTIVE << 4 | number]) + data)
 
 
 def flow(status: FlowStatus, *, block_size: int = 0, separation_code: int = 0) -> bytes:
-    """Return the padded frame of a receiver's answer."""
     return padded(bytes([_FLOW << 4 | status, block_size, separation_code]))
 
 

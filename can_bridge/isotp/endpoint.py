@@ -60,7 +60,6 @@ class _Reception:
         return self._wanted > 0
 
     def abort(self) -> None:
-        """Drop the received part of a message."""
         self._wanted = 0
         self._data.clear()
 
@@ -128,7 +127,6 @@ class _Transmission:
         self.message = b""
         self._sent = 0
         self._number = 0
-        self._block_size = 0
         self._left_in_block = 0
         self._separation_ns = 0
         self._not_before_ns = 0
@@ -155,7 +153,7 @@ class _Transmission:
             return
         if part.status is FlowStatus.CONTINUE:
             self._state = _State.SENDING
-            self._left_in_block = self._block_size = part.block_size
+            self._left_in_block = part.block_size
             self._separation_ns = part.separation_ns
             self._not_before_ns = now_ns
             self._waits = 0
@@ -206,8 +204,7 @@ class _Transmission:
 
 
 KEPT_PLACES: Final = 2
-"""Number of places in the transmit queue that are reserved for the response-pending message and the answer of the
-request being processed."""
+"""Number of places in the transmit queue for the response-pending and the answer of the request being processed."""
 
 
 class Endpoint:
@@ -228,7 +225,6 @@ class Endpoint:
 
     @property
     def is_receiving(self) -> bool:
-        """Whether a message is being received."""
         return self._reception.is_running
 
     @property

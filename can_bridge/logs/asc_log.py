@@ -54,8 +54,7 @@ _EVENTS: Final = {
 
 
 def read_asc(lines: entries.Lines) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of the first line that is not a frame, an event
-    or a header."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that is no frame, event or header."""
     base, is_relative, in_block, has_times = 16, False, False, False
     clock = _Clock()
     for number, line in lines:
@@ -211,8 +210,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
     fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
-    # Some writers leave the flags 0, so a CAN FD frame is also recognised by its bit rate, its length and its length
-    # code.
+    # Some writers leave the flags 0, so a CAN FD frame is also known by its bit rate, length and length code.
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
         fd |= FD_FRAME
     elif flags & _REMOTE_FLAG:
@@ -224,9 +222,8 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
 
 
 def _event(word: str, text: str) -> LogEvent:
-    """Return the event that a line describes. The first word of the line shows the event. Lines of variables and
-    signals begin with the name of the variable or signal, so these lines are recognised by characters that no other
-    lines have."""
+    """Return the event that a line describes, by its first word. Lines of variables and signals begin with a name,
+    so they are recognised by characters that no other lines have."""
     if "GMGroup:" in text:
         return LogEvent("marker")
     if ":=" in text:
@@ -240,8 +237,7 @@ def _event(word: str, text: str) -> LogEvent:
 
 
 def _identifier(word: str, base: int) -> entries.Ident | None:
-    """Return the identifier's number, and whether the identifier has 29 bits; None for the name of a message that is
-    not ours."""
+    """Return the identifier's number, and whether it has 29 bits; None for the name of a message that is not ours."""
     name = word.rpartition("::")[2]
     if name in entries.IDS:
         return entries.IDS[name], False

@@ -23,8 +23,7 @@ _CONTAINER: Final = struct.Struct("<H 6x L 4x")
 _CLASSIC: Final = struct.Struct("<H B B L 8s")
 """Classic frame: channel, flags, length code, identifier, data."""
 _FD: Final = struct.Struct("<H B B L L B B B 5x 64s")
-"""CAN FD frame: channel, flags, length code, identifier, time on the bus, number of bits, flags of CAN FD, number of
-stored bytes, data."""
+"""CAN FD frame: channel, flags, length code, identifier, time on bus, bits, flags of CAN FD, stored bytes, data."""
 _FD_64: Final = struct.Struct("<B B B x L 4x L 18x B B 4x")
 """CAN FD frame in the newer form: channel, length code, number of stored data bytes, identifier, flags, direction,
 offset of the bytes that follow the data."""
@@ -35,7 +34,6 @@ _TEN_MICROSECONDS: Final = 1
 _MESSAGES: Final = (1, 86)
 _CONTAINER_TYPE, _FD_TYPE, _FD_64_TYPE, _FD_ERROR_TYPE = 10, 100, 101, 104
 _FRAMES: Final = (*_MESSAGES, _FD_TYPE, _FD_64_TYPE, 2, 73, _FD_ERROR_TYPE)
-"""Object types of messages and error frames."""
 _NAMES: Final = {
     3: "overload frame",
     4: "statistics",
@@ -115,8 +113,7 @@ class _Stream:
         return b"LOBJ" in self._rest
 
     def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
-        """Yield the type, the bytes and the header length of each object. Raises ValueError if there is no object where
-        one must begin."""
+        """Yield type, bytes and header length of each object. Raises ValueError where one must begin and none does."""
         data, at = self._rest + block, 0
         while True:
             # Up to three bytes of padding come between objects, depending on their type.

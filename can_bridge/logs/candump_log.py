@@ -34,8 +34,7 @@ _FD: Final = re.compile(r"#([0-9A-Fa-f])(.*)")
 _DATA: Final = re.compile(r"((?:[0-9A-Fa-f]{2}\.?)*)(?:_[9A-Fa-f])?")
 _REMOTE: Final = re.compile(r"[Rr]([0-9])?(?:_[9A-Fa-f])?")
 _RELATIVE: Final = re.compile(r"\d{3}\.\d{6}")
-"""Pattern of a relative time. candump pads the seconds of -t z and -t d to three digits, and the seconds since the
-epoch to ten."""
+"""A relative time: candump pads the seconds of -t z and -t d to three digits, those since the epoch to ten."""
 _REMEDY: Final = "record with `candump -L`"
 _LATE: Final = 0.1
 """Largest share of a channel's frames that a driver may stamp with the time of the previous frame."""
@@ -89,8 +88,7 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than the frame before them, because such times are
-        differences."""
+        """Raise ValueError if too many frames are not later than those before them: such times are differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 
@@ -114,8 +112,7 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
     if ident[1] and ident[0] & _ERROR:
         return entries.error_frame(time_s, channel, ident[0] & ~_ERROR)
-    # A length is written as {1} for a length code, as [8] for the bytes of a classic frame, and as [08] for the bytes
-    # of a CAN FD frame.
+    # {1} is a length code, [8] the bytes of a classic frame, and [08] those of a CAN FD frame.
     fd = FD_FRAME if code is None and len(length) > 1 else 0
     if length is None:
         count = entries.length_of(int(code, 16), is_fd=False)
@@ -157,11 +154,8 @@ def _ident(digits: str) -> entries.Ident:
 
 @contextmanager
 def recording(path: Path) -> Iterator[Callable[[Frame], None]]:
-    """Yield a function that appends a frame to the log. The file is created only if the `with` block ends without an
-    error.
-
-    Frames must come in the order of their timestamps: the writer stamps a frame that is earlier than the previous frame
-    with the previous frame's time. Raises StillwakeError if the file cannot be written.
-    """
+    """Yield a function that appends a frame to the log; the file is created only if the `with` block ends without an
+    error. Frames must come in the order of their timestamps: the writer stamps an earlier one with the previous frame's
+    time. Raises StillwakeError if the file cannot be written."""
     with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
         yield lambda frame: writer.on_message_received(to_message(frame))

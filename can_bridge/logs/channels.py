@@ -35,8 +35,6 @@ class ChannelGroup:
     Attributes:
         name: name of the message, or of a part of a run; unique in a file.
         times_s: the n times of the values in s, (n,), not decreasing.
-        channels: channels with one value for each time.
-        comment: text for the reader of the file.
     """
 
     name: str

@@ -32,8 +32,7 @@ _ERROR_CLASSES: Final = (
     *("transmit timeout", "arbitration lost", "controller", "protocol", "transceiver"),
     *("no acknowledgement", "bus off", "bus error", "restarted", "error counters"),
 )
-"""Names of the bits in an error frame's identifier, from the lowest bit. Each bit states one class of errors
-(linux/can/error.h)."""
+"""Names of the bits in an error frame's identifier, from the lowest, one for each class (linux/can/error.h)."""
 
 _BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 

@@ -46,8 +46,7 @@ def stem_of(path: Path) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether the file is a log. This is decided by the ending of its name; a CSV file is a log if its first
-    line is that of python-can's logger."""
+    """Return whether the file is a log: by its ending, and for CSV by the first line, that of python-can's logger."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES

@@ -1,6 +1,5 @@
-"""MCAP files with one topic of frames and one topic for each group of channels, in Protobuf. Foxglove, Rerun and
-PlotJuggler read such a file, because it contains its schemas. If the file is read as a log, frames become entries, and
-all other messages are counted."""
+"""MCAP files with one topic of frames and one topic for each group of channels, in Protobuf. It contains its
+schemas, so that Foxglove, Rerun and PlotJuggler read it. In a file that is read as a log, all but frames is counted."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -52,8 +52,7 @@ def asammdf_for(path: Path) -> Any:
             f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert elsewhere, from or to BLF: "
             f"`python -m can.logconvert {path.name} {path.stem}.blf`"
         ) from error
-    # asammdf also logs each error that it raises. Its object for a file that it could not open causes an error when
-    # Python deletes the object.
+    # asammdf also logs the errors that it raises, and its object for a file that it could not open fails in `__del__`.
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     reader: Any = import_module("asammdf.blocks.mdf_v4").MDF4
     reader.__del__ = lambda one: one.close() if {"header", "_file"} <= vars(one).keys() else None
@@ -84,8 +83,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
                 try:
                     columns = _columns(measurement, index, fields, rows)
                 except (ValueError, failure):
-                    # A frame's bytes are stored outside its record. If a logger loses power, the bytes of its last
-                    # frame may be missing.
+                    # After a loss of power, the last frame's bytes, which are outside its record, may be missing.
                     columns = _columns(measurement, index, fields, rows - 1)
                     others.append(LogEvent("frame without its bytes"))
                 groups.append(_frames(kind, columns, start_s))
@@ -138,12 +136,9 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
 
 
 def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[ChannelGroup]) -> None:
-    """Write a measurement, completely or not at all. Raises BusError if asammdf is missing; StillwakeError if the file
-    cannot be written.
-
-    Times count from the start that the header states: the last full second before the first message or value. The start
-    is not before 1970, which is the start of a run in virtual time.
-    """
+    """Write a measurement, completely or not at all. Times count from the start that the header states: the last full
+    second before the first message or value, but not before 1970, at which a run in virtual time starts. Raises
+    BusError if asammdf is missing; StillwakeError if the file cannot be written."""
     asammdf = asammdf_for(path)
     first_s = [*(one.timestamp for one in messages), *(float(one.times_s[0]) for one in groups if len(one.times_s))]
     start_s = max(0, floor(min(first_s)))
@@ -176,8 +171,7 @@ def _kind(message: can.Message) -> str:
 
 
 def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
-    """Return a number for each channel: the channel's name if it is a number below 256, or else the first free number
-    from 1 on."""
+    """Return each channel's number: its name if this is a number below 256, or else the first free one from 1 on."""
     names = list(dict.fromkeys(str(one.channel or "") for one in messages))
     found = {name: int(name) for name in names if name.isdecimal() and int(name) < 256}
     free = (number for number in range(1, 256) if number not in found.values())

@@ -17,8 +17,7 @@ TABLE_COLUMNS: Final = "timestamp,arbitration_id,extended,remote,error,dlc,data"
 
 
 def read_csv(lines: Lines) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError, which states the line's number, for a line that is not a row
-    of the table."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that is not a row of the table."""
     for number, line in lines:
         text = line.strip()
         try:

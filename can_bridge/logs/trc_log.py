@@ -13,8 +13,7 @@ from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
 _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTIRL"}
-"""Columns before the data, one letter each, by version: number, time, bus, type or direction, identifier, reserved,
-length code."""
+"""Columns before the data by version: number, time, bus, type or direction, identifier, reserved, length code."""
 _DAY_ZERO: Final = datetime(1899, 12, 30)
 _WARNING: Final = "FFFFFFFF"
 """Value that marks a warning, in the column of the identifier."""
@@ -26,18 +25,11 @@ _EVENTS: Final = {
     "EV": "user-defined event",
     "OV": "overload frame",
 }
-_FD: Final = {
-    "FD": FD_FRAME,
-    "FB": FD_FRAME | BRS,
-    "FE": FD_FRAME | ESI,
-    "BI": FD_FRAME | BRS | ESI,
-}
-"""Bits of each type of CAN FD frame."""
+_FD: Final = {"FD": FD_FRAME, "FB": FD_FRAME | BRS, "FE": FD_FRAME | ESI, "BI": FD_FRAME | BRS | ESI}
 
 
 def read_trc(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of the first line that does not have the format
-    of the file's version."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line of another format than the file's."""
     columns, start_s = list(_COLUMNS["1.0"]), 0.0
     for number, line in lines:
         text = line.strip()

@@ -13,24 +13,10 @@ from xml.sax.saxutils import escape
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.odx.flash_sequence import flash_sequence
+from can_bridge.uds import services
 from can_bridge.uds.fault_codes import CODES, J2012_FORMAT, Snapshot, in_letters
 from can_bridge.uds.fault_memory import AVAILABLE, FaultReport
-from can_bridge.uds.services import (
-    LEVELS,
-    P2_EXTENDED_MS,
-    P2_MS,
-    POSITIVE,
-    ROUTINES,
-    S3_MS,
-    SERVICES,
-    WRITABLE,
-    Did,
-    Nrc,
-    Permission,
-    Routine,
-    Service,
-    Session,
-)
+from can_bridge.uds.services import POSITIVE, Did, Nrc, Permission, Routine, Service, Session
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
@@ -48,13 +34,11 @@ def named(tag: str, name: str, *parts: str, prefix: str = "") -> str:
 
 
 def constant(name: str, value: int, bits: int = 8) -> str:
-    """Return a parameter with a constant value."""
     inner = f"<SHORT-NAME>{name}</SHORT-NAME><CODED-VALUE>{value}</CODED-VALUE>{CODED.format(bits)}"
     return f'<PARAM xsi:type="CODED-CONST">{inner}</PARAM>'
 
 
 def value(name: str, of: str) -> str:
-    """Return a parameter of the type `of`."""
     return f'<PARAM xsi:type="VALUE"><SHORT-NAME>{name}</SHORT-NAME><DOP-REF ID-REF="{of}"/></PARAM>'
 
 
@@ -121,8 +105,7 @@ DID_TYPES: Final[Mapping[Did, str]] = {
     Did.CALIBRATION_LIMITS: "calibration_limits",
     Did.CALIBRATION_STORED: "u8",
 }
-"""Type of each identifier's value when read. An identifier that can be written has the same type when written, except
-the key list."""
+"""Type of each identifier's value; what is written has the same type, except the key list."""
 _OPTIONS: Final = {Routine.ERASE: (value("length", "u32"), value("sha256", "bytes_32"))}
 _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (value("verdict", "verdict"),)}
 
@@ -157,7 +140,7 @@ def described() -> Iterator[Described]:
         answer: tuple[str, ...] = (),
     ) -> Described:
         constants = tuple((number, bits) for number in numbers)
-        return Described(name.lower(), service, at or SERVICES[service], constants, request, answer)
+        return Described(name.lower(), service, at or services.SERVICES[service], constants, request, answer)
 
     timing = (value("p2_ms", "u16"), value("p2_star_10_ms", "u16"))
     for session in Session:
@@ -169,16 +152,16 @@ def described() -> Iterator[Described]:
     for did, of in DID_TYPES.items():
         yield one(f"read_{did.name}", Service.READ, did, bits=16, answer=(value("value", of),))
     for level in Level:
-        at = LEVELS[level]
+        at = services.LEVELS[level]
         yield one(f"seed_{level.name}", Service.SECURITY, level, at=at, answer=(value("seed", "bytes_16"),))
         yield one(f"key_{level.name}", Service.SECURITY, level + 1, at=at, request=(value("key", "bytes_16"),))
     for name, number in (("enable_sending", 0), ("disable_sending", 1)):
         yield one(name, Service.COMMUNICATION, number, request=(value("kind", "u8"),))
-    for number, at in WRITABLE.items():
+    for number, at in services.WRITABLE.items():
         did = Did(number)
         of = "bytes" if did is Did.KEY_LIST else DID_TYPES[did]
         yield one(f"write_{did.name}", Service.WRITE, did, bits=16, at=at, request=(value("value", of),))
-    for number, at in ROUTINES.items():
+    for number, at in services.ROUTINES.items():
         routine = Routine(number)
         both = _OPTIONS.get(routine, ()), _STATUSES.get(routine, ())
         yield Described(f"routine_{routine.name.lower()}", Service.ROUTINE, at, ((1, 8), (routine, 16)), *both)
@@ -217,8 +200,7 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
     listed = {file.name: file.read_text(encoding="utf-8") for file in files(__package__).joinpath("files").iterdir()}
     with zipfile.ZipFile(packed, "w") as archive:
         for name, text in sorted(listed.items()):
-            # Every file in the archive has the earliest time that the format can state, so that equal descriptions give
-            # equal bytes.
+            # A file's time is the earliest that the format can state, so that equal descriptions give equal bytes.
             filled = Template(text).substitute(_filling(bus, because)) if name.startswith("stillwake.") else text
             archive.writestr(zipfile.ZipInfo(name), filled, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
@@ -247,9 +229,9 @@ def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]
         "response_id": ids.response.number,
         "functional": "" if ids.functional is None else _functional(ids.functional),
         "frame_length": "TX_DL = 64 (CANFD)" if is_fd else "TX_DL = 8 (CAN)",
-        "p2_us": P2_MS * 1000,
-        "p2_star_us": P2_EXTENDED_MS * 1000,
-        "present_us": S3_MS * 500,
+        "p2_us": services.P2_MS * 1000,
+        "p2_star_us": services.P2_EXTENDED_MS * 1000,
+        "present_us": services.S3_MS * 500,
         "nominal_bitrate": bus.nominal_bitrate,
         "data_bitrate": bus.data_bitrate if is_fd else bus.nominal_bitrate,
     }
@@ -295,7 +277,7 @@ def _head(one: Described, more: int = 0) -> Iterator[str]:
 
 
 def _states(one: Described) -> Iterator[str]:
-    yield from map(_session, sorted(one.permission.sessions & SERVICES[one.service].sessions))
+    yield from map(_session, sorted(one.permission.sessions & services.SERVICES[one.service].sessions))
     if one.permission.level is not None:
         yield _level(one.permission.level)
 

@@ -9,8 +9,7 @@ from can_bridge.uds.services import LEVELS
 
 SEED_AND_KEY: Final = "seed_and_key.json"
 EXAMPLE: Final = bytes(range(16))
-"""The access key, and also the seed, of the examples with known keys. The bytes are public, and no ECU uses this access
-key."""
+"""The access key, which no ECU uses, and also the seed of the examples with known keys."""
 _LIBRARY: Final = {
     "function": "GenerateKeyEx",
     "prototype": "int GenerateKeyEx(const unsigned char *seed, unsigned int seed_length, unsigned int level, "
@@ -19,8 +18,7 @@ _LIBRARY: Final = {
     "variant": "not used: the access key decides, which the library's maker keeps for each ECU",
     "returns": {"0": "key computed", "1": "key_capacity too small", "2": "level unknown", "4": "other error"},
 }
-"""The interface of the seed-and-key library that testers load: the interface of a DLL that diagnostic tools for Windows
-expect."""
+"""The interface of the seed-and-key library that testers load: that of the DLL which tools for Windows expect."""
 
 
 def seed_and_key() -> bytes:

@@ -1,6 +1,5 @@
 """Frames authenticated as in AUTOSAR SecOC: a message has a freshness value and a message authentication code (MAC).
 
 E2E protection detects faults; authentication detects attackers. The project has its own profile, in the terms of
-AUTOSAR's "Specification of Secure Onboard Communication": a frame has the whole 64-bit freshness value, and 64 bits of
-the authenticator.
+AUTOSAR's "Specification of Secure Onboard Communication": 64 bits each of freshness value and authenticator.
 """

@@ -37,14 +37,12 @@ class Authentication:
 
 
 def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
-    """Return the node's authentication data in its first power cycle; None if the settings name no key. Raises
-    KeyFileError like `read_key`."""
+    """Return the node's data in its first power cycle; None without a key. Raises KeyFileError like `read_key`."""
     return Authentication(key=read_key(Path(config.key))) if config.key else None
 
 
 def key_of(authentication: Authentication | None, config: BusConfig) -> Key | None:
-    """Return the key to use. Raises ConfigError if the settings name a key and the node has none, or if the node has a
-    key and the settings name none."""
+    """Return the key to use. Raises ConfigError if either the settings or the node, and not both, have a key."""
     if message_set(config).pressure.spec.is_secured != (authentication is not None):
         given = "without a key" if authentication is None else "with a key"
         raise ConfigError(f"bus.key = {config.key!r}: the node was made {given}")

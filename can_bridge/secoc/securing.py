@@ -51,8 +51,7 @@ class Freshness:
 
 
 def secure(frame: Frame, spec: MessageSpec, key: Key, freshness: Freshness) -> Frame:
-    """Return a frame as sent on the bus. Raises ValueError if the message is not secured, or if the given frame is not
-    its protected part alone."""
+    """Return a frame as sent on the bus. Raises ValueError unless the frame is a secured message's protected part."""
     if not spec.is_secured:
         raise ValueError(f"{spec.name}: has no room for a MAC")
     if len(frame.data) != spec.protected:
@@ -94,13 +93,11 @@ class VerifierState:
 
     @property
     def refused(self) -> int:
-        """The number of refused frames, which were not authentic or not fresh."""
         return self.not_authentic + self.not_fresh
 
 
 class Verification(NamedTuple):
-    """The frames of one period that were not refused. `none_authentic` states that frames of the message were received
-    and every one was refused."""
+    """The frames of a period that were not refused; `none_authentic`: frames of the message came, and none passed."""
 
     state: VerifierState
     frames: Sequence[Frame]
@@ -108,8 +105,7 @@ class Verification(NamedTuple):
 
 
 def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec, key: Key | None) -> Verification:
-    """Check the frames of one message in one period, oldest first. Frames of other messages are passed on unchecked,
-    and every frame without a key."""
+    """Check the frames of a message in a period, oldest first; pass on those of others, and without a key all."""
     if key is None:
         return Verification(state, frames, none_authentic=False)
     freshness, not_authentic, not_fresh = state.freshness, state.not_authentic, state.not_fresh

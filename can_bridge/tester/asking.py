@@ -28,15 +28,13 @@ LONGEST_PENDING_S: Final = 60.0
 TIMES: Final = 5
 """Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
-"""Largest number of attempts to read an identifier. The store's report takes 150 classic frames, and an attempt fails
-if one of these frames is lost. If the ECU has never answered a request, there are only `TIMES` attempts, because the
-ECU is probably absent."""
+"""Largest number of attempts to read an identifier: the store's report takes 150 classic frames, any of which may be
+lost. There are only `TIMES` attempts if the ECU, which is then probably absent, has never answered."""
 BUSY: Final = 0x21
 """Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Time in s between two messages that keep a session open. The time is so short that one of two messages may be lost
-within `S3_MS`."""
+"""Time in s between two messages that keep a session open, of which one may be lost within `S3_MS`."""
 DELAY_S: Final = 15.0
 """Longest wait in s while the ECU accepts no key because it received wrong keys: more than the ECU's delay of 10 s."""
 
@@ -47,8 +45,7 @@ class Asking:
     def __init__(
         self, client: Client, *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
     ) -> None:
-        """Configure the client, whose connection must be open. `key` is None if no level is to be unlocked; times are
-        in s."""
+        """Configure the client, whose connection must be open; `key` is needed to unlock a level; times are in s."""
         self._client = client
         self._clock = clock
         self._sleep = sleep
@@ -63,14 +60,12 @@ class Asking:
         self._in_good_state(step, lambda: self._client.change_session(session))
 
     def read(self, did: Did, *, times: int = READ_TIMES) -> bytes:
-        """Return the value of an identifier."""
         found = self._ask(
             f"read {did.name.lower()}", lambda: self._client.read_data_by_identifier(int(did)), times=times
         )
         return bytes(found.service_data.values[int(did)])
 
     def write(self, did: Did, value: bytes) -> None:
-        """Write an identifier."""
         self._ask(f"write {did.name.lower()}", lambda: self._client.write_data_by_identifier(int(did), value))
 
     def routine(self, routine: Routine, option: bytes = b"") -> bytes:
@@ -128,7 +123,6 @@ class Asking:
         self._ask("take a block of the image", lambda: self._client.transfer_data(counter, data))
 
     def exit(self) -> None:
-        """End a transfer."""
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def faults(self, report: str, *args: int, **others: int) -> Any:
@@ -141,8 +135,7 @@ class Asking:
             self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
-        """Switch off the detection of faults and the messages of the control loop before programming, as far as the ECU
-        supports this."""
+        """Switch off, as far as the ECU can, the detection of faults and the control loop's messages."""
         for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
             with suppress(RefusedError, NoAnswerError):
                 self._ask("stop sending", call, times=2)
@@ -181,8 +174,7 @@ class Asking:
             return self._ask(step, call, times=times)
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
-        """Return the ECU's answer. Raises RefusedError for a negative response; NoAnswerError if none of `times`
-        attempts is answered."""
+        """Return the ECU's answer. Raises RefusedError for a negative one; NoAnswerError after `times` attempts."""
         from udsoncan import exceptions
 
         sent = 0
@@ -217,7 +209,6 @@ class Asking:
 
 
 def _settings(key: KeyOf | None, pending: Callable[[], None]) -> Any:
-    """Return the settings of udsoncan's client."""
     from udsoncan import DidCodec
 
     class AsItIs(DidCodec):

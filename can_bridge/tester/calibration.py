@@ -1,5 +1,4 @@
-"""Calibration of an ECU through UDS, with a client that is already connected. Each function is one step: read, change,
-read back or store."""
+"""Calibration of an ECU through UDS, with a connected client, in steps: read, change, read back or store."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -56,8 +55,7 @@ def unlock(asking: Asking) -> None:
 
 
 def write(asking: Asking, wanted: Calibration) -> None:
-    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses the values, or reports other values
-    afterwards."""
+    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses them, or reports others afterwards."""
     asking.write(Did.CALIBRATION, wanted.pack())
     _check_in_force(asking, wanted.pack())
 
@@ -68,8 +66,7 @@ def store(asking: Asking) -> None:
 
 
 def revert(asking: Asking, release: Calibration) -> None:
-    """Put the release's own values in force and delete stored values, after `unlock`. Raises NotNowError like
-    `store`."""
+    """Put the release's own values in force and delete stored ones, after `unlock`. Raises NotNowError like `store`."""
     _keep(asking, _REVERT, "drop the stored calibration")
     _check_in_force(asking, release.pack())
 

@@ -1,5 +1,4 @@
-"""Flashing of an ECU, step by step, through an open udsoncan client. Real buses, the bench in virtual time and tests
-use the same code.
+"""Flashing of an ECU, step by step, through an open udsoncan client, on real buses and in virtual time.
 
 Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. If
 `flash` is called again, it continues from the state of the ECU: with an image that is partly transferred or not yet
@@ -19,18 +18,11 @@ from typing import TYPE_CHECKING, Final
 
 from can_bridge.flashing.report import SlotReport, StoreReport
 from can_bridge.flashing.state import SlotPhase
+from can_bridge.tester import transfer
 from can_bridge.tester.asking import Asking, KeyOf
 from can_bridge.tester.facts import EcuFacts, read_facts, read_store
 from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
-from can_bridge.tester.transfer import (
-    TRIES,
-    OnProgress,
-    Transfer,
-    Transferred,
-    enter_programming,
-    in_programming,
-    in_session,
-)
+from can_bridge.tester.transfer import OnProgress, Transfer, Transferred, enter_programming, in_programming, in_session
 from can_bridge.uds.services import Nrc, Routine, Session
 from contract.errors import FlashError, StillwakeError
 from contract.release import controller_image
@@ -51,8 +43,6 @@ RESETS: Final = 3
 
 
 class Step(Enum):
-    """The steps of flashing, for display."""
-
     IDENTIFY = auto()
     PRECONDITIONS = auto()
     TRANSFER = auto()
@@ -76,8 +66,7 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class FlashOptions:
-    """Options that leave out steps: a dry run leaves out every step that writes; without `confirm` the release stays on
-    trial."""
+    """Options that leave out steps: a dry run all that write; without `confirm` the release stays on trial."""
 
     dry_run: bool = False
     confirm: bool = True
@@ -138,8 +127,6 @@ def reset_and_wait(asking: Asking) -> None:
 
 @dataclass(frozen=True)
 class _Flashing:
-    """One run of `flash`, with its arguments."""
-
     asking: Asking
     image: bytes
     options: FlashOptions
@@ -180,7 +167,6 @@ class _Flashing:
         return ended(End.CONFIRMED)
 
     def _bring(self) -> Transferred:
-        """Transfer the image and start it on trial."""
         try:
             self.asking.quieten()
             self.on_step(Step.TRANSFER)
@@ -206,7 +192,6 @@ class _Flashing:
         return False
 
     def _start(self) -> None:
-        """Reset the ECU until the activated image runs."""
         for _ in range(RESETS):
             self.on_step(Step.RESET)
             reset_and_wait(self.asking)
@@ -236,7 +221,7 @@ class _Flashing:
 
     def _confirm(self) -> StoreReport:
         """Confirm the running release; return the store's report afterwards."""
-        for left in reversed(range(TRIES)):
+        for left in reversed(range(transfer.TRIES)):
             try:
                 in_programming(self.asking, Routine.CONFIRM)
                 break
@@ -256,14 +241,13 @@ class _Flashing:
         return read_store(self.asking)
 
     def _go_back(self) -> StoreReport:
-        """Return from a trial to the confirmed release."""
         enter_programming(self.asking)
         in_programming(self.asking, Routine.REVERT)
         reset_and_wait(self.asking)
         return read_store(self.asking)
 
     def _leave(self) -> None:
-        """Reset the ECU to its old release, because only a reset ends a transfer that has begun."""
+        """Reset the ECU to its old release: only a reset ends a transfer that has begun."""
         with suppress(FlashError):
             self.asking.session(Session.PROGRAMMING)
             self.asking.reset(times=1)

@@ -12,15 +12,9 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.tester import messages
 from can_bridge.tester.asking import Asking
-from can_bridge.tester.messages import (
-    ImageRefusedError,
-    LostError,
-    NoAnswerError,
-    RefusedError,
-    WrongKeysError,
-    refusal_means,
-)
+from can_bridge.tester.messages import NoAnswerError, RefusedError
 from can_bridge.uds.services import MAX_BLOCK, Did, Nrc, Routine, Session
 from contract.errors import FlashError
 
@@ -65,13 +59,11 @@ OnProgress = Callable[[int, int], None]
 STALLS: Final = 5
 """Largest number of consecutive attempts to transfer an image in which the ECU receives no further bytes."""
 TRIES: Final = 3
-"""Largest number of attempts at a step. A step is repeated if the session ended during the step, because the ECU did
-not answer for a long time or lost its power supply."""
+"""Largest number of attempts at a step, which is repeated if the session ended during it."""
 _SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
 STARTING_S: Final = 15.0
-"""Longest wait in s for an ECU that may be starting."""
 
 _AGAIN: Final = _SESSION_ENDED | frozenset(
     {
@@ -99,8 +91,6 @@ class Transferred:
 
 
 class Transfer:
-    """Transfer of one image to an ECU."""
-
     def __init__(self, asking: Asking, image: bytes, progress: OnProgress) -> None:
         self._asking = asking
         self._image = image
@@ -128,7 +118,7 @@ class Transfer:
                 verdict = self._bring(offset)
                 if verdict is Verdict.GOOD:
                     return Transferred(resumed_from=resumed_from, attempts=attempts)
-                failure: FlashError = ImageRefusedError(verdict)
+                failure: FlashError = messages.ImageRefusedError(verdict)
                 if verdict not in _DAMAGED_ON_THE_WAY:
                     raise failure
             except RefusedError as refused:
@@ -136,8 +126,11 @@ class Transfer:
                     raise
                 failure = refused
             except NoAnswerError:
-                failure = LostError(self._received, len(self._image))
-                self._wait_for(failure)
+                failure = messages.LostError(self._received, len(self._image))
+                try:
+                    self._asking.wait_until_there(STARTING_S, "answer")
+                except NoAnswerError:
+                    raise failure from None
             stalls = 0 if self._received > before else stalls + 1
             if stalls >= STALLS:
                 raise failure
@@ -180,12 +173,6 @@ class Transfer:
             self._received = offset
             self._progress(offset, len(self._image))
 
-    def _wait_for(self, failure: FlashError) -> None:
-        try:
-            self._asking.wait_until_there(STARTING_S, "answer")
-        except NoAnswerError:
-            raise failure from None
-
 
 def in_session(begin: Callable[[], None], step: Callable[[], object], *, has_begun: bool = False) -> None:
     """Begin a session, unless it has begun, and make a step in it; repeat both if the session ended in between."""
@@ -202,7 +189,6 @@ def in_session(begin: Callable[[], None], step: Callable[[], object], *, has_beg
 
 
 def enter_programming(asking: Asking) -> None:
-    """Begin the programming session and unlock it."""
     in_session(lambda: asking.session(Session.PROGRAMMING), lambda: asking.unlock(Level.PROGRAMMING))
 
 
@@ -212,16 +198,15 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; return the version of the old list, 0 if there was none, and the version of the new list.
-    Raises WrongKeysError if the ECU rejects the new list; FlashError if the list may not be written now or the ECU does
-    not answer."""
+    """Replace the key list; return the versions of the old one, 0 for none, and of the new one. Raises WrongKeysError
+    if the ECU rejects it; FlashError if it may not be written now or the ECU does not answer."""
     before = _version(asking)
     enter_programming(asking)
-    wrong = WrongKeysError(
+    wrong = messages.WrongKeysError(
         f"the ECU refused the key list: it must be signed by the ECU's root key, have a version above {before}, and "
         "contain the key that signed the confirmed release"
     )
-    with refusal_means(Nrc.OUT_OF_RANGE, wrong):
+    with messages.refusal_means(Nrc.OUT_OF_RANGE, wrong):
         asking.write(Did.KEY_LIST, raw)
     after = _version(asking)
     asking.session(Session.DEFAULT)

@@ -6,7 +6,7 @@ unrequested. Late or repeated responses to an earlier request are dropped.
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -25,17 +25,10 @@ from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 
 _SAME: Final = {
-    Service.SESSION: slice(1, 2),
-    Service.RESET: slice(1, 2),
-    Service.REPORT_FAULTS: slice(1, 2),
-    Service.READ: slice(1, 3),
-    Service.SECURITY: slice(1, 2),
-    Service.COMMUNICATION: slice(1, 2),
-    Service.WRITE: slice(1, 3),
-    Service.ROUTINE: slice(1, 4),
-    Service.TRANSFER: slice(1, 2),
-    Service.TESTER_PRESENT: slice(1, 2),
-    Service.FAULT_SETTING: slice(1, 2),
+    **dict.fromkeys((Service.SESSION, Service.RESET, Service.REPORT_FAULTS, Service.SECURITY), slice(1, 2)),
+    **dict.fromkeys((Service.COMMUNICATION, Service.TRANSFER, Service.TESTER_PRESENT), slice(1, 2)),
+    **dict.fromkeys((Service.READ, Service.WRITE), slice(1, 3)),
+    **{Service.FAULT_SETTING: slice(1, 2), Service.ROUTINE: slice(1, 4)},
 }
 """Bytes of a request that a positive response repeats at the same place: sub-function, identifier or block counter."""
 _OF_ONE_CODE: Final = frozenset({FaultReport.SNAPSHOT, FaultReport.EXTENDED})
@@ -62,16 +55,11 @@ _TURN_S: Final = 0.02
 FLOW_CONTROL_MS: Final = 1000
 """Timeouts in ms for a flow control frame (N_Bs) and for the next consecutive frame (N_Cr) (ISO 15765-2)."""
 _MOST_WAITS: Final = 100
-_ENDS_SENDING: Final = (
-    isotp.FlowControlTimeoutError,
-    isotp.OverflowError,
-    isotp.MaximumWaitFrameReachedError,
-)
+_ENDS_SENDING: Final = (isotp.FlowControlTimeoutError, isotp.OverflowError, isotp.MaximumWaitFrameReachedError)
 
 
 def silence() -> None:
-    """Prevent the libraries' log messages from reaching stderr, where Python prints the warnings of a logger without a
-    handler."""
+    """Keep the libraries' warnings from stderr, where Python prints those of a logger without a handler."""
     for name in ("UdsClient", "Connection", "isotp"):
         logging.getLogger(name).addHandler(logging.NullHandler())
 
@@ -90,12 +78,11 @@ def open_client(config: BusConfig) -> Iterator[Client]:
 class BusConnection(BaseConnection):
     """An ISO-TP connection over an open bus; the caller that opened the bus closes it."""
 
-    def __init__(self, bus: PythonCanBus, config: BusConfig, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, bus: PythonCanBus, config: BusConfig) -> None:
         super().__init__()
         is_fd, request, response = config.frames == "fd", config.diagnosis.request, config.diagnosis.response
         mode = isotp.AddressingMode.Normal_29bits if request.is_extended else isotp.AddressingMode.Normal_11bits
         self._bus = bus
-        self._clock = clock
         self._request = b""
         self._is_open = False
         self._failed = False
@@ -120,46 +107,41 @@ class BusConnection(BaseConnection):
         )
 
     def open(self) -> "BusConnection":
-        """Open the connection."""
         self._is_open = True
         return self
 
     def close(self) -> None:
-        """Close the connection; the bus stays open."""
         self._is_open = False
 
     def is_open(self) -> bool:
         return self._is_open
 
     def empty_rxqueue(self) -> None:
-        """Drop all received data."""
         self._bus.receive_all()
         self._layer.reset()
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        """Send a request. Raises TimeoutException if the ECU's flow control stops sending, BusError if the bus
-        fails."""
+        """Send a request. Raises TimeoutException if the ECU's flow control stops it, BusError if the bus fails."""
         self._request, self._failed = payload, False
         self._layer.send(payload)
-        until = self._clock() + SEND_S
+        until = time.monotonic() + SEND_S
         while self._layer.transmitting():
             self._layer.process(rx_timeout=_TURN_S)
-            if self._clock() > until:
+            if time.monotonic() > until:
                 self._layer.stop_sending()
                 self._failed = True
         if self._failed:
             raise TimeoutException("the ECU accepted only a part of the request")  # type: ignore[no-untyped-call]
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
-        """Return the next payload that can be the answer to the request; raises TimeoutException after `timeout`
-        seconds."""
-        until = self._clock() + (timeout or 0.0)
+        """Return the next payload that can be the answer; raises TimeoutException after `timeout` seconds."""
+        until = time.monotonic() + (timeout or 0.0)
         while True:
             while self._layer.available():
                 payload = bytes(self._layer.recv())
                 if answers(self._request, payload):
                     return payload
-            left = until - self._clock()
+            left = until - time.monotonic()
             if left <= 0.0:
                 raise TimeoutException("no answer")  # type: ignore[no-untyped-call]
             self._layer.process(rx_timeout=min(left, _TURN_S))
@@ -180,13 +162,13 @@ class BusConnection(BaseConnection):
             is_fd=message.is_fd,
             is_extended=message.is_extended_id,
         )
-        until = self._clock() + FRAME_S
+        until = time.monotonic() + FRAME_S
         while True:
             try:
                 self._bus.send(frame, timeout_s=_TURN_S)
                 return
             except BusError:
-                if self._clock() >= until:
+                if time.monotonic() >= until:
                     raise
                 # Some drivers return immediately if the queue is full, so there is a pause before the next attempt.
                 time.sleep(0.001)

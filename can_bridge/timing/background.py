@@ -28,8 +28,7 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first, and the messages of the traffic's file that are not sent,
-    each as "name (why)"."""
+    """The messages of other nodes, highest priority first, and those of the file that are not sent: "name (why)"."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
@@ -110,18 +109,15 @@ def _check(path: Path, message: "Message", bus: BusConfig) -> None:
 
 PERIODS_MS: Final = (5, 10, 20, 50, 100, 200, 500, 1000)
 _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
-"""Periods in ms of generated messages and their relative frequencies, as in published benchmarks of buses for body and
-powertrain."""
+"""Periods in ms of generated messages, and their weights as in published benchmarks of body and powertrain buses."""
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
-"""Identifiers of generated messages. Smaller identifiers are for network management, larger identifiers for
-diagnostics."""
+"""Identifiers of generated messages; smaller ones are for network management, larger ones for diagnostics."""
 
 
 def background(bus: BusConfig) -> BackgroundTraffic:
-    """Return the traffic of other nodes; empty if no background is configured. Raises as `read_traffic` and `made_up`
-    do."""
+    """Return the configured traffic of other nodes. Raises as `read_traffic` and `made_up` do."""
     config = bus.background
     if config.dbc:
         return read_traffic(Path(config.dbc), bus, seed=config.seed)
@@ -131,8 +127,7 @@ def background(bus: BusConfig) -> BackgroundTraffic:
 def made_up(load: float, bus: BusConfig, *, seed: int) -> tuple[PeriodicMessage, ...]:
     """Return messages that fill the share `load` of the bus with their longest frames, but for a remainder too small
     for the next message drawn. Messages with shorter periods have higher priorities. Of two or more messages, the first
-    has a higher priority than all of our messages and the last a lower one. Raises ConfigError if the share is smaller
-    than one message needs."""
+    has a higher priority than all of ours and the last a lower one. Raises ConfigError for less than one message."""
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
     if not drawn:

@@ -15,8 +15,7 @@ from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 
 _CONTENTS: Final = 16
-"""Number of frames with random contents over which a message's length is averaged; the standard error of the mean is
-below half a per cent."""
+"""Number of frames whose length is averaged; the standard error of the mean is below half a per cent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +52,6 @@ class BusLoad:
 
     @property
     def late(self) -> tuple[MessageLoad, ...]:
-        """The messages that can miss their deadlines."""
         return tuple(one for one in self.messages if not one.response.in_time)
 
 
@@ -101,8 +99,7 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
     )
     everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
-    # If there is no bound on the response time of the pressures, there is none for the answers, because their priority
-    # is lower.
+    # Without a bound on the pressures' response time there is none for the answers, whose priority is lower.
     jitter_ns = period_ns if arrival.response_ns is None else arrival.response_ns
     return (
         pressure,

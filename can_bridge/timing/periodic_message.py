@@ -11,8 +11,7 @@ from contract.config.vehicle import BusConfig
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Identifiers of the messages in all message sets, including sets that the bus does not use. Messages of other nodes
-must not have these identifiers."""
+"""Identifiers of the messages in all sets, used or not, which messages of other nodes must not have."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,8 +25,7 @@ from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.config.vehicle import BusConfig
 
 LONGEST_BUSY_NS: Final = 60 * 10**9
-"""Longest busy period in ns that is examined; the response time counts as unbounded if the busy period is longer. Only
-loads near 100 % reach this limit."""
+"""Longest busy period in ns that is examined, near 100 % load; beyond it the response time counts as unbounded."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,13 +55,11 @@ class Response:
 
     @property
     def in_time(self) -> bool:
-        """Whether every frame of the message meets its deadline."""
         return self.response_ns is not None and self.response_ns <= self.deadline_ns
 
 
 def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Response]:
-    """Return the response times of messages, highest priority first; `bit_ns` is the time of a bit at the nominal bit
-    rate in ns, rounded up."""
+    """Return the response times of messages, highest priority first; `bit_ns` is that of a nominal bit, rounded up."""
     blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
     higher: _Rhythms = {}
     responses = []
@@ -73,8 +70,7 @@ def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Res
 
 
 def message_response_times(messages: Sequence[PeriodicMessage], bus: BusConfig) -> list[Response]:
-    """Return the response times of all messages in the given order. Raises ValueError if the messages are not in the
-    order of falling priority, or two messages have equal priorities."""
+    """Return the response times of all messages. Raises ValueError unless they are in strictly falling priority."""
     for one, other in pairwise(messages):
         if one.priority >= other.priority:
             raise ValueError(f"{one.name} before {other.name}: messages must be in strictly falling priority")
@@ -120,8 +116,7 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
 
 
 def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
-    """Return the longest time in ns for which a blocking frame and then these messages occupy the bus without a break;
-    None if there is no bound."""
+    """Return the longest time in ns of a blocking frame and then these messages without a break; None if unbounded."""
     load = sum((Fraction(busy, period) for (period, _), busy in rhythms.items()), Fraction(0))
     # With a load of 1 the busy period ends only without blocking and jitter. With a smaller load it always ends.
     if load > 1 or (load == 1 and (blocking or any(jitter for _, jitter in rhythms))):

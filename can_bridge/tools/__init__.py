@@ -1,2 +1,1 @@
-"""An engineer's tools for a bus: watch, record, replay, send, decode, convert logs to data sets. Some tools need the
-extra `bus`."""
+"""An engineer's tools for a bus: watch, record, replay, send, decode, convert logs. Some need the extra `bus`."""

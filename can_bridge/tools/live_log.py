@@ -22,8 +22,7 @@ from contract.atomic import leads_to
 from contract.errors import StillwakeError
 
 _PAUSE_S: Final = 0.05
-"""Pause in s between two writes. Writing the few frames that arrive in a pause takes a short time, for which a control
-step may have to wait."""
+"""Pause in s between two writes: short, because a control step may have to wait for one."""
 
 
 @contextmanager

@@ -35,8 +35,7 @@ _IN_THE_FRAME: Final = ("Freshness", "MAC")
 
 def check_measurement(path: Path) -> None:
     """Check, before the frames are read, whether a measurement can be written. Raises BusError for an unknown ending,
-    or if asammdf is missing; ModuleNotFoundError if another package is missing; StillwakeError if the file cannot be
-    written."""
+    or without asammdf; ModuleNotFoundError without another package; StillwakeError if nothing can be written there."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
     if path.suffix.lower() == ".mf4":

@@ -73,8 +73,7 @@ class Traffic:
         self.verifier = VerifierState()
 
     def add(self, frame: Frame, time_ns: int | None = None) -> None:
-        """Add a frame of the message. `time_ns` is the frame's time in a log, which may be before 0; without it the
-        frame's own time stamp is used."""
+        """Add a frame of the message, with its time in a log, which may be before 0, or its own time stamp."""
         time_ns = frame.timestamp_ns if time_ns is None else time_ns
         self.latest, self.decoded = frame, decode(frame)
         self.first_ns = self.first_ns if self.count else time_ns
@@ -84,8 +83,7 @@ class Traffic:
         if self.decoded is None:
             return
         spec = self.decoded.spec
-        # The end-to-end check cannot use the data of a frame in the wrong format (CAN FD or classic), so the check gets
-        # no data.
+        # The data of a frame in the wrong format (CAN FD or classic) are not for the end-to-end check.
         whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
         if spec.is_secured:
             before, self.verifier = self.verifier, verified(self.verifier, (whole,), spec=spec, key=self._key).state
@@ -111,7 +109,6 @@ class Traffic:
 
     @property
     def refused(self) -> int:
-        """The number of frames that a receiver would not have used."""
         return self.receiver.frames_rejected + self.verifier.refused
 
     @property
@@ -134,7 +131,6 @@ class Traffic:
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """The number of frames with each verdict that occurred."""
         counts = {CHECK_TEXT[check]: self.receiver.count(check) for check in CHECK_TEXT}
         counts[Mac.NOT_AUTHENTIC.value] = self.verifier.not_authentic
         counts[Mac.NOT_FRESH.value] = self.verifier.not_fresh
@@ -142,11 +138,9 @@ class Traffic:
 
     @property
     def last_ns(self) -> int:
-        """The time of the newest frame."""
         return self.recent_ns[-1]
 
     def age_ns(self, now_ns: int) -> int:
-        """Return the time in ns since the newest frame."""
         return max(0, now_ns - self.last_ns)
 
     def rate_hz(self, now_ns: int) -> float:

@@ -1,7 +1,6 @@
 """A bus for tools, which delivers all received data as python-can's messages, including remote and error frames.
 
-A node uses `can_bridge.bus.backends.python_can` instead, which delivers only valid data frames with the identifiers
-that the node selected.
+A node uses `can_bridge.bus.backends.python_can` instead, which delivers only valid data frames that it selected.
 """
 
 from copy import copy
@@ -17,8 +16,6 @@ from contract.errors import ConfigError
 
 
 class RawBus(OpenBus):
-    """A tool's connection to a bus."""
-
     def receive_message(self, timeout_s: float) -> can.Message | None:
         """Return the next message of any kind, even if it is not valid; None if no readable message came in time.
         Raises BusError if the bus failed or delivers only garbage."""

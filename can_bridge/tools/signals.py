@@ -10,19 +10,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import contract
 from can_bridge.e2e.profiles import profile_of
+from can_bridge.wire import message_specs as specs
 from can_bridge.wire.classic_codec import STALE_NS
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SETS, Message
-from can_bridge.wire.message_specs import (
-    DENSITY_UNKNOWN,
-    FRESHNESS_LENGTH,
-    INT12_MAX,
-    MAC_LENGTH,
-    SPECS,
-    SPEED_RESOLUTION_M_PER_S,
-    SPEED_UNKNOWN,
-    MessageSpec,
-)
+from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageSpec
 from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Pressure, VehicleSpeed
 from can_bridge.wire.network_file import load_network
 from contract.errors import BusError
@@ -35,10 +27,9 @@ PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 
 STALE_MS: Final = 70
 """Largest age in ms that a frame of the classic set can state. The value means this age or any greater age."""
-INVALID_PA: Final = -INT12_MAX - 1
-"""Value in Pa of a pressure in frames of the classic set by which the vehicle reports that the sensor's own diagnosis
-found a fault."""
-NO_SPEED: Final = SPEED_UNKNOWN * SPEED_RESOLUTION_M_PER_S
+INVALID_PA: Final = -specs.INT12_MAX - 1
+"""Value in Pa in frames of the classic set by which the vehicle reports that the sensor's diagnosis found a fault."""
+NO_SPEED: Final = specs.SPEED_UNKNOWN * specs.SPEED_RESOLUTION_M_PER_S
 """Value in m/s of the speed in a frame by which the vehicle reports that its speed is unknown."""
 
 
@@ -57,8 +48,7 @@ class SignalValue(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """The signals of one of our messages in the order of the frame; none if a value is outside its table or the frame's
-    length is wrong."""
+    """The signals of one of our messages, in their order; none for a value outside its table or a wrong length."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]
@@ -114,7 +104,7 @@ def _of_classic_pressure(value: Pressure) -> Iterator[SignalValue]:
 
 
 def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:
-    yield _or_word("AirDensity", value.density_kg_per_m3, "kg/m3", DENSITY_UNKNOWN, "NOT_KNOWN")
+    yield _or_word("AirDensity", value.density_kg_per_m3, "kg/m3", specs.DENSITY_UNKNOWN, "NOT_KNOWN")
     yield _or_word("Speed", value.speed_m_per_s, "m/s", NO_SPEED, "NOT_AVAILABLE")
     yield SignalValue("Age", value.age_ns / 1e6, "ms")
 
@@ -153,17 +143,14 @@ def _of_status(value: EcuStatus, is_fd: bool) -> Iterator[SignalValue]:
 
 
 DBC: Final = Path(contract.__file__).with_name("stillwake.dbc")
-_SPECS: Final = {spec.name: spec for spec in SPECS}
+_SPECS: Final = {spec.name: spec for spec in specs.SPECS}
 _read_once = cache(load_network)
 
 
 def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     """Return the message's specification and its bytes with an empty E2E header. Raises BusError for an unknown message
-    or signal, a value out of range, or if cantools is missing.
-
-    `assignments` are texts "signal=value", in which the value is a number in the signal's unit or a name from the
-    signal's table.
-    """
+    or signal, a value out of range, or if cantools is missing. `assignments` are texts "signal=value", in which the
+    value is a number in the signal's unit or a name from its table."""
     if name not in _SPECS:
         names = ", ".join(_SPECS)
         raise BusError(f"{name}: must be one of {names}; `python -m can.player` sends other frames, from a log")

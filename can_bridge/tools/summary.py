@@ -15,11 +15,9 @@ from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 
 MOST_MESSAGES: Final = 1000
-"""Largest number of messages that are listed: more than the bus of a vehicle has. The limit bounds the length of the
-list if frames have random 29-bit identifiers."""
+"""Largest number of messages that are listed, if frames have random 29-bit identifiers: more than a vehicle has."""
 
 SignalCell = tuple[str, str, str]
-"""The name of a signal, its value and its unit."""
 
 
 @dataclass(kw_only=True)
@@ -54,17 +52,14 @@ class Summary:
 
     @property
     def frames(self) -> int:
-        """The number of data frames."""
         return self.unlisted + sum(one.count for one in self.messages.values())
 
     @property
     def lost(self) -> int:
-        """The number of frames that are missing according to the counters."""
         return sum(one.lost for one in self.messages.values())
 
     @property
     def refused(self) -> int:
-        """The number of frames that a receiver would not have used."""
         return sum(one.refused for one in self.messages.values())
 
     @property
@@ -117,8 +112,7 @@ class Summary:
         }
 
     def add(self, message: can.Message) -> Traffic | None:
-        """Add a frame with its time stamp. Return the statistics of the frame's message, or None if the message is not
-        listed."""
+        """Add a frame with its time stamp; return its message's statistics, or None if the message is not listed."""
         time_s = message.timestamp
         self.first_s = time_s if self.first_s is None else min(time_s, self.first_s)
         self.last_s = time_s if self.last_s is None else max(time_s, self.last_s)

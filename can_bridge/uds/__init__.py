@@ -1,2 +1,1 @@
-"""Unified Diagnostic Services (ISO 14229-1) on the ECU's side, as state machines whose inputs are the time and
-requests."""
+"""Unified Diagnostic Services (ISO 14229-1) on the ECU's side: state machines with time and requests as inputs."""

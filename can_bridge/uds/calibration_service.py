@@ -1,7 +1,6 @@
 """Calibration of an ECU through UDS: its identifiers, and the values in non-volatile memory.
 
-Stored values belong to the release for which they were stored, and are used only with this release. Stored values that
-the vehicle's settings no longer allow are not used.
+Stored values are used only with the release for which they were stored, and only if the vehicle's settings allow them.
 """
 
 from collections.abc import Callable, Iterator
@@ -44,8 +43,7 @@ class CalibrationService:
         self._kept, self._keep, self._refusal = kept, keep, refusal
 
     def restore(self) -> ConfigError | None:
-        """Put stored values in force after power-on. Returns an error if there are stored values and they are not
-        allowed."""
+        """Put stored values in force after power-on; return the error if they are not allowed."""
         raw = self._kept()
         if raw is None:
             return None

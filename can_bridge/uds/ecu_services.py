@@ -23,10 +23,7 @@ WRITTEN: Final = 512
 """Number of bytes of an image that are written in one part of a long operation."""
 _DONE: Final = {
     Routine.ERASE: ("update", "a release is being written: jets shut until a reset"),
-    Routine.ACTIVATE: (
-        "activated",
-        "the written release is activated: it boots on trial at the next reset",
-    ),
+    Routine.ACTIVATE: ("activated", "the written release is activated: it boots on trial at the next reset"),
     Routine.CONFIRM: ("confirmed", "the running release is confirmed"),
     Routine.REVERT: ("given_up", "the previous release boots at the next reset"),
 }
@@ -68,7 +65,6 @@ class EcuServices:
         self._taken_keys = b""
 
     def enter(self, session: Session) -> None:
-        """Prepare for a session."""
         if session is Session.PROGRAMMING:
             self._check_preconditions()
 
@@ -106,7 +102,6 @@ class EcuServices:
         self._taken_keys = value
 
     def routine(self, routine: Routine, option: bytes) -> Long[bytes]:
-        """Run a routine and return its status record."""
         status = yield from self._run(routine, option)
         if routine is Routine.CHECK:
             verdict = Verdict(status[0])
@@ -141,7 +136,6 @@ class EcuServices:
             raise Refused(Nrc.OUT_OF_RANGE, f"bytes {offset}..{offset + length} are not the missing bytes")
 
     def transfer(self, data: bytes) -> Long[None]:
-        """Write the next bytes of the image."""
         with as_refusals():
             self._store.append(data)
         # All data are written already; the operation has as many parts as it would have with a flash memory.
@@ -152,7 +146,6 @@ class EcuServices:
         return self._store.state.failed_attempts[level]
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:
-        """Store the number of consecutive wrong keys."""
         with as_refusals():
             self._store.keep_failed_attempts(level, count)
 

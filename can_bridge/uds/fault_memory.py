@@ -71,7 +71,6 @@ class KeptFault:
         return KeptFault(self.status & ~(_S.TEST_FAILED | _UNTESTED), self.age, self.snapshot)
 
     def next_cycle(self) -> "KeptFault":
-        """Return the fault after the next power-on."""
         status, age, snapshot = self.status, self.age, self.snapshot
         if not status & (_S.FAILED_THIS_CYCLE | _S.NOT_COMPLETED_THIS_CYCLE):
             status &= ~_S.PENDING
@@ -153,7 +152,6 @@ class FaultMemory:
 
 
 def encode(faults: Mapping[Reason, KeptFault]) -> bytes:
-    """Return the record of the faults."""
     raw = _MAGIC + b"".join(faults[reason].packed() for reason in CODES)
     return raw + _CRC.pack(zlib.crc32(raw))
 

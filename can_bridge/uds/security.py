@@ -1,8 +1,7 @@
 """Security access (ISO 14229-1, service 0x27): the shared secret, seeds, keys, wrong attempts and the delay after them.
 
-Each security level has its own key: the AES-CMAC, under the shared key, of a label followed by the level's number. So
-an answer for one level is wrong for the other levels. The answer to a seed is the AES-CMAC of the seed under the
-level's key.
+Each security level has its own key: the AES-CMAC, under the shared key, of a label followed by the level's number. The
+answer to a seed is the AES-CMAC of the seed under the level's key.
 
 A seed is valid for one answer. An attempt is counted in non-volatile memory before the answer is checked, so that
 nobody gets more attempts by switching off the supply. After `MAX_ATTEMPTS` consecutive wrong answers, and after each
@@ -63,7 +62,6 @@ class SecurityAccess:
                 self._closed_until_ns[level] = now_ns + DELAY_NS
 
     def lock(self) -> None:
-        """Lock all levels at the end of a session."""
         self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:

@@ -2,7 +2,8 @@
 
 Every request is checked in the order of the standard's figures: service known, allowed in this session, valid length,
 sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse the request for
-reasons of its own. One request is processed at a time, in parts, one part in each call of `tick`.
+reasons of its own. One request is processed at a time, in parts, one part in each call of `tick`. Each service has a
+method of its own name.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,36 +11,18 @@ from typing import Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Long
+from can_bridge.uds import services
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_codes import CODE_BYTES
 from can_bridge.uds.fault_memory import LENGTHS, FaultMemory, FaultReport, cleared, report
 from can_bridge.uds.security import ANSWER_LENGTH, AccessKey, SecurityAccess
-from can_bridge.uds.services import (
-    LEVELS,
-    LONGEST_ANSWER,
-    MAX_BLOCK,
-    MAX_REQUEST,
-    P2_EXTENDED_MS,
-    P2_MS,
-    ROUTINES,
-    S3_MS,
-    SERVICES,
-    UNSENT_TO_ALL,
-    WRITABLE,
-    Did,
-    Nrc,
-    Permission,
-    Refused,
-    Routine,
-    Service,
-    Session,
-)
+from can_bridge.uds.services import MAX_BLOCK, SERVICES, Did, Nrc, Permission, Refused, Routine, Service, Session
 from can_bridge.uds.under_way import Download, Job, negative
 
 MAX_DIDS: Final = 16
 """Largest number of identifiers that one request may read."""
-_S3_NS: Final = S3_MS * 1_000_000
-_TIMING: Final = P2_MS.to_bytes(2, "big") + (P2_EXTENDED_MS // 10).to_bytes(2, "big")
+_S3_NS: Final = services.S3_MS * 1_000_000
+_TIMING: Final = services.P2_MS.to_bytes(2, "big") + (services.P2_EXTENDED_MS // 10).to_bytes(2, "big")
 """P2 in ms and P2* in units of 10 ms, as in the answer to DiagnosticSessionControl."""
 _SUPPRESS: Final = 0x80
 _HARD_RESET: Final = 1
@@ -112,7 +95,6 @@ class UdsServer:
 
     @property
     def is_writing(self) -> bool:
-        """Whether a block is being written to the memory."""
         return self._job is not None and self._job.service == Service.TRANSFER
 
     def look(self, now_ns: int, *, in_transit: bool) -> None:
@@ -139,7 +121,7 @@ class UdsServer:
                 return []
             return [negative(payload[0], Nrc.BUSY_REPEAT_REQUEST)]
         is_quiet = len(payload) > 1 and payload[0] in _SUB_FUNCTIONS and bool(payload[1] & _SUPPRESS)
-        passed_over = UNSENT_TO_ALL if is_functional else ()
+        passed_over = services.UNSENT_TO_ALL if is_functional else ()
         self._job = Job(now_ns, payload[0], self._answer(payload), is_quiet=is_quiet, passed_over=passed_over)
         return self._go_on(now_ns)
 
@@ -193,39 +175,40 @@ class UdsServer:
             raise Refused(Nrc.SERVICE_NOT_SUPPORTED)
         if self.session not in permission.sessions:
             raise Refused(Nrc.SERVICE_NOT_IN_SESSION)
-        _check_length(len(payload) <= MAX_REQUEST)
+        _check_length(len(payload) <= services.MAX_REQUEST)
         if service in _SUB_FUNCTIONS:
             _check_length(len(body) >= 1)
             body = bytes([body[0] & ~_SUPPRESS]) + body[1:]
             if body[0] not in _SUB_FUNCTIONS[service]:
                 raise Refused(Nrc.SUB_FUNCTION_NOT_SUPPORTED)
-        answer = _HANDLERS[service](self, body)
+        handle: Callable[[bytes], bytes | Long[bytes]] = getattr(self, f"_on_{Service(service).name.lower()}")
+        answer = handle(body)
         return answer if isinstance(answer, bytes) else (yield from answer)
 
-    def _control_session(self, body: bytes) -> bytes:
+    def _on_session(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         session = Session(body[0])
         self._diagnostics.enter(session)
         self._change_session(self._now(), session)
         return body + _TIMING
 
-    def _reset(self, body: bytes) -> bytes:
+    def _on_reset(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         self._diagnostics.before_reset()
         self._reset_is_due = True
         return body
 
-    def _clear_faults(self, body: bytes) -> bytes:
+    def _on_clear_faults(self, body: bytes) -> bytes:
         _check_length(len(body) == CODE_BYTES)
         self._faults.clear(cleared(int.from_bytes(body, "big")))
         return b""
 
-    def _report_faults(self, body: bytes) -> bytes:
+    def _on_report_faults(self, body: bytes) -> bytes:
         kind = FaultReport(body[0])
         _check_length(len(body) == 1 + LENGTHS[kind])
         return body[:1] + report(self._faults, kind, body[1:])
 
-    def _control_communication(self, body: bytes) -> bytes:
+    def _on_communication(self, body: bytes) -> bytes:
         _check_length(len(body) == 2)
         if body[1] not in _NORMAL:
             raise Refused(Nrc.OUT_OF_RANGE)
@@ -235,29 +218,28 @@ class UdsServer:
         self.is_silent = body[0] == _DISABLE_SENDING
         return body[:1]
 
-    def _set_faults(self, body: bytes) -> bytes:
+    def _on_fault_setting(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         self._faults.is_on = body[0] == _FAULTS_ON
         return body
 
-    def _hear_tester(self, body: bytes) -> bytes:
+    def _on_tester_present(self, body: bytes) -> bytes:
         _check_length(len(body) == 1)
         return body
 
-    def _read(self, body: bytes) -> bytes:
+    def _on_read(self, body: bytes) -> bytes:
         _check_length(len(body) > 0 and len(body) % 2 == 0 and len(body) <= 2 * MAX_DIDS)
         answer = b""
         for number in (body[i : i + 2] for i in range(0, len(body), 2)):
             try:
                 answer += number + self._value(int.from_bytes(number, "big"))
             except Refused as refusal:
-                # The standard leaves unknown identifiers out of the answer if another identifier of the request is
-                # known.
+                # By the standard an unknown identifier is left out of the answer if another one is known.
                 if refusal.code is not Nrc.OUT_OF_RANGE:
                     raise
         if not answer:
             raise Refused(Nrc.OUT_OF_RANGE)
-        if 1 + len(answer) > (LONGEST_ANSWER if len(body) > 2 else MAX_REQUEST):
+        if 1 + len(answer) > (services.LONGEST_ANSWER if len(body) > 2 else services.MAX_REQUEST):
             raise Refused(Nrc.RESPONSE_TOO_LONG)
         return answer
 
@@ -268,9 +250,9 @@ class UdsServer:
             return bytes([self.session])
         return self._diagnostics.read(Did(number))
 
-    def _access(self, body: bytes) -> bytes:
+    def _on_security(self, body: bytes) -> bytes:
         level, is_answer = Level(body[0] - (body[0] + 1) % 2), body[0] % 2 == 0
-        if self.session not in LEVELS[level].sessions:
+        if self.session not in services.LEVELS[level].sessions:
             raise Refused(Nrc.SUB_FUNCTION_NOT_IN_SESSION)
         if not is_answer:
             _check_length(len(body) == 1)
@@ -279,10 +261,10 @@ class UdsServer:
         self._security.unlock(self._now(), level, body[1:])
         return body[:1]
 
-    def _write(self, body: bytes) -> bytes:
+    def _on_write(self, body: bytes) -> bytes:
         _check_length(len(body) > 2)
         number, value = int.from_bytes(body[:2], "big"), body[2:]
-        permission = WRITABLE.get(number)
+        permission = services.WRITABLE.get(number)
         if permission is None or self.session not in permission.sessions:
             raise Refused(Nrc.OUT_OF_RANGE)
         self._check_unlocked(permission)
@@ -290,10 +272,10 @@ class UdsServer:
         self._diagnostics.write(Did(number), value)
         return body[:2]
 
-    def _routine(self, body: bytes) -> Long[bytes]:
+    def _on_routine(self, body: bytes) -> Long[bytes]:
         _check_length(len(body) >= 3)
         number, option = int.from_bytes(body[1:3], "big"), body[3:]
-        permission = ROUTINES.get(number)
+        permission = services.ROUTINES.get(number)
         if permission is None or self.session not in permission.sessions:
             raise Refused(Nrc.OUT_OF_RANGE)
         self._check_unlocked(permission)
@@ -303,7 +285,7 @@ class UdsServer:
             self._transfer = None
         return body[:3] + (yield from self._diagnostics.routine(routine, option))
 
-    def _download(self, body: bytes) -> bytes:
+    def _on_download(self, body: bytes) -> bytes:
         _check_length(len(body) >= 2)
         if body[0] != _PLAIN or body[1] != _FOUR_AND_FOUR:
             raise Refused(Nrc.OUT_OF_RANGE)
@@ -318,7 +300,7 @@ class UdsServer:
             raise Refused(Nrc.CONDITIONS_NOT_CORRECT)
         return bytes([_TWO_BYTES]) + MAX_BLOCK.to_bytes(2, "big")
 
-    def _take_block(self, body: bytes) -> Long[bytes]:
+    def _on_transfer(self, body: bytes) -> Long[bytes]:
         _check_length(1 < len(body) < MAX_BLOCK)
         self._check_unlocked(SERVICES[Service.TRANSFER])
         counter, data = body[0], body[1:]
@@ -332,7 +314,7 @@ class UdsServer:
             self._transfer = transfer
         return body[:1]
 
-    def _exit(self, body: bytes) -> bytes:
+    def _on_exit(self, body: bytes) -> bytes:
         _check_length(not body)
         self._check_unlocked(SERVICES[Service.EXIT])
         if self._transfer is None or self._transfer.missing:
@@ -352,23 +334,3 @@ class UdsServer:
 def _check_length(is_right: bool) -> None:
     if not is_right:
         raise Refused(Nrc.INCORRECT_LENGTH)
-
-
-_HANDLERS: Final[Mapping[int, Callable[[UdsServer, bytes], bytes | Long[bytes]]]] = {
-    Service.SESSION: UdsServer._control_session,
-    Service.RESET: UdsServer._reset,
-    Service.CLEAR_FAULTS: UdsServer._clear_faults,
-    Service.REPORT_FAULTS: UdsServer._report_faults,
-    Service.READ: UdsServer._read,
-    Service.SECURITY: UdsServer._access,
-    Service.COMMUNICATION: UdsServer._control_communication,
-    Service.WRITE: UdsServer._write,
-    Service.ROUTINE: UdsServer._routine,
-    Service.DOWNLOAD: UdsServer._download,
-    Service.TRANSFER: UdsServer._take_block,
-    Service.EXIT: UdsServer._exit,
-    Service.TESTER_PRESENT: UdsServer._hear_tester,
-    Service.FAULT_SETTING: UdsServer._set_faults,
-}
-"""Handlers of the services. They are functions, not methods bound to a server, because only the garbage collector could
-free a server that holds its own bound methods."""

@@ -29,8 +29,6 @@ MAX_BLOCK: Final = 4080
 
 
 class Service(IntEnum):
-    """Service identifiers."""
-
     SESSION = 0x10
     RESET = 0x11
     CLEAR_FAULTS = 0x14
@@ -48,8 +46,6 @@ class Service(IntEnum):
 
 
 class Session(IntEnum):
-    """Diagnostic sessions."""
-
     DEFAULT = 1
     PROGRAMMING = 2
     EXTENDED = 3
@@ -136,8 +132,7 @@ class Did(IntEnum):
     CALIBRATION_LIMITS = 0xFD11
     """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
-    """Writing 1 stores the values in force; writing 0 restores the release's own values. Reading returns whether values
-    are stored, 1 byte."""
+    """Writing 1 stores the values in force, 0 restores the release's own; reading returns whether any are stored."""
 
 
 class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)
@@ -167,8 +162,7 @@ class Permission:
 _FLASHING: Final = Permission(_PROGRAMMING, Level.PROGRAMMING)
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The programming session begins only while the jets are shut; `EcuServices.before_reset` checks again that the jets
-    # are shut.
+    # The session begins only while the jets are shut, which `EcuServices.before_reset` checks again.
     Service.RESET: Permission(_PROGRAMMING),
     **dict.fromkeys((Service.CLEAR_FAULTS, Service.REPORT_FAULTS, Service.READ, Service.TESTER_PRESENT), Permission()),
     **dict.fromkeys((Service.SECURITY, Service.COMMUNICATION, Service.FAULT_SETTING), Permission(_BEYOND_DEFAULT)),

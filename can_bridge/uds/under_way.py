@@ -9,12 +9,10 @@ from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, N
 _MS: Final = 1_000_000
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
-"""Times after which a response-pending is sent. These times are half of the permitted times, because a permitted time
-ends with the last bit of the response on the bus."""
+"""Times after which a response-pending is sent: half of those by which its last bit must be on the bus."""
 
 
 def negative(service: int, code: Nrc) -> bytes:
-    """Return a negative response."""
     return bytes([NEGATIVE, service, code])
 
 
@@ -35,8 +33,7 @@ class Job:
         """Execute one part of the work; return the responses to send now."""
         sent = []
         if now_ns >= self._pending_ns:
-            # After a response-pending the tester waits for an answer, even if the request suppressed the positive
-            # answer.
+            # After a response-pending the tester waits for an answer, even to a request that suppressed it.
             self._is_quiet, self._passed_over = False, ()
             self._pending_ns = now_ns + _NEXT_NS
             sent.append(negative(self.service, Nrc.RESPONSE_PENDING))
@@ -86,7 +83,6 @@ class Download:
         return True
 
     def taken(self, counter: int, data: bytes) -> None:
-        """Note that this block was written."""
         self.missing -= len(data)
         self._expected = (counter + 1) % 256
         self._last = counter, data

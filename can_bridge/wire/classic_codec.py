@@ -56,8 +56,7 @@ _VEHICLE_SPEED: Final = struct.Struct("<3x B H B x")  # density, speed, age
 _JET_COMMAND: Final = struct.Struct("<x B h B 3x")  # mode and enable, flow, echo and next period
 _ECU_STATUS: Final = struct.Struct("<x B B H B H")  # state and a bit of the reason, the rest and bus-off, counts, hash
 
-# Two look-up tables, one from a pressure to the field's bits and one from the bits to the pressure, are faster than
-# arithmetic.
+# Look-up tables, from a pressure to the field's bits and back, are faster than arithmetic.
 _FIELDS: Final = {raw: raw & 0xFFF for raw in range(-INT12_MAX, INT12_MAX + 1)}
 _PASCALS: Final = tuple(
     (raw - 0x1000 if raw & 0x800 else raw) * CLASSIC_PRESSURE_RESOLUTION_PA if raw != _INVALID_FIELD else 0.0

@@ -11,23 +11,9 @@ These functions run for every frame, so `emit_*` searches for the invalid value 
 import struct
 from typing import Final
 
-from can_bridge.wire.message_specs import (
-    AGE_RESOLUTION_NS,
-    FLOW_RESOLUTION_M2_PER_S,
-    INT16_MAX,
-    PRESSURE_RESOLUTION_PA,
-)
-from can_bridge.wire.messages import (
-    BUS_OFF_LIMIT,
-    COUNT_LIMIT,
-    ERROR_LIMIT,
-    SET_ASIDE_LIMIT,
-    EcuStatus,
-    JetCommand,
-    Mode,
-    Pressure,
-    VehicleSpeed,
-)
+from can_bridge.wire import messages
+from can_bridge.wire.message_specs import AGE_RESOLUTION_NS, FLOW_RESOLUTION_M2_PER_S, INT16_MAX, PRESSURE_RESOLUTION_PA
+from can_bridge.wire.messages import SET_ASIDE_LIMIT, EcuStatus, JetCommand, Mode, Pressure, VehicleSpeed
 from can_bridge.wire.packing import (
     MODES,
     REASONS,
@@ -150,30 +136,18 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
     if not 0 <= aside <= SET_ASIDE_LIMIT:
         aside = -1  # which no byte takes
     try:
-        return _ECU_STATUS.pack(
-            mode_of(state),
-            reason_of(reason),
-            bus_off,
-            overruns,
-            missed,
-            crc,
-            bundle_hash,
-            refused,
-            forged,
-            tx,
-            rx,
-            aside,
-        )
+        counts = bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside
+        return _ECU_STATUS.pack(mode_of(state), reason_of(reason), *counts)
     except UNPACKABLE:
         limits = {
-            "bus_off": BUS_OFF_LIMIT,
+            "bus_off": messages.BUS_OFF_LIMIT,
             "bundle_hash": 0xFFFFFFFF,
-            "tx_errors": ERROR_LIMIT,
-            "rx_errors": ERROR_LIMIT,
+            "tx_errors": messages.ERROR_LIMIT,
+            "rx_errors": messages.ERROR_LIMIT,
             "set_aside": SET_ASIDE_LIMIT,
         }
         for name in message._fields[2:]:
-            unsigned(f"EcuStatus.{name}", getattr(message, name), limits.get(name, COUNT_LIMIT))
+            unsigned(f"EcuStatus.{name}", getattr(message, name), limits.get(name, messages.COUNT_LIMIT))
         raise
 
 
@@ -181,13 +155,11 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
     """Return the message in 24 bytes."""
     if len(data) != 24:
         return None
-    state, reason, bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside = _ECU_STATUS.unpack(
-        data
-    )
+    state, reason, bus_off, overruns, missed, crc, *rest, aside = _ECU_STATUS.unpack(data)
     known_state, known_reason = MODES[state & _STATE_MASK], REASONS[reason]
     if known_state is None or known_reason is None:
         return None
-    counts = overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx
+    counts = overruns, missed, crc, bus_off, *rest
     return made(EcuStatus, (known_state, known_reason, *counts, aside & SET_ASIDE_LIMIT))
 
 

@@ -20,8 +20,7 @@ _RUN_INSIDE: Final = re.compile("(?:0{5}|1{5})(?=.)")
 _CRC15: Final = 0x4599
 
 TAIL: Final = 13
-"""Number of bits after the CRC, which have no stuff bits: CRC delimiter, acknowledge, acknowledge delimiter, end of
-frame (7), intermission (3)."""
+"""Bits after the CRC, without stuff bits: CRC delimiter, acknowledge (2), end of frame (7), intermission (3)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +40,8 @@ class SentBits:
 
     @property
     def total(self) -> tuple[int, int]:
-        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission.
-
-        A CAN FD frame changes its rate at the sample points of BRS and of the CRC delimiter; here both bits are counted
-        completely at the nominal rate, as in `worst_case_bits`.
-        """
+        """The number of bits at the nominal and at the data rate, from the start of frame through the intermission. BRS
+        and CRC delimiter, in which the rate changes, count at the nominal rate, as in `worst_case_bits`."""
         return self.nominal + TAIL, self.data
 
     def through(self, position: int) -> tuple[int, int]:
@@ -70,8 +66,7 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
 
 
 def frame_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the time in ns for which a frame occupies the bus, rounded up. Bit rates are in bit/s; classic frames
-    ignore the data bit rate."""
+    """Return the time in ns for which a frame occupies the bus, rounded up. Bit rates are in bit/s."""
     nominal, data = sent_bits(frame).total
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 
@@ -105,8 +100,7 @@ def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
 
 
 def is_arbitration_bit(frame: Frame, position: int) -> bool:
-    """Return whether a recessive bit at a position may, without an error, be overwritten by the dominant bit of a
-    smaller identifier."""
+    """Return whether a smaller identifier's dominant bit may, without an error, replace a recessive bit there."""
     return 0 < position < len(stuffed(_identifier_bits(frame)))
 
 
@@ -138,8 +132,7 @@ def _identifier_bits(frame: Frame) -> str:
 
 
 def _classic_head(frame: Frame) -> str:
-    """Return the bits from the start of frame to DLC. Before DLC come RTR, IDE and r0 or, for a 29-bit identifier, RTR,
-    r1 and r0."""
+    """Return the bits from the start of frame to DLC, before which are RTR, IDE (r1 with 29 bits) and r0."""
     return _identifier_bits(frame) + "000" + _to_bits(len(frame.data), 4)
 
 
@@ -185,8 +178,7 @@ def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> i
 
 
 def _most_stuff_bits(bits: int) -> int:
-    """Return the largest number of stuff bits in `bits` bits: one stuff bit after the first five equal bits and then
-    one after every fourth bit."""
+    """Return the largest number of stuff bits in so many bits: after the first five, then after every fourth."""
     return (bits - 1) // 4
 
 

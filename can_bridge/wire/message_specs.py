@@ -1,8 +1,5 @@
-"""Identifiers, lengths, protection and resolutions of the messages.
-
-`contract/stillwake.dbc` defines these numbers. They are repeated here because the runtime has no DBC parser; tests
-compare them with the file.
-"""
+"""Identifiers, lengths, protection and resolutions of the messages, as in `contract/stillwake.dbc`: the runtime has no
+DBC parser; tests compare them with the file."""
 
 from dataclasses import dataclass, replace
 from typing import Final, Literal
@@ -34,8 +31,7 @@ class MessageSpec:
     is_secured: bool = False
 
     def names(self, frame: Frame) -> bool:
-        """Return whether a frame has this message's 11-bit identifier. A 29-bit identifier with the same number belongs
-        to another node."""
+        """Return whether a frame has this message's identifier, of 11 bits: with 29 bits it is another node's."""
         return frame.frame_id == self.frame_id and not frame.is_extended
 
 
@@ -52,8 +48,7 @@ def _classic(plain: MessageSpec, data_id: int) -> MessageSpec:
 
 
 def _secured(plain: MessageSpec, data_id: int) -> MessageSpec:
-    """Return the secured form of a message, in the shortest frame that holds it, with the identifier increased by
-    two."""
+    """Return the secured form of a message, in the shortest frame that holds it, with the identifier raised by two."""
     name, frame_id = f"{plain.name}Secured", plain.frame_id + 2
     length = min(one for one in FD_LENGTHS if one >= plain.protected + FRESHNESS_LENGTH + MAC_LENGTH)
     return replace(plain, name=name, frame_id=frame_id, length=length, data_id=data_id, is_secured=True)
@@ -79,8 +74,7 @@ SPEED_RESOLUTION_M_PER_S: Final = 0.005
 DENSITY_RESOLUTION_KG_PER_M3: Final = 0.01
 SPEED_UNKNOWN: Final = 0xFFFF
 DENSITY_UNKNOWN: Final = 0
-"""Raw value for a density that the vehicle does not know. Every set has the same raw values for unknown quantities and
-the same resolutions of speed and density."""
+"""Raw value for an unknown density. All sets have the same resolutions and unknown values of speed and density."""
 
 PRESSURE_RESOLUTION_PA: Final = 0.1
 AGE_RESOLUTION_NS: Final = 10_000

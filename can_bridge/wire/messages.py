@@ -1,7 +1,6 @@
 """The four messages in engineering units. `contract/stillwake.dbc` defines each signal.
 
-The messages are named tuples, because a message is built for every frame, and building a frozen dataclass takes several
-times longer.
+The messages are named tuples: one is built for every frame, and building a frozen dataclass takes several times longer.
 """
 
 from enum import IntEnum

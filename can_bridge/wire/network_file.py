@@ -1,7 +1,4 @@
-"""The messages of a bus, read from a file: DBC, or another format that cantools reads (ARXML, KCD, SYM).
-
-cantools is in the extra `bus`; a node does not need cantools.
-"""
+"""The messages of a bus, read from a file in a format of cantools (extra `bus`): DBC, ARXML, KCD, SYM."""
 
 import re
 from pathlib import Path
@@ -21,8 +18,8 @@ NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":
-    """Return the description of a bus from a file, whose ending states its format. Raises BusError with a message of
-    one line if cantools or the file is missing, or the file is invalid in its format."""
+    """Return the description of a bus from a file, whose ending states its format. Raises BusError, in one line, if
+    cantools or the file is missing, or the file is invalid."""
     try:
         from cantools.database import load_file
         from cantools.database.can.database import Database
@@ -36,8 +33,7 @@ def load_network(path: Path) -> "Database":
             if len(found[1]) > 9 or int(found[1]) > LONGEST_MESSAGE:
                 stated = shown(found[0].decode())
                 raise ValueError(f"{stated} is the length of a message: must be at most {LONGEST_MESSAGE}")
-        # The file may be of any age and encoding. It is not checked strictly, because its author has better tools to
-        # find mistakes.
+        # The file, of any age and encoding, is not checked strictly: its author has better tools to find mistakes.
         database = load_file(path, strict=False)
     except OSError as error:
         raise BusError(f"{path}: {error.strerror or error}") from error

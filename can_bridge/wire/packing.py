@@ -1,5 +1,4 @@
-"""Common parts of the codecs: conversion of values to the integers of a frame, tables, and errors for invalid
-values."""
+"""Common parts of the codecs: conversion of values to a frame's integers, tables, and errors for invalid values."""
 
 import math
 import struct

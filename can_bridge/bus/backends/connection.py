@@ -16,25 +16,21 @@ QUEUE_SIZE: Final = 1024
 """Largest number of frames that a virtual bus stores for a reader, and that one call of `receive_all` returns."""
 
 SETTLE_S: Final = 2.0
-"""Time in s that a serial adapter gets to start after its port is opened, because opening the port resets many
-adapters."""
+"""Time in s that a serial adapter gets to start after its port is opened, which resets many adapters."""
 
 OWN_CONFIGURATION: Final = "python-can"
-"""The value of `bus.interface` with which python-can's own configuration (can.conf, environment) selects the
-interface."""
+"""The `bus.interface` with which python-can's own configuration (can.conf, environment) selects the interface."""
 
 _SAMPLE_POINT: Final = 80.0
 """Position of the sample point in a bit, in percent, at both bit rates."""
 _CLOCK_HZ: Final = 80_000_000
 
 _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
-"""Interfaces that need packages from the optional dependencies `bus`."""
 
 
 def open_backend(config: BusConfig) -> tuple[can.BusABC, str]:
-    """Open the configured bus. Returns the bus and the name of its interface in python-can, which python-can's own
-    configuration may select. Raises BusError, which states the interface and the channel, if the bus cannot be
-    opened."""
+    """Open the configured bus; return it and the name of its interface in python-can, which python-can's own
+    configuration may select. Raises BusError, which states interface and channel, if the bus cannot be opened."""
     _check_known(config.interface)
     # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
     try:
@@ -105,16 +101,13 @@ def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
 GARBAGE_LIMIT: Final = 1000
 """Number of consecutive errors of a backend's parser after which the bus counts as failed. The count restarts when a
 valid frame or no data is received. Without this limit, a dead backend that raises an error on every call would look
-like endless noise. Our own backends raise `UnusableReceptionError` for data that they reject; these errors are not
-limited."""
+like endless noise. `UnusableReceptionError`, which our own backends raise for rejected data, is not limited."""
 
 _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 """Exceptions that the backends' parsers raise for invalid data."""
 
 
 class OpenBus(NeverCopied):
-    """An open python-can bus, which `close` or the end of a `with` block closes."""
-
     INSTEAD: ClassVar = "it belongs to this process; open another connection"
 
     def __init__(self, bus: can.BusABC) -> None:
@@ -134,8 +127,7 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send a message once. Raises BusError, which states the frame's name, if the bus fails or does not accept the
-        message within `timeout_s`."""
+        """Send once. Raises BusError, which states the frame's name, if the bus fails or does not accept it in time."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:

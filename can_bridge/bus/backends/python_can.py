@@ -27,8 +27,7 @@ from contract.errors import BusError
 
 _CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
 """Error classes of Linux: CAN_ERR_CRTL (data byte 1 has the controller's state), CAN_ERR_BUSOFF, CAN_ERR_RESTARTED
-(from bus-off) and CAN_ERR_CNT (data bytes 6 and 7 have the transmit and receive error counters; kernels before 6.0 do
-not set this class)."""
+(from bus-off) and, since kernel 6.0, CAN_ERR_CNT (data bytes 6 and 7 are the transmit and receive error counters)."""
 _RX_OVERFLOW, _PASSIVE, _ACTIVE = 0x01, 0x10 | 0x20, 0x40
 """Bits CAN_ERR_CRTL_... of data byte 1: received frames were lost; error-passive by RX or TX; error-active again."""
 _LENGTH: Final = 8
@@ -47,8 +46,7 @@ def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     if classes & _BUS_OFF:
         return replace(health, state=BusState.BUS_OFF, bus_off=health.bus_off + 1)
     if classes & _RESTARTED:
-        # When a controller leaves bus-off, it is error-active and both its counters are zero (ISO 11898-1, fault
-        # confinement).
+        # After bus-off, a controller is error-active and its counters are zero (ISO 11898-1, fault confinement).
         return replace(health, state=BusState.ERROR_ACTIVE, tx_errors=0, rx_errors=0)
     if health.state is BusState.BUS_OFF:
         return health
@@ -65,14 +63,12 @@ def lost_frames(classes: int, data: bytes) -> bool:
 
 
 _SO_MEMINFO: Final = 55
-"""Linux: option that reads `SK_MEMINFO_VARS` numbers of 32 bits; the last number counts the receptions that the socket
-dropped (linux/sock_diag.h)."""
+"""Linux: option that reads nine numbers of 32 bits; the last counts dropped receptions (linux/sock_diag.h)."""
 _MEMINFO: Final = struct.Struct("=9I")
 
 
 def _dropped(fileno: int) -> int:
-    """Return the number of receptions that were dropped because a socket's queue was full; 0 if the system does not
-    count them."""
+    """Return the number of receptions that a socket's full queue dropped; 0 if the system does not count them."""
     if sys.platform != "linux":
         return 0
     try:
@@ -84,15 +80,13 @@ def _dropped(fileno: int) -> int:
 
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
-"""Largest number of receptions that one call of `receive_all` reads, so that a flood of unusable frames cannot make the
-call endless."""
+"""Largest number of receptions that one call of `receive_all` reads, so that a flood of unusable frames ends."""
 
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
 
 class PythonCanBus(OpenBus):
-    """A node's connection to a python-can bus. One thread may send while another thread receives. `received` counts all
-    receptions, accepted and rejected."""
+    """A node's connection to a python-can bus. One thread may send while another thread receives."""
 
     def __init__(
         self,
@@ -106,9 +100,8 @@ class PythonCanBus(OpenBus):
         """Take over an open python-can bus, which is closed together with this object.
 
         Args:
-            accept: identifiers to receive, in which a plain number is an 11-bit identifier; None for all 11-bit
-                identifiers. python-can's own filter is not used, because with this filter a call that waits for a frame
-                ends at the first frame that the filter drops.
+            accept: identifiers to receive, as plain numbers of 11 bits; None for all of 11 bits. python-can's own
+                filter would end a call that waits at the first frame that it drops.
             is_classic: whether CAN FD frames are neither sent nor received.
             linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
             keep: called with every frame that was sent or accepted, and with True for a received frame.
@@ -134,12 +127,11 @@ class PythonCanBus(OpenBus):
         accept: Collection[CanId | int] | None = None,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> Self:
-        """Open the configured bus; `accept` and `keep` are those of the constructor.
+        """Open the configured bus; `accept` and `keep` are those of the constructor. Raises BusError as `open_backend`.
 
         A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
         epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on
-        `udp_multicast` do not leave this machine. Raises BusError, which states the interface and the channel, if the
-        bus cannot be opened.
+        `udp_multicast` do not leave this machine.
         """
         bus, interface = open_backend(config)
         return cls(
@@ -157,11 +149,8 @@ class PythonCanBus(OpenBus):
 
     @property
     def overflows(self) -> int:
-        """The number of receptions that are known to be lost because a queue was full.
-
-        Linux counts the losses of `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own. Other
-        losses appear as gaps in the end-to-end counters.
-        """
+        """The number of receptions that are known to be lost because a queue was full. Linux counts the losses of
+        `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own."""
         try:
             in_kernel = _dropped(self._bus.fileno())
         except (can.CanError, OSError, NotImplementedError):
@@ -169,11 +158,8 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """The health of the CAN controller as far as it is known; `HEALTHY` if nothing is known.
-
-        SocketCAN reports the health in error frames, which this object has to receive. For other interfaces, the health
-        comes from python-can's `state`, of which only the value ERROR (bus-off) means the same for all drivers.
-        """
+        """The health of the CAN controller as far as it is known: from SocketCAN's error frames, which this object has
+        to receive, or from python-can's `state`, of which ERROR alone (bus-off) means the same for all drivers."""
         try:
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):
@@ -198,8 +184,7 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame; None if none arrives in time. Raises BusError if the bus failed or delivers only
-        garbage."""
+        """Return the next frame, or None in time. Raises BusError if the bus failed or delivers only garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())

@@ -13,8 +13,7 @@ POLL_S: Final = 0.05
 
 
 class ReceiveThread:
-    """A thread that reads a bus while its `with` block runs. End the block before closing the bus. `fault` is the error
-    that ended the thread before it was stopped, or None."""
+    """A thread that reads a bus in its `with` block, which must end before the bus. `fault` is what ended it early."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
         """Prepare the thread, which calls `deliver` with each frame; `deliver` must return without waiting."""

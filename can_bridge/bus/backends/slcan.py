@@ -1,9 +1,8 @@
-"""Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with our own code for reading and writing
-lines.
+"""Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with our own code to read and write lines.
 
 python-can 4.6 stores a line that it cannot decode for ever, reads truncated and foreign lines as frames, treats the
-acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. The code
-of python-can that opens an adapter and parses a valid line is used unchanged.
+acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. Its code that opens an
+adapter and parses a valid line is used unchanged.
 """
 
 import os
@@ -20,12 +19,10 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
-"""Groups of a received line: frame kind, identifier, length code, data digits. A CANDapter sends `x` in place of
-`T`."""
+"""Groups of a received line: kind of 11 or of 29 bits, length code, data digits. A CANDapter sends `x` for `T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
-"""Number of digits of the time stamp that an adapter can append to a line. The time stamp is ignored because it wraps
-every minute."""
+"""Number of digits of the time stamp that an adapter can append to a line; ignored, because it wraps every minute."""
 
 _ENDS: Final = re.compile(rb"[\r\a]")
 _BEL: Final = 0x07
@@ -52,8 +49,7 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """A connection to one adapter. An unusable line raises `UnusableReceptionError`; the next call continues after this
-    line."""
+    """A connection to an adapter. An unusable line raises `UnusableReceptionError`; the next call goes on after it."""
 
     _line_cut = False
 
@@ -100,12 +96,9 @@ class SlcanBus(slcanBus):
         return line
 
     def _write(self, string: str) -> None:
-        """Write one line within the port's time limit.
-
-        A line is either written completely or truncated at the time limit. After a truncated line, a line end is sent
-        before the next line, so that the adapter rejects only the truncated line. Raises can.CanTimeoutError if the
-        port did not accept the whole line in time; can.CanOperationError if the port failed.
-        """
+        """Write one line, truncated at the port's time limit; a line end then comes before the next one, so that the
+        adapter rejects only the truncated line. Raises can.CanTimeoutError if the port did not accept the whole line in
+        time; can.CanOperationError if it failed."""
         port = self._open_port()
         if not hasattr(port, "fd"):  # no POSIX port: pyserial's own ways
             super()._write(string)

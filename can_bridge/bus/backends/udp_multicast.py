@@ -1,12 +1,10 @@
 """CAN over UDP multicast: python-can's backend with our own parser.
 
 python-can 4.6 passes a datagram's values to `can.Message` without checking their types: `{"data": 2**30}` in 20 bytes
-allocates a gigabyte. The backend receives its own frames and, on Linux, the frames of groups that other processes have
-joined. The backend does not report datagrams that were lost because the kernel's queue was full.
+allocates a gigabyte. The backend receives its own frames and, on Linux, those of groups that other processes joined.
 
-Equal datagrams are not treated as copies of one datagram, because different frames can have equal datagrams: some
-senders send no time, and the sequence numbers of ISO-TP repeat every 16 frames. A datagram that stays on this machine
-arrives only once; if it arrived twice, the end-to-end counters would show this.
+Equal datagrams are not treated as copies of one: some senders send no time, and the sequence numbers of ISO-TP repeat
+every 16 frames. A datagram that stays on this machine arrives only once.
 """
 
 import socket
@@ -31,18 +29,15 @@ except ModuleNotFoundError:
     fallback = None
 
 RECEIVE_QUEUE: Final = 1 << 22
-"""Size in bytes of the receive buffer that is requested from the kernel: about 5,000 datagrams; the kernel's default
-holds 256."""
+"""Size in bytes of the receive buffer that is requested from the kernel: about 5,000 datagrams, by default 256."""
 
 _ECHOES: Final = 4096
-"""Largest number of sent datagrams that the node stores until it receives their echoes; the kernel's queue holds
-fewer."""
+"""Largest number of sent datagrams that are stored until their echoes come; the kernel's queue holds fewer."""
 
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
-"""Linux: option that decides whether a socket also receives the datagrams of groups that only other sockets on the
-machine have joined (ip(7)). By default a socket receives them."""
+"""Linux: whether a socket receives, as by default, datagrams of groups that only other sockets have joined (ip(7))."""
 
 _FLAGS: Final = (
     "is_extended_id",
@@ -56,9 +51,8 @@ _FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "da
 
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
-    """Return the message in a datagram packed by python-can, or the reason why the datagram has no message. Never
-    raises, and allocates no more than the datagram's size. `timestamp` is the time of reception in s; the sender's time
-    is dropped."""
+    """Return the message in a datagram packed by python-can, or the reason why it has none. Never raises, and
+    allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's."""
     try:
         fields = fallback.unpackb(datagram)
     except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them
@@ -76,12 +70,7 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
         return Rejection.WRONG_LENGTH
     try:
         return can.Message(
-            check=True,
-            arbitration_id=fields["arbitration_id"],
-            data=data,
-            dlc=length,
-            timestamp=timestamp,
-            **flags,
+            check=True, arbitration_id=fields["arbitration_id"], data=data, dlc=length, timestamp=timestamp, **flags
         )
     except ValueError:
         return Rejection.GARBAGE

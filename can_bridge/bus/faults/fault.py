@@ -1,5 +1,4 @@
-"""The common part of all faults: their time spans, the frames on which they act, and the bus that applies them to
-another bus."""
+"""The common part of all faults: their spans, the frames on which they act, and the bus that applies them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
@@ -26,8 +25,6 @@ Receive = Callable[[], list[Frame]]
 
 
 class WrappedBus:
-    """A bus that forwards all calls to another bus."""
-
     def __init__(self, beneath: Bus) -> None:
         self._bus = beneath
 
@@ -45,8 +42,7 @@ class WrappedBus:
 
 class FrameArrivals:
     """The arrival times of frames. A frame arrives at its time stamp if the stamp lies between the node's last two
-    readings of the bus, otherwise at the reading that found it. No frame arrives before a frame that the bus returned
-    earlier."""
+    readings of the bus, otherwise at the reading that found it, and never before a frame that was returned earlier."""
 
     def __init__(self) -> None:
         self._looked_ns = 0
@@ -66,8 +62,7 @@ class FrameArrivals:
 
 @dataclass(frozen=True, kw_only=True)
 class Span(Settings, section="span"):
-    """A time span from `start_s` up to, but not including, `end_s`. Raises ConfigError for a parameter out of its
-    bounds."""
+    """A time span from `start_s` up to, not including, `end_s`. Raises ConfigError for a parameter out of bounds."""
 
     start_s: NonNegative[float] = 0.0
     end_s: float = inf
@@ -77,7 +72,6 @@ class Span(Settings, section="span"):
         require(self.end_s >= self.start_s, self, "end_s", f"start_s = {self.start_s!r} or later")
 
     def is_active(self, now_ns: int) -> bool:
-        """Return whether the fault acts at this time."""
         return round(self.start_s * NS) <= now_ns and (self.end_s == inf or now_ns < round(self.end_s * NS))
 
 
@@ -92,8 +86,7 @@ class BusFault(Span, ABC, section="fault"):
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return the functions with which the port sends and receives while it has this fault. Both functions count the
-        fault's effects in `port.acted`."""
+        """Return the functions with which the port sends and receives; they count the effects in `port.acted`."""
 
 
 class Injector(WrappedBus):
@@ -120,13 +113,10 @@ class Injector(WrappedBus):
 
 @dataclass(frozen=True, kw_only=True)
 class FrameFault(BusFault, section="frame_fault"):
-    """A fault of single frames."""
-
     frame_ids: tuple[int, ...] = ()
     """Identifiers of the frames on which the fault acts; empty for all frames."""
 
     def concerns(self, frame: Frame) -> bool:
-        """Return whether the fault acts on this frame."""
         return not self.frame_ids or frame.frame_id in self.frame_ids
 
 
@@ -135,16 +125,14 @@ class SidedFault(FrameFault, section="sided_fault"):
     """A fault that acts on single frames in one direction."""
 
     at: Literal["send", "receive"] = "send"
-    """Direction of the fault. "send": it acts on the frames that this node sends, so all receivers get the changed
-    frames. "receive": it acts only on this node's copies of the received frames."""
+    """Whether the frames that this node sends, and so all receivers get, or its copies of received frames change."""
 
     @abstractmethod
     def change(self, random: Random) -> Change:
         """Return a function from a frame to the frames that replace it; all random numbers come from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Replace the frames of one direction that are sent or arrive in the span. `acted` counts the frames that were
-        changed, lost or copied."""
+        """Replace the frames of one direction in the span; `acted` counts those that were changed, lost or copied."""
         change = self.change(port.random)
 
         def changed(frame: Frame, t_ns: int) -> list[Frame]:

@@ -1,8 +1,7 @@
 """Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
-the receiver's CAN controller. The CRC detects wrong bits on the bus. The frame is then repeated, which takes time, and
-the error counters rise, up to bus-off.
+the receiver's. For wrong bits on the bus a frame is repeated, and the error counters rise, up to bus-off.
 """
 
 import heapq
@@ -24,8 +23,7 @@ from contract.errors import BusError
 
 @dataclass(frozen=True, kw_only=True)
 class Drop(SidedFault, section="drop"):
-    """Each frame is lost with an equal probability, independently of all other frames. `acted` counts the lost
-    frames."""
+    """Each frame is lost with an equal probability, independently of all others. `acted` counts the lost frames."""
 
     probability: Probability[float]
 
@@ -54,7 +52,6 @@ class BurstLoss(SidedFault, section="burst_loss"):
         require(self.loss <= most, self, "loss", wording)
 
     def change(self, random: Random) -> Change:
-        """Return a function that drops the frames of each burst."""
         to_good = 1.0 / self.mean_burst
         to_bad = to_good * self.loss / (1.0 - self.loss)
         # The chain starts in its stationary distribution: the first state is bad with probability `loss`.
@@ -81,10 +78,8 @@ class Duplicate(SidedFault, section="duplicate"):
 
 @dataclass(frozen=True, kw_only=True)
 class Delay(FrameFault, section="delay"):
-    """Frames wait in a queue, in their order, until their delay has passed. `acted` counts the late frames.
-
-    The delay starts at the frame's arrival (`can_bridge.bus.faults.fault.FrameArrivals`).
-    """
+    """Frames wait in a queue, in their order, until their delay from the arrival (`FrameArrivals`) has passed. `acted`
+    counts the late frames."""
 
     delay_s: NonNegative[float]
     """Smallest delay in s."""
@@ -95,7 +90,6 @@ class Delay(FrameFault, section="delay"):
     stamp shows the delay, because the frame waits after it was stamped, in a queue of the receiver."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Receive frames when their delays have passed, in the order of these times."""
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
         serial, last_due_ns = count(), 0
 
@@ -122,17 +116,12 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are delayed, then received in a random order. `acted` counts the frames that change
-    places.
-
-    No frame moves by `window` places or more. When the span ends, the frames that still wait are received at the next
-    reading.
-    """
+    """Groups of `window` frames are delayed, then received in a random order; when the span ends, those that wait come
+    at the next reading. `acted` counts the frames that change places."""
 
     window: Annotated[int, at_least(1)] = 2
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Receive each complete group in a random order; unaffected frames never wait."""
         kept: list[Frame] = []
 
         def shuffled() -> list[Frame]:
@@ -171,9 +160,8 @@ class FlipBits(SidedFault, section="flip_bits"):
     bits: AtLeastOne[int] = 1
     """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
-    """Whether the bits change in the sender's memory before the sender protects the message, so that the end-to-end CRC
-    is valid for the wrong data; frames that are not stillwake's then stay unchanged. Otherwise the bits change after
-    the protection: in a driver, a gateway or the receiver's memory."""
+    """Whether the bits change before the sender protects the message, so that the end-to-end CRC is valid for the wrong
+    data; others' frames then stay unchanged. Otherwise they change in a driver, a gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
         """Return the function; with `before_crc`, it raises BusError for an authenticated frame."""
@@ -196,9 +184,8 @@ class StuckAt(SidedFault, section="stuck_at"):
     """A node repeats the data of the first frame of each identifier in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
-    """Whether counter and CRC are renewed in each frame, as if the application were stuck but the communication stack
-    were not; frames that are not stillwake's then stay unchanged. Otherwise the data stay equal bit for bit, as in a
-    buffer that is not refilled."""
+    """Whether counter and CRC are renewed in each frame, as if the application were stuck and the communication stack
+    not; others' frames then stay unchanged. Otherwise the data stay equal, as in a buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
         """Return the function; with `counter_runs`, it raises BusError for an authenticated frame."""
@@ -226,8 +213,7 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the positions of the message's bits after the header. Position 8 i + j is bit j of byte i; bit 0 is the
-    least significant."""
+    """Return the positions of the message's bits after the header: 8 i + j for bit j, from the least, of byte i."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
@@ -243,20 +229,17 @@ _INTERMISSION: Final = 3
 
 @dataclass(frozen=True, kw_only=True)
 class WireErrors(Span, section="wire_errors"):
-    """Each bit is wrong with the same probability, independently of all other bits. Only the first wrong bit of a frame
-    has an effect."""
+    """Each bit is wrong with the same probability, independently of all others; only a frame's first has an effect."""
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()
-    """Names of the ports at which the bits are wrong; empty for all ports. With the argument `corrupts` of the bus, the
-    fault acts on the frames that these ports send, and all nodes see the error. With the argument `mishears`, only
-    these ports see the error, in the frames that they receive."""
+    """Names of the ports at which the bits are wrong; empty for all ports. As the bus's `corrupts`, the fault acts on
+    the frames that these ports send, for all nodes; as `mishears`, only on the frames that these ports receive."""
     frame_ids: tuple[int, ...] = ()
-    """Identifiers of the frames on which the fault acts; empty for all frames."""
+    """See `FrameFault.frame_ids`."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """Return a function for the argument `corrupts` or `mishears` of one `can_bridge.bus.simulated.SimulatedBus`.
-        Each bus needs a separate function."""
+        """Return a function for the argument `corrupts` or `mishears` of one `SimulatedBus`; each bus needs its own."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 

@@ -1,5 +1,4 @@
-"""Faults of whole nodes: a lost connection to the bus, a slow consumer, a clock that drifts, frames sent without
-end."""
+"""Faults of whole nodes: a lost connection, a slow consumer, a clock that drifts, frames sent without end."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -11,8 +10,7 @@ from contract.config.rules import AtLeastOne, Finite, NonNegative, Positive, Rul
 from contract.errors import BusError
 
 MOST_BABBLED: Final = 1000
-"""Largest number of additional frames in one call, which is reached if the node's previous call was long ago. The
-transmit queue of a simulated port holds fewer frames."""
+"""Largest number of additional frames in one call; the transmit queue of a simulated port holds fewer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +36,7 @@ class Disconnect(BusFault, section="disconnect"):
 
         def receive() -> list[Frame]:
             now_ns = port.clock()
-            # Other nodes still use the bus. Frames that arrive during the fault are read now, so that the node does not
-            # receive them later.
+            # Frames that arrive during the fault are read now, so that the node does not receive them later.
             for arrived_ns, frame in port.arrived(now_ns):
                 if self.is_active(arrived_ns):
                     port.acted += 1
@@ -56,19 +53,14 @@ class Disconnect(BusFault, section="disconnect"):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowConsumer(BusFault, section="slow_consumer"):
-    """The node reads few frames at a time from a short queue. `acted` counts the frames lost because the queue was
-    full.
-
-    A full queue loses the newest frame, like the queues of python-can's buses and of CAN controllers in FIFO mode. When
-    the span ends, one reading receives all frames in the queue.
-    """
+    """The node reads few frames at a time from a short queue. A full queue loses the newest frame, like the queues of
+    python-can's buses and of CAN controllers in FIFO mode. When the span ends, one reading receives all frames in the
+    queue. `acted` counts the lost frames."""
 
     frames_per_call: AtLeastOne[int] = 1
     queue: AtLeastOne[int] = 16
-    """Largest number of frames in the queue."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Receive the oldest frames of the queue at each reading."""
         waiting = deque[Frame]()
 
         def receive() -> list[Frame]:
@@ -87,13 +79,11 @@ class SlowConsumer(BusFault, section="slow_consumer"):
 
 @dataclass(frozen=True, kw_only=True)
 class ClockDrift(BusFault, section="clock_drift"):
-    """A clock that runs fast or slow, or has a constant offset. At the span's end the clock jumps back to the true
-    time.
+    """A clock that runs fast or slow, or has a constant offset. At the span's end it jumps back to the true time.
 
     On a bus, the fault replaces the stamps of the frames that the node receives by this clock's time. A node whose own
-    clock drifts also reads its time through `local_ns`. If only the stamps or only the node's time use the drifting
-    clock, stamps and time disagree, as with an adapter that has a separate clock. `acted` counts the frames with a
-    changed stamp.
+    clock drifts also reads its time through `local_ns`; if it does not, stamps and time disagree, as with an adapter
+    that has a separate clock. `acted` counts the frames with a changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
@@ -125,9 +115,8 @@ class ClockDrift(BusFault, section="clock_drift"):
 class Babble(BusFault, section="babble"):
     """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
-    In each call of the port, the node first sends the additional frames that are due at the given rate since the
-    previous call, until the bus refuses a frame. Frames that do not fit into the transmit queue are not sent later. A
-    node that only babbles needs a separate port, which has to be called often.
+    Each call of the port first sends those that are due since the previous call, until the bus refuses one; what does
+    not fit is not sent later. A node that only babbles needs a separate port, which has to be called often.
     """
 
     frame_id: NonNegative[int] = 0
@@ -135,8 +124,7 @@ class Babble(BusFault, section="babble"):
     length: NonNegative[int] = 8
     is_fd: bool = False
     rate_hz: Positive[float] = 5000.0
-    """Number of additional frames per s. The default exceeds the capacity of a bus with 500 kbit/s, which is at most
-    4,504 classic frames of 8 bytes per s."""
+    """Number of additional frames per s; a bus with 500 kbit/s carries at most 4,504 classic frames of 8 bytes."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -145,7 +133,6 @@ class Babble(BusFault, section="babble"):
         require(self.length in lengths, self, "length", f"one of {', '.join(map(str, lengths))}")
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Send the frames that are due, first at each call."""
         since_ns, due = round(self.start_s * NS), 0.0
 
         def babble() -> None:

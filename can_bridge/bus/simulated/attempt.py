@@ -22,9 +22,8 @@ AFTER_ACKNOWLEDGE: Final = 8
 FLAG: Final = 6
 """Number of bits of an error flag."""
 ERROR_FLAGS: Final = 12
-"""Number of bits of an error flag and of the flags with which other nodes answer it. The answers begin when the flag
-has broken the rule of stuff bits, at the latest after its sixth bit. Every error except a missing acknowledgement takes
-this number of bits."""
+"""Number of bits, for every error but a missing acknowledgement, of an error flag and the flags that answer it. These
+begin when the flag has broken the rule of stuff bits, at the latest after its sixth bit."""
 DELIMITER: Final = 8
 
 T = TypeVar("T")
@@ -37,16 +36,14 @@ RECOVERY: Final = 128
 RECESSIVE_BITS: Final = 11
 
 _RECEIVE_LIMIT: Final = 255
-"""Largest value of the receive error counter, which has 8 bits; the standard does not state how far it counts above
-127."""
+"""Largest value of the receive error counter: 8 bits; the standard does not state how far it counts above 127."""
 _AFTER_PASSIVE: Final = 127
 """Value of a receive error counter above 127 after a successful reception; the standard allows 119 to 127."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FaultConfinement:
-    """A controller's error counters TEC and REC, whether it went bus-off and has not recovered, and how often it went
-    bus-off since power-on."""
+    """A controller's error counters TEC and REC, whether it is bus-off, and how often it went so since power-on."""
 
     tx_errors: int = 0
     rx_errors: int = 0
@@ -63,7 +60,6 @@ class FaultConfinement:
 
     @property
     def health(self) -> BusHealth:
-        """The controller's health, as the node's software reads it."""
         return BusHealth(state=self.state, tx_errors=self.tx_errors, rx_errors=self.rx_errors, bus_off=self.times_off)
 
     def receive_error(self) -> "FaultConfinement":
@@ -83,8 +79,7 @@ class FaultConfinement:
 
     def unacknowledged(self) -> "FaultConfinement":
         """Apply rule 3 with its first exception: no node acknowledged the frame, and no dominant bit was seen during
-        the passive error flag. The counter of an error-passive controller then does not change, so that a node alone on
-        the bus never goes bus-off."""
+        the passive error flag. An error-passive node does not count this, so that alone it never goes bus-off."""
         return self if self.state is BusState.ERROR_PASSIVE else self.transmit_error()
 
     def transmitted(self) -> "FaultConfinement":
@@ -103,8 +98,6 @@ class FaultConfinement:
 
 
 class AttemptVerdict(Enum):
-    """The result of an attempt for one node."""
-
     SENT = auto()
     HEARD = auto()
     TRANSMIT_ERROR = auto()
@@ -116,7 +109,6 @@ class AttemptVerdict(Enum):
     """A receive error that no other node saw before this node's error flag."""
 
     def applied(self, faults: FaultConfinement) -> FaultConfinement:
-        """Return the node's error counters after the attempt."""
         return _RULES[self](faults)
 
     @property
@@ -163,11 +155,7 @@ class AttemptOutcome(Generic[T]):
 
 
 def resolve(
-    senders: Sequence[Sender[T]],
-    receivers: Mapping[T, bool],
-    *,
-    misheard: Mapping[T, int],
-    disturbed: int | None,
+    senders: Sequence[Sender[T]], receivers: Mapping[T, bool], *, misheard: Mapping[T, int], disturbed: int | None
 ) -> AttemptOutcome[T]:
     """Return the outcome of an attempt in which the senders start frames of equal priority at the same time.
 
@@ -224,12 +212,9 @@ def resolve(
 
 
 def _collide(senders: list[Sender[T]], verdicts: dict[T, AttemptVerdict]) -> tuple[list[Sender[T]], int | None]:
-    """Return the remaining senders, and the bit at which their frames end in an error flag; None if the frames have
-    equal contents.
-
-    At the first difference a recessive bit meets a dominant bit, and the sender of the recessive bit has a bit error.
-    If that node is error-passive, its flag is recessive and all other nodes continue.
-    """
+    """Return the remaining senders, and the bit at which their frames end in an error flag; None for equal frames. At
+    the first difference, the sender of a recessive bit has a bit error. If that node is error-passive, its flag is
+    recessive and all other nodes continue."""
     while len({sender.bits.stuffed for sender in senders}) > 1:
         position = next(
             k for k, values in enumerate(zip(*(s.bits.stuffed for s in senders), strict=False)) if len(set(values)) > 1
@@ -249,7 +234,6 @@ def _inverted(frame: Frame, bits: SentBits, position: int) -> AttemptVerdict:
         if is_arbitration_stuff_bit(frame, position):
             return AttemptVerdict.ARBITRATION_STUFF
         if is_arbitration_bit(frame, position):
-            # The sender has interpreted the wrong bit as a lost arbitration, so it acts as a receiver when the error is
-            # detected.
+            # The sender has taken the wrong bit for a lost arbitration, so it is a receiver when the error is detected.
             return AttemptVerdict.RECEIVE_ERROR
     return AttemptVerdict.TRANSMIT_ERROR

@@ -32,8 +32,7 @@ returns the index of the inverted bit; None if no bit is inverted."""
 
 SUSPEND: Final = 8
 """Number of bits for which an error-passive node waits after its own frame before its next frame. If another node
-begins a frame meanwhile, the waiting node may send after the end of that frame, which always comes later than these
-bits."""
+begins a frame meanwhile, the waiting node may send after that frame, whose end always comes later."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +49,7 @@ class Transmission:
 
 @dataclass(frozen=True, kw_only=True)
 class BusActivity:
-    """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and the time that both occupied the bus,
-    including intermissions."""
+    """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and the time of both, with intermissions."""
 
     frames: int
     error_frames: int
@@ -60,7 +58,7 @@ class BusActivity:
 
     @property
     def load(self) -> float:
-        """The share of time in which the bus was occupied, 0 to 1."""
+        """The share of time with a frame on the bus, 0 to 1."""
         return min(self.busy_ns / self.now_ns, 1.0) if self.now_ns else 0.0
 
 
@@ -120,7 +118,8 @@ class SimulatedBus:
 
     def under_way(self, frame_id: int) -> int:
         """Return the number of frames with this 11-bit identifier that were sent and have not arrived yet."""
-        return sum(port.queue.count(frame_id) for port in self._ports)
+        frames = (item.frame for port in self._ports for item in port.waiting)
+        return sum(frame.frame_id == frame_id and not frame.is_extended for frame in frames)
 
     def activity(self) -> BusActivity:
         """Return the activity so far, without the attempt that is on the bus now."""
@@ -142,8 +141,8 @@ class SimulatedBus:
         self.advance_until(t_ns, lambda: False)
 
     def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
-        """Advance the time as `advance_to` does, but stop at the first event after which `stop()` is true. Returns
-        whether the bus stopped at such an event. Raises ValueError for a time in the past."""
+        """Advance the time as `advance_to` does, but only to the first event after which `stop()` is true; return
+        whether there was one."""
         if t_ns < self.now_ns:
             raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
         while (due := self._next_event()) is not None and due[0] <= t_ns:
@@ -175,14 +174,14 @@ class SimulatedBus:
         if self._calls:
             events.append((self._calls[0][0], lambda: heapq.heappop(self._calls)[2]()))
         if self._attempt is None:
-            events += [(max(self._free_ns, port.ready_ns), None) for port in self._ports if port.queue]
+            events += [(max(self._free_ns, port.ready_ns), None) for port in self._ports if port.waiting]
         return min(events, key=itemgetter(0), default=None)
 
     def _begin(self, at_ns: int) -> None:
         """Let the ready nodes compete in an arbitration, and begin the winner's attempt."""
-        ready = [port for port in self._ports if port.queue and port.ready_ns <= at_ns]
-        wins = min(port.queue.head.priority for port in ready)
-        items = {port: port.queue.head for port in ready if port.queue.head.priority == wins}
+        heads = {port: port.waiting[0] for port in self._ports if port.waiting and port.ready_ns <= at_ns}
+        wins = min(item.priority for item in heads.values())
+        items = {port: item for port, item in heads.items() if item.priority == wins}
         for port in self._ports:
             if port.recovery is not None:
                 idle_ns = max(at_ns - max(self._free_ns, port.recovery.since_ns), 0)
@@ -216,7 +215,6 @@ class SimulatedBus:
         return {port: position for port, position in answers.items() if position is not None}
 
     def _end(self) -> None:
-        """Apply the outcome of the attempt."""
         assert self._attempt is not None
         attempt, self._attempt = self._attempt, None
         self._free_ns = attempt.free_ns
@@ -227,8 +225,7 @@ class SimulatedBus:
         for port in self._ports:
             port.settle(attempt.end_ns)
             if port.recovery is not None:
-                # Every frame and every error frame ends with one of the sequences of recessive bits that a recovering
-                # node counts.
+                # Every frame and error frame ends with one of the recessive sequences that a recovering node counts.
                 port.recovery = Recovery(port.recovery.left - 1, attempt.free_ns)
 
     def _conclude(self, attempt: _Attempt) -> None:
@@ -242,7 +239,7 @@ class SimulatedBus:
                 port.deliver(frame)
         sent = [port for port, verdict in outcome.verdicts.items() if verdict is AttemptVerdict.SENT]
         for port in sent:
-            port.queue.remove(attempt.items[port])
+            port.sent(attempt.items[port])
         if sent and frame is not None:
             # If several nodes sent an identical frame at the same time, the bus carried only one frame.
             self._frames += 1

@@ -25,60 +25,16 @@ RECEIVE_CAPACITY: Final = 4096
 """Largest numbers of frames in a node's two queues."""
 
 
-class TransmitQueue:
-    """A queue of limited length, as in a controller with many mailboxes or a sorted FIFO. As the response-time analysis
-    assumes, no frame waits for an earlier frame of lower priority. A frame stays in the queue until it was sent."""
-
-    def __init__(self, capacity: int) -> None:
-        self._capacity = capacity
-        self._waiting: list[Queued] = []
-        self._serial = 0
-
-    def __len__(self) -> int:
-        return len(self._waiting)
-
-    def put(self, frame: Frame, now_ns: int) -> bool:
-        """Add a frame; return False if the queue is full and the frame was not added."""
-        if len(self._waiting) >= self._capacity:
-            return False
-        self._serial += 1
-        heapq.heappush(self._waiting, Queued(priority(frame), self._serial, now_ns, frame))
-        return True
-
-    @property
-    def head(self) -> Queued:
-        """Return the frame to be sent next; raises IndexError if the queue is empty."""
-        return self._waiting[0]
-
-    def remove(self, sent: Queued) -> None:
-        """Remove a frame that was sent."""
-        if self._waiting[0] is sent:
-            heapq.heappop(self._waiting)
-        else:
-            self._waiting.remove(sent)
-            heapq.heapify(self._waiting)
-
-    def clear(self) -> int:
-        """Empty the queue; return the number of frames that were in it."""
-        count = len(self._waiting)
-        self._waiting.clear()
-        return count
-
-    def count(self, frame_id: int) -> int:
-        """Return the number of frames in the queue that have this 11-bit identifier."""
-        return sum(item.frame.frame_id == frame_id and not item.frame.is_extended for item in self._waiting)
-
-
 class Recovery(NamedTuple):
-    """The recovery from bus-off: the number of sequences of eleven recessive bits still missing, counted from
-    `since_ns`."""
+    """The recovery from bus-off: how many sequences of eleven recessive bits are missing, counted from `since_ns`."""
 
     left: int
     since_ns: int
 
 
 class SimulatedPort:
-    """A node's connection to a simulated bus, created by `SimulatedBus.port`.
+    """A node's connection to a simulated bus, created by `SimulatedBus.port`. As the response-time analysis assumes, no
+    frame in its transmit queue waits for an earlier one of lower priority.
 
     Attributes:
         refused: number of frames that the bus refused because the queue was full or the node was bus-off.
@@ -90,9 +46,10 @@ class SimulatedPort:
         self.name = name
         self.refused = self.discarded = self.overruns = 0
         self._clock = clock
+        self._serial = 0
         self._received: deque[Frame] = deque()
         # Only the bus uses the attributes below.
-        self.queue = TransmitQueue(TRANSMIT_CAPACITY)
+        self.waiting: list[Queued] = []
         self.faults = FaultConfinement()
         self.ready_ns = 0
         self.recovery: Recovery | None = None
@@ -103,15 +60,16 @@ class SimulatedPort:
         if self.faults.is_off:
             self.refused += 1
             raise BusError(f"{self.name} is bus-off: frame {frame.frame_id:#x} was not sent")
-        was_empty = not self.queue
-        if not self.queue.put(frame, self._clock()):
+        if len(self.waiting) >= TRANSMIT_CAPACITY:
             self.refused += 1
             raise BusError(
-                f"{self.name} has {len(self.queue)} frames waiting for the bus, so its queue is full: frame "
+                f"{self.name} has {len(self.waiting)} frames waiting for the bus, so its queue is full: frame "
                 f"{frame.frame_id:#x} was not sent"
             )
-        if was_empty:
+        if not self.waiting:
             self.ready_ns = max(self.ready_ns, self._clock())
+        self._serial += 1
+        heapq.heappush(self.waiting, Queued(priority(frame), self._serial, self._clock(), frame))
 
     def receive_all(self) -> list[Frame]:
         """Return all frames that have arrived up to the bus's present time, in the order of arrival."""
@@ -120,7 +78,6 @@ class SimulatedPort:
         return frames
 
     def health(self) -> BusHealth:
-        """The health of this node's controller."""
         return self.faults.health
 
     def deliver(self, frame: Frame) -> None:
@@ -130,13 +87,18 @@ class SimulatedPort:
         else:
             self.overruns += 1
 
+    def sent(self, item: Queued) -> None:
+        """Remove a frame from the transmit queue. Only the bus calls this method."""
+        self.waiting.remove(item)
+        heapq.heapify(self.waiting)
+
     def recover(self) -> None:
         """End bus-off. Only the bus calls this method."""
         self.recovery, self.faults = None, self.faults.recovered()
 
     def settle(self, now_ns: int) -> None:
-        """Empty the queue of a node that went bus-off, and begin the node's recovery. The bus calls this method after
-        every error."""
+        """Empty the queue of a node that went bus-off, and begin its recovery. The bus calls this after every error."""
         if self.faults.is_off and self.recovery is None:
-            self.discarded += self.queue.clear()
+            self.discarded += len(self.waiting)
+            self.waiting.clear()
             self.recovery = Recovery(left=RECOVERY, since_ns=now_ns)

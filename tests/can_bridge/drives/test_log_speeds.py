@@ -67,8 +67,7 @@ def test_the_speed_in_the_log_makes_the_coefficients_and_contradictions_are_name
 
 
 def test_rows_of_a_speed_that_varies_lie_at_equal_ways() -> None:
-    """A drive from 20 to 30 m/s: what rises straight with the way travelled must do so in the rows, whatever the speed
-    was."""
+    """A drive from 20 to 30 m/s: what rises straight with the way travelled must do so in the rows."""
     rows = 300
     speeds = np.round(np.linspace(20.0, 30.0, rows) / 0.005) * 0.005
     way = np.concatenate([[0.0], np.cumsum((speeds[1:] + speeds[:-1]) / 2 * PERIOD / 2.5)])

@@ -91,8 +91,7 @@ def fits(bundle: Bundle) -> Verdict:
 RULES: dict[str, Any] = {
     "root": public_key(ROOT), "hardware": HARDWARE, "fits": fits, "check": cache(checking.check),
 }  # fmt: skip
-"""Of an ECU's store. Equal bytes, which recur thousands of times, are checked once: a verdict depends on nothing else
-than the arguments."""
+"""Of an ECU's store. Equal bytes, which recur thousands of times, are checked once."""
 
 
 def provision(backing: B, first: bytes | None, **changes: Any) -> B:

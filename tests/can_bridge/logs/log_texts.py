@@ -19,8 +19,7 @@ DATE = "Fri Nov 27 10:00:00.000 2026"
 
 
 def frames(count: int = 16) -> list[can.Message]:
-    """Messages of our CAN FD set, 5 ms apart from 0.25 s on, with another node's classic frame of 29 bits now and
-    then."""
+    """Messages of our CAN FD set, 5 ms apart from 0.25 s on; every fifth is another node's, classic, of 29 bits."""
     made = []
     for k in range(count):
         if k % 5 == 4:
@@ -92,8 +91,7 @@ def candump_l(messages: Sequence[can.Message], channel: str = "can0") -> Iterato
 
 
 def candump(messages: Sequence[can.Message], times: str, *, extra: str = "", tail: str = "") -> Iterator[str]:
-    """Lines of candump on a screen: `times` is its option -t, empty without; `extra` what -x puts before the
-    identifier."""
+    """Lines of candump on a screen: `times` is its option -t; `extra` what -x puts before the identifier."""
     first = before = messages[0].timestamp
     for one in messages:
         number = f"{one.arbitration_id:08X}" if one.is_extended_id else f"{one.arbitration_id:03X}"

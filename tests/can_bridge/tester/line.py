@@ -49,8 +49,7 @@ class Ecu(Protocol):
 
 
 class DirectConnection(BaseConnection):
-    """udsoncan's connection to an ECU without a bus between, which is always open; a subclass sends a request and waits
-    for an answer."""
+    """udsoncan's connection to an ECU without a bus, always open; a subclass sends requests and waits for answers."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -12,15 +12,7 @@ from can_bridge.flashing.backing import Slot, at_once
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
-from can_bridge.tester.messages import (
-    AccessError,
-    ImageRefusedError,
-    LostError,
-    NoAnswerError,
-    NotNowError,
-    NotPassedError,
-    RefusedError,
-)
+from can_bridge.tester import messages
 from can_bridge.tester.sequence import End, Flashed, FlashOptions, Step
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.services import SERVICES, Nrc, Refused, Routine, Service, Session
@@ -88,7 +80,7 @@ def test_a_release_is_brought_started_tested_and_confirmed(line: Line, ecu: EcuT
 
 def test_counters_of_blocks_wrap_to_zero(line: Line, ecu: EcuToFlash) -> None:
     ecu.memory.capacity = 2**21
-    with pytest.raises(ImageRefusedError):
+    with pytest.raises(messages.ImageRefusedError):
         flashed(line, bytes(4064 * 260))
     counters = [request[1] for request in line.heard if request[0] == Service.TRANSFER]
     assert counters == [i % 256 for i in range(1, 261)]
@@ -124,16 +116,16 @@ def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, ecu: EcuTo
     assert [request for request in line.heard if request[0] == Service.SESSION] == [b"\x10\x03", b"\x10\x01"]
 
     def judge(_facts: object) -> None:
-        raise NotNowError("not this one")
+        raise messages.NotNowError("not this one")
 
-    with pytest.raises(NotNowError, match="not this one"):
+    with pytest.raises(messages.NotNowError, match="not this one"):
         flashed(line, judge=judge)
     assert (ecu.routines, ecu.memory.calls) == ([Routine.PRECONDITIONS], calls)
 
 
 def test_wrong_keys_write_nothing_and_their_delay_is_waited_for(line: Line, ecu: EcuToFlash) -> None:
     for words in (2 * ["it must be the ECU's"]) + ["accepts no key for 10 s"]:
-        with pytest.raises(AccessError, match=words):
+        with pytest.raises(messages.AccessError, match=words):
             flashed(line, key=WRONG_KEY)
     assert set(ecu.routines) == {Routine.PRECONDITIONS}
     began = line.time.clock()
@@ -161,7 +153,7 @@ def test_a_seed_that_comes_late_does_not_pass_for_a_wrong_key(line: Line) -> Non
 
 def test_a_vehicle_in_use_is_not_touched(line: Line, ecu: EcuToFlash) -> None:
     ecu.is_wanted = True
-    with pytest.raises(NotNowError, match="withdraw the enable request"):
+    with pytest.raises(messages.NotNowError, match="withdraw the enable request"):
         flashed(line)
     assert (ecu.memory.written, ecu.resets) == (0, 0)
     ecu.is_wanted = False
@@ -170,7 +162,7 @@ def test_a_vehicle_in_use_is_not_touched(line: Line, ecu: EcuToFlash) -> None:
         ecu.is_wanted = step in (Step.RESET, Step.SELF_TEST)
 
     # One that starts after the reset leaves the release on trial.
-    with pytest.raises(NotNowError, match="runs on trial, and was not confirmed"):
+    with pytest.raises(messages.NotNowError, match="runs on trial, and was not confirmed"):
         flashed(line, on_step=on_step)
     assert (ecu.runs, phases(ecu.store)) == ("new", [SlotPhase.CONFIRMED, SlotPhase.TRIAL])
     ecu.is_wanted = False
@@ -194,7 +186,7 @@ def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work(monkeypatch: pytest.
         with monkeypatch.context() as patch:
             if new == NEW:
                 patch.setattr(Store, "finish", lambda store, verdict=verdict: finish(verdict))
-            with pytest.raises(ImageRefusedError) as refusal:
+            with pytest.raises(messages.ImageRefusedError) as refusal:
                 flashed(line, new)
         assert refusal.value.verdict is verdict
         assert verdict.in_words in str(refusal.value)
@@ -205,7 +197,7 @@ def test_each_verdict_ends_it_and_the_ecu_goes_back_to_work(monkeypatch: pytest.
 
 def test_a_release_that_does_not_pass_its_trial_is_left(line: Line, ecu: EcuToFlash, monkeypatch: Any) -> None:
     ecu.spoils = True
-    with pytest.raises(NotPassedError, match="did not start the new release; old runs"):
+    with pytest.raises(messages.NotPassedError, match="did not start the new release; old runs"):
         flashed(line)
     line, ecu = fresh()
 
@@ -213,7 +205,7 @@ def test_a_release_that_does_not_pass_its_trial_is_left(line: Line, ecu: EcuToFl
         raise Refused(Nrc.PROGRAMMING_FAILURE)
 
     monkeypatch.setattr(ecu, "self_test", fails)
-    with pytest.raises(NotPassedError, match="did not pass its self-test; old runs again"):
+    with pytest.raises(messages.NotPassedError, match="did not pass its self-test; old runs again"):
         flashed(line)
     assert ecu.runs == "old"
     assert Routine.CONFIRM not in ecu.routines and ecu.routines[-1] is Routine.REVERT
@@ -257,7 +249,7 @@ def test_a_block_refused_once_begins_the_transfer_again() -> None:
         assert done.end is End.CONFIRMED, code
         assert done.transferred is not None and done.transferred.attempts == 2, code
         assert ecu.memory.written == len(NEW), code
-    with pytest.raises(RefusedError, match=r"take a block of the image: service not supported \(0x11\)"):
+    with pytest.raises(messages.RefusedError, match=r"take a block of the image: service not supported \(0x11\)"):
         refused_once(Nrc.SERVICE_NOT_SUPPORTED)
 
 
@@ -311,7 +303,7 @@ def test_lost_and_doubled_payloads_only_cost_time() -> None:
         line.double = doubled
         try:
             flashed(line)
-        except (NoAnswerError, LostError, NotPassedError):
+        except (messages.NoAnswerError, messages.LostError, messages.NotPassedError):
             # It may end, but never with a release that is neither the old nor the new one.
             ecu.power_on()
         assert ecu.runs in ("old", "new"), (seed, rate)

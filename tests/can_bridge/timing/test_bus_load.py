@@ -24,8 +24,7 @@ def test_classic_set_by_hand():
     loaded = bus_load(config(frames="classic"))
     frame = 270_000
     assert [one.worst_ns for one in loaded.messages] == [frame] * 4
-    # The answers come as late as the pressures may; the vehicle's next frames can go ahead of them, and the status
-    # can block the command or follow it.
+    # The answers come as late as the pressures may, perhaps behind the vehicle's next frames and each other.
     assert [one.message.jitter_ns for one in loaded.messages] == [0, 0, 2 * frame, 2 * frame]
     assert [one.response.response_ns for one in loaded.messages] == [2 * frame, 3 * frame, 6 * frame, 6 * frame]
     # The command has the period but for the compute time.

@@ -1,16 +1,16 @@
-"""The fault memory and its services: statuses over power cycles, and each answer, as bytes and by udsoncan."""
+"""The fault memory and its services: statuses over power cycles, and each answer as bytes."""
 
 from typing import Any
 
 import pytest
 
 from can_bridge.flashing.backing import MediumError
-from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES, in_letters
+from can_bridge.uds.fault_codes import CODES, in_letters
 from can_bridge.uds.fault_memory import AGED_CYCLES, FaultMemory, FaultReport
 from can_bridge.uds.server import UdsServer
 from can_bridge.uds.services import Nrc, Refused, Session
-from can_bridge.wire.messages import Mode, Reason
-from tests.can_bridge.uds.scripted_ecu import Bench, S, ScriptedEcu
+from can_bridge.wire.messages import Reason
+from tests.can_bridge.uds.scripted_ecu import Bench, S
 
 LOST, SENSOR = Reason.STREAM_LOST, Reason.SENSOR_INVALID
 SNAPSHOT = bytes.fromhex("0000ffff 02 0003 0000 3f800000 bf000000 00000000 3e800000")
@@ -167,29 +167,3 @@ def test_settings_last_as_long_as_sessions_beyond_the_default(bench):
     bench.ecu.refusals["before_reset"] = Nrc.CONDITIONS_NOT_CORRECT
     bench.talk("28 01 01 > CONDITIONS_NOT_CORRECT\n28 00 01 > 68 00")
     assert not bench.server.is_silent
-
-
-def test_udsoncan_reads_the_same():
-    """Another implementation decodes statuses, codes and snapshots."""
-    udsoncan = pytest.importorskip("udsoncan")
-    from tests.can_bridge.tester.line import Line
-
-    memory = Memory()
-    memory.note(LOST)
-    ecu: Any = ScriptedEcu()
-    ecu.server, ecu.is_dead, ecu.is_reset = UdsServer(ecu, Bench().key, bytes, faults=memory.now), False, False
-    formats = {0xFD20: ">I", 0xFD21: ">B", 0xFD22: ">H", 0xFD23: ">H", 0xFD24: ">ffff"}
-    with udsoncan.client.Client(Line(ecu), config={"data_identifiers": formats, "request_timeout": None}) as client:
-        found = client.get_dtc_by_status_mask(0xFF).service_data
-        assert found.status_availability.get_byte_as_int() == 0x7F
-        assert {dtc.id for dtc in found.dtcs} == {*CODES.values()}
-        dtc = next(dtc for dtc in found.dtcs if dtc.id == CODES[LOST])
-        assert dtc.status.test_failed and dtc.status.confirmed and dtc.status.pending
-        assert not dtc.status.test_not_completed_this_operation_cycle and not dtc.status.warning_indicator_requested
-        assert len(client.get_supported_dtc().service_data.dtcs) == len(CODES)
-        assert client.get_number_of_dtc_by_status_mask(0x08).service_data.dtc_count == 1
-        snapshots = client.get_dtc_snapshot_by_dtc_number(CODES[LOST], 1).service_data.dtcs[0].snapshots
-        assert [one.data for one in snapshots] == [(65535,), (Mode.CONTROL,), (3,), (0,), (1.0, -0.5, 0.0, 0.25)]
-        assert client.clear_dtc().positive
-        assert client.get_number_of_dtc_by_status_mask(0x2F).service_data.dtc_count == 0
-    assert len(SNAPSHOT) == SNAPSHOT_BYTES

@@ -8,18 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_bridge.wire import frame_bits
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
-from can_bridge.wire.frame_bits import (
-    bits_ns,
-    crc15,
-    frame_ns,
-    is_arbitration_bit,
-    is_arbitration_stuff_bit,
-    sent_bits,
-    stuffed,
-    worst_case_bits,
-    worst_case_ns,
-)
+from can_bridge.wire.frame_bits import is_arbitration_stuff_bit, sent_bits, stuffed, worst_case_bits
 from tests.refused import refused
 
 REPEATED = st.sampled_from([b"\x00", b"\xff", b"\x0f", b"\xf0", b"\x1e", b"\xe1", b"\x78", b"\x87"])
@@ -107,7 +98,7 @@ def test_the_published_worst_case_of_stuffing_and_check_value():
     assert stuffed(body) == "11111000001111100000111110"
     assert len(stuffed(body)) - len(body) == (len(body) - 1) // 4
     # The check value of CRC-15/CAN in the RevEng catalogue.
-    assert crc15("".join(format(byte, "08b") for byte in b"123456789")) == 0x059E
+    assert frame_bits.crc15("".join(format(byte, "08b") for byte in b"123456789")) == 0x059E
 
 
 def test_every_stuff_bit_in_the_identifier_is_known():
@@ -115,7 +106,7 @@ def test_every_stuff_bit_in_the_identifier_is_known():
     frame = Frame(frame_id=0x001, data=b"")
     assert sent_bits(frame).stuffed.startswith("00000100000101")
     assert [k for k in range(20) if is_arbitration_stuff_bit(frame, k)] == [5, 11]
-    assert [k for k in range(20) if is_arbitration_bit(frame, k)] == list(range(1, 14))
+    assert [k for k in range(20) if frame_bits.is_arbitration_bit(frame, k)] == list(range(1, 14))
     assert not any(is_arbitration_stuff_bit(Frame(frame_id=0x555, data=b""), k) for k in range(40))
 
 
@@ -139,13 +130,14 @@ def test_every_bit_is_counted_once_and_in_order_and_not_more_than_the_bound(fram
 
 def test_times_are_the_bits_at_their_rates():
     frame = Frame(frame_id=0x120, data=bytes(16))
-    nominal, data = sent_bits(frame).total
-    assert frame_ns(frame, nominal_bitrate=500_000, data_bitrate=2_000_000) == nominal * 2000 + data * 500
-    nominal, data = worst_case_bits(frame)
-    assert worst_case_ns(frame, nominal_bitrate=500_000, data_bitrate=2_000_000) == nominal * 2000 + data * 500
-    assert bits_ns(1, 0, nominal_bitrate=3, data_bitrate=1) == 333_333_334
+    for (nominal, data), in_ns in (
+        (sent_bits(frame).total, frame_bits.frame_ns),
+        (worst_case_bits(frame), frame_bits.worst_case_ns),
+    ):
+        assert in_ns(frame, nominal_bitrate=500_000, data_bitrate=2_000_000) == nominal * 2000 + data * 500
+    assert frame_bits.bits_ns(1, 0, nominal_bitrate=3, data_bitrate=1) == 333_333_334
     with pytest.raises(ValueError, match="data bit rate 0: must be positive"):
-        bits_ns(1, 1, nominal_bitrate=1, data_bitrate=0)
+        frame_bits.bits_ns(1, 1, nominal_bitrate=1, data_bitrate=0)
 
 
 def test_classic_bound_is_the_published_one():

@@ -29,10 +29,10 @@ def script(*positions: int, only: str = "") -> Callable[[Frame, str, int], int |
     return lambda frame, name, begin_ns: left.pop(0) if left and only in ("", name) else None
 
 
-def bus_of(*names: str, **hooks: Any) -> list[Any]:
+def bus_of(*names: str, config: BusConfig = RATES, **hooks: Any) -> list[Any]:
     """A bus, what went over it, and its nodes."""
     seen: list[Transmission] = []
-    bus = SimulatedBus(RATES, observe=seen.append, **hooks)
+    bus = SimulatedBus(config, observe=seen.append, **hooks)
     return [bus, seen, *(bus.port(name) for name in names)]
 
 

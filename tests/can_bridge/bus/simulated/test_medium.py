@@ -19,36 +19,20 @@ from tests.examples import examples
 from tests.refused import refused
 
 FD_RATES = BusConfig(nominal_bitrate=500_000, data_bitrate=2_000_000)
-BIT_NS = 2000
-"""The length of a bit at 500 kbit/s."""
-INTERMISSION_NS = 3 * BIT_NS
+INTERMISSION_NS = INTERMISSION * BIT
 
 
 def frame(frame_id: int, data: bytes = b"\x55" * 8, **kind) -> Frame:
     return Frame(frame_id=frame_id, data=data, **kind)
 
 
-class Bench:
-    """A bus, and what went over it."""
-
-    def __init__(self) -> None:
-        self.captured: list[Frame] = []
-        self.seen: list[Transmission] = []
-        self.bus = SimulatedBus(FD_RATES, self.captured.append, observe=self.seen.append)
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
 def ids(frames: list[Frame]) -> list[int]:
     return [item.frame_id for item in frames]
 
 
-def test_a_frame_arrives_at_its_end_of_frame_in_every_other_node(bench):
-    bus = bench.bus
-    one, two, three = (bus.port() for _ in range(3))
+def test_a_frame_arrives_at_its_end_of_frame_in_every_other_node():
+    captured: list[Frame] = []
+    bus, seen, one, two, three = bus_of("one", "two", "three", config=FD_RATES, capture=captured.append)
     sent = frame(0x120, bytes(16))
     bus.advance_to(1000)
     one.send(sent)
@@ -62,31 +46,29 @@ def test_a_frame_arrives_at_its_end_of_frame_in_every_other_node(bench):
         assert port.receive_all() == []
     assert one.receive_all() == []
     assert bus.under_way(0x120) == 0
-    assert bench.captured == [replace(sent, timestamp_ns=end_ns)]
-    (seen,) = bench.seen
-    assert (seen.sender, seen.queued_ns, seen.begin_ns, seen.end_ns) == ("node 0", 1000, 1000, end_ns)
+    assert captured == [replace(sent, timestamp_ns=end_ns)]
+    assert [(item.sender, item.queued_ns, item.begin_ns, item.end_ns) for item in seen] == [("one", 1000, 1000, end_ns)]
 
 
-def test_full_queues_refuse_and_count(bench, monkeypatch):
+def test_full_queues_refuse_and_count(monkeypatch):
     monkeypatch.setattr("can_bridge.bus.simulated.port.TRANSMIT_CAPACITY", 3)
     monkeypatch.setattr("can_bridge.bus.simulated.port.RECEIVE_CAPACITY", 2)
-    one, two = bench.bus.port("pressure node"), bench.bus.port()
+    bus, _, one, two = bus_of("pressure node", "", config=FD_RATES)
     for value in range(3):
         one.send(frame(0x100 + value))
     with pytest.raises(BusError, match=r"pressure node has 3 frames waiting .* frame 0x10f was not sent"):
         one.send(frame(0x10F))
     assert one.refused == 1
-    bench.bus.advance_to(10**7)
+    bus.advance_to(10**7)
     # Who does not keep up loses the newest.
     assert (ids(two.receive_all()), two.overruns) == ([0x100, 0x101], 1)
     one.send(frame(0x10F))  # there is room again
-    bench.bus.advance_to(2 * 10**7)
+    bus.advance_to(2 * 10**7)
     assert ids(two.receive_all()) == [0x10F]
 
 
-def test_calls_come_in_their_order_before_arbitration_and_advancing_stops_at_what_was_waited_for(bench):
-    bus = bench.bus
-    one, two = bus.port(), bus.port()
+def test_calls_come_in_their_order_before_arbitration_and_advancing_stops_at_what_was_waited_for():
+    bus, seen, one, two = bus_of("one", "two", config=FD_RATES)
     called: list[int] = []
     bus.call_at(500, lambda: called.append(2))
     bus.call_at(100, lambda: called.append(1))
@@ -102,7 +84,7 @@ def test_calls_come_in_their_order_before_arbitration_and_advancing_stops_at_wha
         return bool(got)
 
     assert bus.advance_until(10**6, arrived)
-    assert (called, ids(bench.captured)) == ([1, 2], [0x001, 0x700])
+    assert (called, [item.frame.frame_id for item in seen]) == ([1, 2], [0x001, 0x700])
     assert bus.now_ns == got[0].timestamp_ns == 500 + bus.frame_ns(frame(1)) + bus.frame_ns(got[0]) - INTERMISSION_NS
     assert not bus.advance_until(10**6, lambda: False)
     for late, words in ((lambda: bus.call_at(5, arrived), "call at 5"), (lambda: bus.advance_to(9), "advance to 9")):
@@ -128,15 +110,13 @@ def test_arbitration_on_random_traffic(traffic, step):
     """Against the definition: at every begin nothing of higher priority waits, the bus is never left free, and no two
     frames overlap. The steps in which time advances change nothing.
     """
-    bench = Bench()
-    ports = [bench.bus.port() for _ in range(4)]
+    bus, seen, *ports = bus_of(*"abcd", config=FD_RATES)
     for node, at_ns, frame_id, length in traffic:
         sent = frame(frame_id, bytes(length))
-        bench.bus.call_at(at_ns, partial(ports[node].send, sent))
+        bus.call_at(at_ns, partial(ports[node].send, sent))
     for t_ns in range(0, 20_000_001, step):
-        bench.bus.advance_to(t_ns)
-    bench.bus.advance_to(20_000_000)
-    seen = bench.seen
+        bus.advance_to(t_ns)
+    bus.advance_to(20_000_000)
     assert sorted(item.frame.frame_id for item in seen) == sorted(item[2] for item in traffic)
     free_ns = 0
     for k, item in enumerate(seen):
@@ -145,11 +125,9 @@ def test_arbitration_on_random_traffic(traffic, step):
         assert item.frame.frame_id == min(other.frame.frame_id for other in waiting)
         assert item.begin_ns == max(free_ns, min(later.queued_ns for later in seen[k:]))
         plain = replace(item.frame, timestamp_ns=0)
-        free_ns = item.begin_ns + bench.bus.frame_ns(plain)
+        free_ns = item.begin_ns + bus.frame_ns(plain)
         assert item.end_ns == free_ns - INTERMISSION_NS
-        assert bench.bus.frame_ns(plain) <= worst_case_ns(
-            plain, nominal_bitrate=FD_RATES.nominal_bitrate, data_bitrate=FD_RATES.data_bitrate
-        )
+        assert bus.frame_ns(plain) <= worst_case_ns(plain, nominal_bitrate=500_000, data_bitrate=2_000_000)
 
 
 DOUBLED = ("one", "other", "listener")
