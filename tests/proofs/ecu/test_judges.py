@@ -162,14 +162,15 @@ def test_a_safeguard_taken_away_is_found(monkeypatch):
 
 
 def test_the_same_seed_is_the_same_and_what_is_broken_is_reported_with_its_stretch(monkeypatch):
-    one, again, other = (hostile.stretch(3, seed=seed, periods=200)._replace(rss_kib=0) for seed in (7, 7, 8))
+    third = range(3 * hostile.STRETCH, 3 * hostile.STRETCH + 200)
+    one, again, other = (hostile.stretch(third, seed=seed)._replace(rss_kib=0) for seed in (7, 7, 8))
     assert one == again != other
     figures = hostile.summed([one, again])
     assert (figures["steps"], figures["violations"], figures["exceptions"]) == (400, 0, 0)
     assert sum(figures["modes"].values()) <= 400
     assert figures["jets_driven"] == 2 * one.driven > 0
     monkeypatch.setattr(SenderState, "next", lambda self, spec: self)
-    figures = hostile.summed([hostile.stretch(0, seed=0, periods=50)])
+    figures = hostile.summed([hostile.stretch(range(50), seed=0)])
     # The first step's counter is right.
     assert figures["violations"] >= figures["broken"]["frames"] == 49
     assert figures["first_violations"][0] == "stretch 0 (as they are), period 1: frames"

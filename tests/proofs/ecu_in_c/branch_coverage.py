@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final
 
 from contract.errors import LibraryError
 from tests.proofs.ecu_in_c.library import EXACT, Layout, ecu_files, sources
@@ -22,19 +22,6 @@ EXCLUDED: Final = {
     ("sw_sensors.c", "cp != NULL && memory->rows > 0"): "with pressures, the window has their row",
 }
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
-
-
-class Coverage(NamedTuple):
-    """Branches that are taken, all of them, and the places with a branch that is never taken, `file:line: text`, with
-    what `EXCLUDED` has without need."""
-
-    covered: int
-    branches: int
-    missed: list[str]
-
-    @property
-    def percent(self) -> float:
-        return 100.0 * self.covered / self.branches
 
 
 def is_possible() -> bool:
@@ -69,7 +56,9 @@ def replay_program(
     return own / "replay", compared
 
 
-def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Coverage:
+def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> dict[str, Any]:
+    """`branches`, the share of them that is taken, and `branches_missed`: places with a branch that is never taken,
+    `file:line: text`, with what `EXCLUDED` has without need."""
     for name, items in recordings.items():
         program, compared = replay_program(name, folder, ("-O0", "--coverage"))
         for item in items:
@@ -77,7 +66,13 @@ def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Coverag
             periods.write_bytes(item)
             subprocess.run([program, compared, periods], capture_output=True, check=True)
     excluded = [option for name in _OWN for option in ("--exclude", f".*{name}")]
-    return _of(branches(folder / "src", str(folder), *excluded))
+    found = branches(folder / "src", str(folder), *excluded)
+    each = [(f"{file}:{at}", count) for file, at, counts in found for count in counts]
+    never = [name for name, count in each if count == 0]
+    missed = without_reason(never, EXCLUDED)
+    total = len(each) - sum(name not in missed for name in never)
+    percent = round(100.0 * (len(each) - len(never)) / total, 2)
+    return {"branches": total, "branch_coverage_percent": percent, "branches_missed": missed}
 
 
 def branches(root: Path, *options: str) -> Iterator[tuple[str, str, list[int]]]:
@@ -91,13 +86,6 @@ def branches(root: Path, *options: str) -> Iterator[tuple[str, str, list[int]]]:
         for line in file["lines"]:
             number = line["line_number"]
             yield file["file"], f"{number}: {text[number - 1].strip()}", [one["count"] for one in line["branches"]]
-
-
-def _of(found: Iterable[tuple[str, str, list[int]]]) -> Coverage:
-    each = [(f"{file}:{at}", count) for file, at, counts in found for count in counts]
-    never = [name for name, count in each if count == 0]
-    others, taken = without_reason(never, EXCLUDED), len(each) - len(never)
-    return Coverage(taken, taken + sum(name in others for name in never), others)
 
 
 def without_reason(never: Iterable[str], reasons: Mapping[tuple[str, str], str]) -> list[str]:

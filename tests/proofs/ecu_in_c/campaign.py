@@ -2,11 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from random import Random
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -25,26 +25,12 @@ CHUNK: Final = 1_000
 """Periods that are recorded before C lives through them."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Mismatch:
-    """The first period in which the two ECUs differ, and the fields in which they do, with both values."""
-
-    variant: str
-    seed: str
-    period: int
-    fields: tuple[str, ...]
-
-    def __str__(self) -> str:
-        shown = "; ".join(self.fields[:3])
-        return f"{self.variant!r}, seed {self.seed!r}, period {self.period}: {shown}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stretch:
-    """Steps lived through by both, the first mismatch, at which it ended, and periods in each operating mode."""
+class Stretch(NamedTuple):
+    """Steps lived through by both, the first mismatch, at which it ended (variant, seed, period, and fields that differ
+    with both values), and periods in each operating mode."""
 
     steps: int
-    mismatch: Mismatch | None
+    mismatch: str | None
     modes: Counter[str]
 
 
@@ -114,11 +100,10 @@ def stretch(library: Library, name: str, seed: str, steps: int) -> Stretch:
         room = recorded(twin, periods, count, modes=modes, edges=edges, rng=rng)
         same = library.run(room, count)
         if same < count:
-            fields = tuple(layout.differences(room[same].response, library.found[0]))
-            mismatch = Mismatch(variant=name, seed=seed, period=done + same, fields=fields)
-            return Stretch(steps=done + same, mismatch=mismatch, modes=modes)
+            shown = "; ".join(layout.differences(room[same].response, library.found[0])[:3])
+            return Stretch(done + same, f"{name!r}, seed {seed!r}, period {done + same}: {shown}", modes)
         done += count
-    return Stretch(steps=done, mismatch=None, modes=modes)
+    return Stretch(done, None, modes)
 
 
 def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:

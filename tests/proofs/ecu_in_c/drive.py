@@ -62,13 +62,9 @@ class Drive:
         sent_ns = now_ns - queued_ns
         if rng.random() < odd / 5:
             # Of the largest age, or nearly so, or of the future.
-            sent_ns = now_ns - rng.choice((0, oldest_ns(self._settings.oldest_ms))) + rng.randrange(-1, 2)
+            sent_ns = now_ns - rng.choice((0, round(self._settings.oldest_ms * 1e6))) + rng.randrange(-1, 2)
         frame = Frame(frame_id=spec.frame_id, data=sound, is_fd=spec.is_fd)
         return replace(self.sealing.sealed(frame, spec, odd), timestamp_ns=max(0, min(2**63 - 1, sent_ns)))
-
-
-def oldest_ns(oldest_ms: float) -> int:
-    return round(oldest_ms * 1e6)
 
 
 def edges(config: Config) -> list[float]:

@@ -44,22 +44,16 @@ class Mutant(NamedTuple):
         return f"{file}:{line}.{nth}: {self.text}"
 
 
-class Mutated(NamedTuple):
-    """A source in C with its mutants, numbered from the first on. `sw_mutate_NAME()` changes its tables."""
-
-    text: str
-    mutants: list[Mutant]
-
-
-def mutated(name: str, preprocessed: str, first: int) -> Mutated:
-    """A preprocessed source with line markers; `first` is the number of its first mutant."""
+def mutated(name: str, preprocessed: str, first: int) -> tuple[str, list[Mutant]]:
+    """A preprocessed source with line markers, as C with its mutants, which are numbered from `first` on;
+    `sw_mutate_NAME()` changes its tables."""
     tree = c_parser.CParser().parse(preprocessed, name)
     generator = _Generator(name, first)
     text = _EXTERNAL + generator.visit(tree)
     stem = name.removesuffix(".c")
     cases = "\n".join(f"    if (sw_mutant == {number}) {change};" for number, change in generator.changes)
     text += f"\nvoid sw_mutate_{stem}(void);\nvoid sw_mutate_{stem}(void)\n{{\n{cases}\n}}\n"
-    return Mutated(text, generator.mutants)
+    return text, generator.mutants
 
 
 class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has no types
@@ -268,9 +262,9 @@ def all_mutated(preprocessed: Mapping[str, str]) -> tuple[dict[str, bytes], list
     """Mutated sources by name with what else they need, and all their mutants, numbered from 1."""
     sources, mutants = dict[str, bytes](), list[Mutant]()
     for name, text in preprocessed.items():
-        found = mutated(name, text, 1 + len(mutants))
-        sources[name] = found.text.encode()
-        mutants += found.mutants
+        changed, found = mutated(name, text, 1 + len(mutants))
+        sources[name] = changed.encode()
+        mutants += found
     calls = [f"sw_mutate_{name.removesuffix('.c')}" for name in preprocessed]
     declared = "".join(f"void {call}(void);\n" for call in calls)
     body = "".join(f"    {call}();\n" for call in calls)

@@ -24,7 +24,7 @@ from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
-from benchmarks.common.command_line import track
+from benchmarks.common.command_line import console, track
 from can_bridge.flashing.backing import MediumError, Slot
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase
@@ -37,7 +37,7 @@ from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.releases import RELEASE, provision
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.can_bridge.tester.line import Line, flash_over
-from tests.proofs.command_line import JsonFile, console, report, spread
+from tests.proofs.command_line import JsonFile, report, spread
 from tests.proofs.flash.places import FolderPlace
 
 OLD, NEW = 1, 2

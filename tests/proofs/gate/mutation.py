@@ -34,6 +34,8 @@ pytest_add_cli_args=
 pytest_add_cli_args_test_selection=tests
 """
 _RESULT: Final = re.compile(r"^\s*(\S+): (.+)$", re.MULTILINE)
+_CHANGED: Final = re.compile(r"^[+-](?!\+\+|--).*$", re.MULTILINE)
+"""A line of a diff that was taken out or put in."""
 KILLED: Final = ("killed", "caught by type check")
 
 
@@ -65,7 +67,7 @@ def measure(*, gate: Path = ROOT / GATE, tests: Path = ROOT / TESTS) -> dict[str
         _mutmut(folder, "run", "--max-children", "2")
         results = dict(_RESULT.findall(_mutmut(folder, "results", "--all", "true")))
         survivors = [
-            {"mutant": mutant, "status": status, "change": _change(_mutmut(folder, "show", mutant))}
+            {"mutant": mutant, "status": status, "change": _CHANGED.findall(_mutmut(folder, "show", mutant))}
             for mutant, status in sorted(results.items())
             if status not in KILLED
         ]
@@ -86,8 +88,3 @@ def _mutmut(folder: Path, *arguments: str) -> str:
         output = " ".join((done.stdout + done.stderr).split())[-300:]
         raise StillwakeError(f"mutmut {arguments[0]} ended with status {done.returncode}: {output}")
     return done.stdout
-
-
-def _change(diff: str) -> list[str]:
-    """The lines of a diff that were taken out and put in."""
-    return [line for line in diff.splitlines() if line[:1] in "+-" and line[:3] not in ("+++", "---")]

@@ -30,11 +30,11 @@ from typing import Annotated, Any, Final, Literal
 
 import typer
 
-from benchmarks.common.command_line import track
+from benchmarks.common.command_line import console, track
 from contract.errors import StillwakeError
 from contract.results import versions, write_result
 from stillwake.parts.c_release import library_folder
-from tests.proofs.command_line import JsonFile, console
+from tests.proofs.command_line import JsonFile
 
 HARNESSES: Final = Path(__file__).with_name("c")
 PLAN: Final = Path(__file__).with_name("items.toml")
