@@ -47,10 +47,11 @@ class Vehicle:
 
     Args:
         rows: n recorded rows with the pressures Cp at the S sensors and the action, shape (n, S+1).
+        asks: whether the vehicle requests control, from its second period on.
     """
 
-    def __init__(self, config: Config, rows: ProgramRows) -> None:
-        self.config, self._rows, self.number = config, rows, 0
+    def __init__(self, config: Config, rows: ProgramRows, *, asks: bool = True) -> None:
+        self.config, self._rows, self._asks, self.number = config, rows, asks, 0
         self._messages = message_set(config.bus)
         self._senders = [E2eSender(one.spec) for one in (self._messages.speed, self._messages.pressure)]
         self._freshness = Freshness()
@@ -73,7 +74,7 @@ class Vehicle:
         pressure = Pressure(
             pressure_pa=tuple((point.dynamic_pressure * ratio**2 * cp).tolist()),
             valid=(True,) * len(cp),
-            enable_request=self.number > 0,
+            enable_request=self._asks and self.number > 0,
             age_ns=0,
         )
         speed = VehicleSpeed(speed_m_per_s=ratio * point.speed, age_ns=0)

@@ -16,7 +16,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from random import Random
 from time import perf_counter
@@ -52,15 +52,6 @@ PIECE: Final = 100
 
 class ProofError(StillwakeError):
     """A case in which something was lost; the message has the first one's name."""
-
-
-class Piece(NamedTuple):
-    """Some of the cases of one walk: every `of`th operation from `number` on, and a share of the second cuts."""
-
-    seed: int
-    number: int
-    of: int
-    share: float
 
 
 class Case(NamedTuple):
@@ -260,7 +251,6 @@ def _running(ecu: StoreEcu, place: FolderPlace) -> int | None:
 
 
 def _release_in(place: FolderPlace, slot: Slot, length: int) -> int | None:
-    """Which release is in a slot, byte by byte."""
     try:
         content = place.backing().read(slot, 0, length)
     except MediumError:
@@ -292,51 +282,37 @@ def main(
     began = perf_counter()
     operations = walk(0, lambda number: False).operations
     of = -(-operations // (PIECE * every))
-    pieces = [
-        Piece(seed, number, of * every, second_cuts / operations)
-        for seed in range(seeds)
-        for number in range(0, of * every, every)
-    ]
+    pieces = [(seed, number) for seed in range(seeds) for number in range(0, of * every, every)]
+    work = partial(run_piece, of=of * every, share=second_cuts / operations)
     total = Tally()
-    for tally in track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces)):
+    for tally in track(spread(work, pieces, workers), "cuts", "parts", len(pieces)):
         total.add(tally)
-    figures = figures_of(total) | {"seconds_proof": perf_counter() - began}
-    report(
-        json_file,
-        "flash",
-        figures,
-        packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"),
-        shown=list(figures),
-        every=every,
-        seeds=seeds,
-        second_cuts=second_cuts,
-        workers=workers,
-    )
-    if total.findings:
-        first = total.findings[0]
-        raise ProofError(f"{len(total.findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
-
-
-def run_piece(piece: Piece) -> Tally:
-    """Its cases; of the second cuts a share, chosen by their numbers and the seed alone."""
-
-    def second(first: int, number: int) -> bool:
-        return Random(f"{piece.seed} {first} {number}").random() < piece.share
-
-    return walk(piece.seed, lambda number: number % piece.of == piece.number, second)
-
-
-def figures_of(total: Tally) -> dict[str, Any]:
-    """What was counted."""
     lost = Counter(finding.kind for finding in total.findings)
-    return {
+    figures = {
         "operations": total.operations,
         "cuts_depth_1": total.cases[1],
         "cuts_depth_2": total.cases[2],
         "boots": total.boots,
         **{kind: lost[kind] for kind in KINDS},
         "cases_lost": [str(finding.case) for finding in total.findings][:20],
+        "seconds_proof": perf_counter() - began,
     }
+    facts: dict[str, Any] = {"every": every, "seeds": seeds, "second_cuts": second_cuts, "workers": workers}
+    report(json_file, "flash", figures, packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"), **facts)
+    if total.findings:
+        first = total.findings[0]
+        raise ProofError(f"{len(total.findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
+
+
+def run_piece(piece: tuple[int, int], *, of: int, share: float) -> Tally:
+    """Some of the cases of one walk, by its seed and a number: every `of`th operation from there on, and a share of the
+    second cuts, chosen by their numbers and the seed alone."""
+    seed, begin = piece
+
+    def second(first: int, number: int) -> bool:
+        return Random(f"{seed} {first} {number}").random() < share
+
+    return walk(seed, lambda number: number % of == begin, second)
 
 
 def _replay(case: Case) -> None:
