@@ -21,14 +21,9 @@ from contract.atomic import replacing
 
 
 class PageTable(NamedTuple):
-    """A table of the pages.
-
-    Attributes:
-        made: function that returns the table, given the contents of the results files.
-        files: names of the results files without their ending.
-        origin: results file whose date, version and release are stated below the table; empty if the table itself
-            states them. If a table is made from several files, this is the file of most of its rows.
-    """
+    """A table of the pages: the function that returns it, the names of the results files that this function takes, and
+    the results file, of most of its rows, whose date, version and release are stated below the table; empty if the
+    table itself states them."""
 
     made: Callable[..., str]
     files: tuple[str, ...]
@@ -96,8 +91,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def _origin(path: Path) -> str:
-    """Return a sentence with the date, version and release of a table's measurement; facts that its results file lacks
-    are left out."""
+    """Return a sentence with the date, and as far as they are known version and release, of a measurement."""
     found = read(path)
     facts = found["facts"]
     bundle = facts.get("bundle_name") or facts.get("bundle") or facts.get("controller") or ""

@@ -63,11 +63,7 @@ class Vehicle:
         return (self.number + 1) * self.config.period_ns
 
     def frames(self, *, ratio: float = 0.9) -> list[Frame]:
-        """Return the frames of the next period; the Pressure frame is the last.
-
-        Args:
-            ratio: vehicle's speed divided by the operating point's speed.
-        """
+        """Return the frames of the next period, the Pressure frame last; `ratio` is the speed in design speeds."""
         point, cp = self.config.operating_point, self._rows[self.number % len(self._rows), :-1].copy()
         if self.held is not None:
             cp[self.held] = self._rows[0, self.held]
@@ -98,13 +94,8 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Period:
-    """A control period.
-
-    Attributes:
-        flood: frames that wake the core before the vehicle's frames arrive.
-        health: health of the bus.
-        late_ns: time in ns by which the period starts late.
-    """
+    """A control period, which starts late by `late_ns`; the frames of the flood wake the core before the vehicle's
+    frames arrive."""
 
     frames: Sequence[Frame]
     flood: Sequence[Frame] = ()
@@ -113,11 +104,7 @@ class Period:
 
 
 class Measured(NamedTuple):
-    """The work of a control period.
-
-    Attributes:
-        is_mean: whether the period is under control in the drive with the release's own goal.
-    """
+    """The work of a control period; `is_mean` if it is under control in the drive with the release's own goal."""
 
     drive: str
     cycles: int
@@ -216,8 +203,7 @@ def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, most: Most) -
 
 
 def _tiny(ecu: BoardEcu, saved: bytes) -> bytes:
-    """Return the saved state, in which every mean of the sensor check and of the benefit check is replaced by the
-    smallest positive number."""
+    """Return the saved state with `_TINY` for every mean of the sensor check and of the benefit check."""
     ffi = ecu.structs.ffi
     state = ffi.new("sw_ecu_state *")
     ffi.buffer(state)[:] = saved
@@ -256,8 +242,7 @@ def _at_all_speeds(vehicle: Vehicle) -> Iterator[Period]:
 
 
 def _lost(vehicle: Vehicle) -> Iterator[Period]:
-    """Yield periods with lost frames, a bus-off, a late period, and a gap of half a second. Undisturbed periods follow
-    the lost frames and the gap."""
+    """Yield lost frames, a bus-off, a late period, and a gap of half a second, with undisturbed periods in between."""
     for lost in (1, 2, 4):
         for _ in range(lost):
             vehicle.frames()

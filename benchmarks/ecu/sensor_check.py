@@ -87,12 +87,7 @@ class Ahead:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lab:
-    """The shipped check and its network.
-
-    Attributes:
-        check: sensor check with the settings of the ECU.
-        network: the network of the check's graph, computed by NumPy.
-    """
+    """The shipped check, with the settings of the ECU, and the network of its graph, computed by NumPy."""
 
     check: SensorCheck
     network: EstimatorNetwork
@@ -100,12 +95,8 @@ class Lab:
     def read(
         self, passage: Passage, state: SensorCheckState, first: int = 0, *, restart: SensorCheckState | None = None
     ) -> Iterator[tuple[int, SensorCheckState, SensorCheckState]]:
-        """Yield each step from `first` on, with the check's states before and after it.
-
-        Args:
-            state: state before the first step.
-            restart: state from which the check starts again after an alarm; if None, it continues.
-        """
+        """Yield each step from `first` on, with the check's states before and after it. After an alarm it starts again
+        from the state `restart`; if this is None, it continues."""
         length, ahead = self.network.window, Ahead()
         windows = _windows(passage, length)[first:]
         check = replace(self.check, estimator=ahead)
@@ -127,8 +118,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """The outcome of a fault: the sensor that was excluded, whether the jets were shut, and the number of periods until
-    then."""
+    """What a fault came to: the excluded sensor, whether the jets were shut, and the periods until then."""
 
     set_aside: int | None
     shut: bool
