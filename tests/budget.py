@@ -35,11 +35,6 @@ _Cost = tuple[float, float, str]
 """CPU seconds, the budget, the test."""
 
 
-def budget_s(markers: set[str]) -> float:
-    """CPU seconds that a test with these markers may take."""
-    return max((SECONDS[name] for name in markers & SECONDS.keys()), default=UNMARKED)
-
-
 def _limit_s(budget: float) -> float:
     return ALLOWANCE * budget + IMPORTS_S
 
@@ -66,7 +61,8 @@ class Budget:
             return (yield)
         finally:
             markers = {marker.name for marker in item.iter_markers()}
-            self._costs.append((_cpu_s() - before, budget_s(markers), item.nodeid))
+            budget = max((SECONDS[name] for name in markers & SECONDS.keys()), default=UNMARKED)
+            self._costs.append((_cpu_s() - before, budget, item.nodeid))
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Count the tests."""

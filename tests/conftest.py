@@ -214,13 +214,8 @@ def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> Iterator["TruckWake
 
 @dataclass(frozen=True)
 class Coarse:
-    """The developed wake on a grid with a sixth of the cells, whose control period costs a fifteenth.
-
-    Attributes:
-        words: options of commands that run the plant.
-        flow: the settings.
-        start: the state.
-    """
+    """The developed wake on a grid with a sixth of the cells, whose control period costs a fifteenth; `words` are
+    options of commands that run the plant."""
 
     words: tuple[str, ...]
     flow: FlowConfig

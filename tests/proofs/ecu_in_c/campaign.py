@@ -45,19 +45,13 @@ def traffic(name: str, seed: str, horizon: int) -> Iterator[Period]:
 
 
 def recorded(
-    twin: PythonTwin,
-    periods: Iterator[Period],
-    count: int,
-    *,
-    modes: Counter[str] | None = None,
-    edges: Edges | None = None,
-    rng: Random | None = None,
-    moved: float = MOVED,
-) -> Any:
-    """So many periods lived through by the Python ECU, as an array of `twin_period`; `edges` moves it now and then."""
-    room = twin.layout.periods(count)
+    twin: PythonTwin, periods: Iterator[Period], count: int, edges: Edges | None, rng: Random, moved: float = MOVED
+) -> tuple[Any, Counter[str]]:
+    """So many periods lived through by the Python ECU, as an array of `twin_period`, and how many in each operating
+    mode; `edges` moves it now and then."""
+    room, modes = twin.layout.periods(count), Counter[str]()
     for place, period in zip(room, islice(periods, count), strict=True):
-        if edges is not None and rng is not None and rng.random() < moved:
+        if edges is not None and rng.random() < moved:
             state = twin.power_on if period.restarts else twin.ecu.state
             frames = period.frames if rng.random() < 0.5 else []
             answers = period.answers if moved < NEARLY_ALL or rng.random() < 0.7 else spoilt(period.answers, rng)
@@ -65,9 +59,8 @@ def recorded(
             twin.live_through(near, place)
         else:
             twin.live_through(period, place)
-        if modes is not None:
-            modes[twin.ecu.state.fail_safe.mode.name] += 1
-    return room
+        modes[twin.ecu.state.fail_safe.mode.name] += 1
+    return room, modes
 
 
 def _begun_anew(periods: Iterator[Period]) -> Iterator[Period]:
@@ -97,7 +90,8 @@ def stretch(library: Library, name: str, seed: str, steps: int) -> Stretch:
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
     while done < steps:
         count = min(CHUNK, steps - done)
-        room = recorded(twin, periods, count, modes=modes, edges=edges, rng=rng)
+        room, some = recorded(twin, periods, count, edges, rng)
+        modes += some
         same = library.run(room, count)
         if same < count:
             shown = "; ".join(layout.differences(room[same].response, library.found[0])[:3])
@@ -111,5 +105,5 @@ def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
     twin, rng = PythonTwin(VARIANTS[name], layout), Random(f"edges {seed}")
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
     periods = _begun_anew(traffic(name, seed, twin.horizon))
-    room = recorded(twin, periods, steps, edges=edges, rng=rng, moved=NEARLY_ALL)
+    room, _ = recorded(twin, periods, steps, edges, rng, NEARLY_ALL)
     return bytes(layout.ffi.buffer(room))

@@ -68,13 +68,7 @@ class Networks:
         self.estimated_on.clear()
 
     def control_step(
-        self,
-        window: Array,
-        plan: Array,
-        free: Array,
-        weights: Array | None = None,
-        speed: float = 1.0,
-        limit: float | None = None,
+        self, window: Array, plan: Array, free: Array, weights: Any = None, speed: float = 1.0, limit: Any = None
     ) -> ControlStep:
         assert weights is not None and limit is not None
         self.planned_on.append((window, plan, free, weights, np.array([speed, limit])))

@@ -55,13 +55,8 @@ class ProofError(StillwakeError):
 
 
 class Case(NamedTuple):
-    """One case.
-
-    Attributes:
-        seed: of what the cut leaves behind.
-        first: operation of the sequence.
-        second: operation after the power-on, if there is a second cut.
-    """
+    """One case: the seed of what the cut leaves behind, the operation of the sequence in which the supply is cut, and
+    the one after the power-on, if there is a second cut."""
 
     seed: int
     first: int
@@ -81,12 +76,8 @@ class Case(NamedTuple):
 
 @dataclass
 class Asked:
-    """How far the tester had come: what may be found after a cut.
-
-    Attributes:
-        received: bytes that the ECU acknowledged.
-        activated, confirmed: whether it was asked for.
-    """
+    """How far the tester had come, by which is known what may be found after a cut: bytes that the ECU acknowledged,
+    and whether activation and confirmation were asked for."""
 
     received: int = 0
     activated: bool = False
@@ -110,13 +101,8 @@ class Finding(NamedTuple):
 
 @dataclass
 class Tally:
-    """Cases by depth, and what went wrong in them.
-
-    Attributes:
-        operations: of the whole sequence without a cut.
-        boots: each of which checked the image that it booted.
-        report: called with what happens in each case.
-    """
+    """Cases by depth, and what went wrong in them; operations of the whole sequence without a cut; boots, each of which
+    checked the image that it booted. What happens in each case is told to `report`."""
 
     cases: Counter[int] = field(default_factory=Counter)
     findings: list[Finding] = field(default_factory=list)
@@ -161,14 +147,8 @@ def walk(
     then: Callable[[int, int], bool] = lambda first, second: False,
     tally: Tally | None = None,
 ) -> Tally:
-    """The whole sequence, with a case for each operation that `at` picks.
-
-    Args:
-        seed: of what cuts leave behind.
-        at: whether to cut in the operation with this number of the sequence.
-        then: whether to cut in the second operation during the recovery from the first one.
-        tally: to count in, in place of a new one.
-    """
+    """The whole sequence, with a case for each operation of its number that `at` picks, and a further one for each that
+    `then` picks in the recovery from it. The seed is of what cuts leave behind; a `tally` is gone on with."""
     place, tally = provisioned(seed), tally or Tally()
     begin, asked = place.operations, Asked()
 

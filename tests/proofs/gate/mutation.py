@@ -40,18 +40,9 @@ KILLED: Final = ("killed", "caught by type check")
 
 
 def measure(*, gate: Path = ROOT / GATE, tests: Path = ROOT / TESTS) -> dict[str, Any]:
-    """Make every mutant and run the tests on it; a minute.
-
-    Args:
-        gate: file to mutate, in place of the command gate.
-        tests: file of the tests that judge it.
-
-    Returns:
-        `gate_mutants`, `gate_mutants_survived`, and `gate_survivors`: name, status and lines changed of each.
-
-    Raises:
-        StillwakeError: if mutmut is missing, or the tests fail on the gate as it is.
-    """
+    """Make every mutant of the gate, or of another file, and run a file of tests on it; a minute. Each of the
+    `gate_survivors` has name, status and changed lines. Raises StillwakeError if mutmut is missing, or the tests fail
+    on the gate as it is."""
     try:
         tool = version("mutmut")
     except PackageNotFoundError as error:

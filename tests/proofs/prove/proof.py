@@ -120,14 +120,9 @@ class Sabotage:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The result of an item. `conditions` is the number of conditions that the solver had to show, of which a line of
-    code may have many, or of statements that Eva reached.
-
-    Attributes:
-        seconds: CPU time, in seconds.
-        why: reason why the item is open, or the violated property.
-        key: hash of the sources, the harness and the tool of this result.
-    """
+    """The result of an item: the number of conditions that the solver had to show, of which a line of code may have
+    many, or of statements that Eva reached; CPU time in seconds; the reason why the item is open, or the violated
+    property; and a hash of the sources, the harness and the tool."""
 
     state: State
     conditions: int = 0
