@@ -103,22 +103,14 @@ def _origin(path: Path) -> str:
 
 def pages() -> list[Path]:
     """Return every page that contains a table."""
-    return [page for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))) if names(_read(page))]
-
-
-def filled(page: Path, made: dict[str, str]) -> str:
-    """Return the page with its tables replaced by those in `made`."""
-    return fill(_read(page), made)
+    candidates = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+    return [page for page in candidates if names(page.read_text(encoding="utf-8"))]
 
 
 def main() -> None:
     """Write all pages that contain tables."""
     made = tables(ROOT / "results")
     for page in pages():
-        text = filled(page, made)
+        text = fill(page.read_text(encoding="utf-8"), made)
         with replacing(page) as temporary:
             temporary.write_text(text, encoding="utf-8")
-
-
-def _read(page: Path) -> str:
-    return page.read_text(encoding="utf-8")

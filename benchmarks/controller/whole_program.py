@@ -106,7 +106,8 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
         objects = [f"{name}.lto.o" for name in names]
         whole = ("-flto-partition=none", "-fwhole-program", "-fcallgraph-info=su", "-save-temps=obj", *DUMPS)
         _run(folder, *BARE, *AS_WRITTEN, *whole, *_LINK, *objects, "-lgcc", "-o", "whole.elf")
-        bodies, graph, symbols = (_one(folder, f"whole*.{end}") for end in ("cunrolli", "ci", "whole-program"))
+        reports = [path for end in ("cunrolli", "ci", "whole-program") for path in folder.glob(f"whole*.{end}")]
+        bodies, graph, symbols = (path.read_text(encoding="utf-8") for path in reports)
     _, titles = calls_of([graph], {})
     names_of = {title.rpartition(":")[2]: name for title, name in titles.items()}
     pointed_at = {item: names_of[item] for item in _TAKEN.findall(symbols) if item in names_of}
@@ -214,11 +215,6 @@ def _type(result: str, parameters: Iterable[str]) -> str:
     """Return a function's type as a text in which spaces make no difference."""
     plain = (re.sub(r"\brestrict\b|\bstatic\b|\s+", "", item.replace("struct ", "")) for item in (result, *parameters))
     return " ".join(plain)
-
-
-def _one(folder: Path, pattern: str) -> str:
-    (path,) = folder.glob(pattern)
-    return path.read_text(encoding="utf-8")
 
 
 def compiler_version() -> str:

@@ -18,6 +18,7 @@ from functools import partial
 from math import log
 from pathlib import Path
 from time import perf_counter
+from types import SimpleNamespace
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
@@ -74,17 +75,6 @@ class Moment(NamedTuple):
     state: SensorCheckState
 
 
-class Ahead:
-    """An estimator whose estimates of the present step, `now`, were computed in advance."""
-
-    now: Array
-
-    def estimates(self, window: Array) -> Array:
-        """Return the estimates of the present step (see `ecu.sensor_check.EstimatorModel`)."""
-        del window
-        return self.now
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lab:
     """The shipped check, with the settings of the ECU, and the network of its graph, computed by NumPy."""
@@ -97,8 +87,10 @@ class Lab:
     ) -> Iterator[tuple[int, SensorCheckState, SensorCheckState]]:
         """Yield each step from `first` on, with the check's states before and after it. After an alarm it starts again
         from the state `restart`; if this is None, it continues."""
-        length, ahead = self.network.window, Ahead()
+        length = self.network.window
         windows = _windows(passage, length)[first:]
+        # An estimator whose estimates of the present step, `now`, were computed in advance.
+        ahead: Any = SimpleNamespace(estimates=lambda window: ahead.now)
         check = replace(self.check, estimator=ahead)
         for step, (window, ahead.now) in enumerate(zip(windows, _estimates(self.network, windows), strict=True), first):
             before, cp = state, passage.cp[step] if passage.heard[step] else None

@@ -8,7 +8,7 @@ statements are left out; rows and entries of constant tables are changed. What i
 labels, and the constants inside a `sizeof`. Every loop asks for fuel, so that a mutant which never ends does end.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from pycparser import c_ast, c_generator, c_parser
@@ -229,24 +229,15 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         kind = n.type.type.type.names[-1] if isinstance(n.type, c_ast.ArrayDecl) else ""
         fields = self._structs.get(kind, [])
         for index, row in enumerate(n.init.exprs):
-            for path, entry in _entries(f"{n.name}[{index}]", row, fields):
-                for other in _others_of(self._plain.visit(entry), is_mask=path.endswith(".start")):
-                    number = self._mutant(entry, f"{path} = {self._plain.visit(entry)}", other)
-                    self.changes.append((number, f"{path} = {other}"))
-
-
-def _entries(path: str, row: Any, fields: list[str]) -> Iterator[tuple[str, Any]]:
-    if isinstance(row, c_ast.InitList):
-        yield from ((f"{path}.{field}", entry) for field, entry in zip(fields, row.exprs, strict=True))
-    else:
-        yield path, row
-
-
-def _others_of(text: str, *, is_mask: bool) -> list[str]:
-    if is_mask:
-        # A mode left out, of those that are in: the others are in the rows before or after.
-        return [f"({text}) & ~(1u << (unsigned)SW_{mode})" for mode in MODES if f"SW_{mode})" in text]
-    return [f"({text}) + 1", f"({text}) - 1"]
+            is_struct = isinstance(row, c_ast.InitList)
+            for field, entry in zip(fields, row.exprs, strict=True) if is_struct else [("", row)]:
+                path, text = f"{n.name}[{index}].{field}".rstrip("."), self._plain.visit(entry)
+                others = [f"({text}) + 1", f"({text}) - 1"]
+                if field == "start":
+                    # A mode left out, of those that are in: the others are in the rows before or after.
+                    others = [f"({text}) & ~(1u << (unsigned)SW_{mode})" for mode in MODES if f"SW_{mode})" in text]
+                for other in others:
+                    self.changes.append((self._mutant(entry, f"{path} = {text}", other), f"{path} = {other}"))
 
 
 def _drop_const(node: Any) -> None:
