@@ -12,14 +12,8 @@ from typing import Any, Final
 import pytest
 
 SECONDS: Final = {
-    "openfoam": 600.0,
-    "proofs": 3600.0,
-    "pages": 600.0,
-    "slow": 10.0,
-    "compiler": 10.0,
-    "mcu": 10.0,
-    "processes": 10.0,
-    "browser": 10.0,
+    **{"openfoam": 600.0, "proofs": 3600.0, "pages": 600.0},
+    **dict.fromkeys(("slow", "compiler", "mcu", "processes", "browser"), 10.0),
 }
 """By marker; the largest counts."""
 UNMARKED: Final = 0.5

@@ -28,8 +28,6 @@ from stillwake import __main__ as command_line
 
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=walk")
 UDP = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.9")
-
-
 PAGE = "http://127.0.0.1:8769/"
 
 

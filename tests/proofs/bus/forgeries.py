@@ -21,8 +21,7 @@ from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageS
 
 @dataclass(kw_only=True, eq=False)
 class _Scene:
-    """A bus after some genuine frames, which the attacker, who has `other`, has recorded; `number` is that of the next
-    genuine frame."""
+    """A bus after genuine frames, which the attacker, who has `other`, recorded; the next one has the `number`."""
 
     spec: MessageSpec
     key: Key
@@ -102,9 +101,8 @@ KINDS: Final[dict[str, Callable[[_Scene], bytes]]] = {
 
 
 def measure(count: int = 300_000, *, recorded: int = 1000, seed: int = 0) -> dict[str, Any]:
-    """Attack each secured message with its share of `count` forgeries, a genuine frame behind each; the attacker has
-    so many `recorded` frames of each other message. The figures have the counts by kind, and how many genuine frames
-    were refused."""
+    """Attack each secured message with its share of `count` forgeries, a genuine frame behind each. The attacker has
+    `recorded` frames of each other message. The figures have counts by kind, and how many genuine ones were refused."""
     by_kind = {kind: {"tried": 0, "accepted": 0} for kind in KINDS}
     kinds, refused = list(KINDS), 0
     for spec in SECURED.specs:

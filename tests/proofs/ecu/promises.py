@@ -37,7 +37,6 @@ DRIVING: Final = (2, 3, 4)
 OFF, WARMUP, CONTROL, HOLD, DECAY, FAULT = range(6)
 """As in the DBC's table of modes."""
 
-
 PROMISES: Final = {
     "exceptions": "no exception leaves the ECU's step or the vehicle's node",
     "frames": "each step sends one JetCommand and one EcuStatus, sound, counted without a gap, of one mode",

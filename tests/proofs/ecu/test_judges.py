@@ -18,12 +18,10 @@ from ecu.pressure_reception import PressureReception
 from ecu.timing import StepTiming
 from firmware_sim.bench.vehicle_node import EchoTracker, VehicleNode
 from tests.proofs.ecu import hostile
-from tests.proofs.ecu.hostile_world import Events, RandomEvents, World
+from tests.proofs.ecu.hostile_world import CALM, Events, RandomEvents, World
 from tests.proofs.ecu.promises import PROMISES
 
 CONFIG = Config()
-CALM = [Events(request=k > 0) for k in range(10)]
-"""Into control: the request rises with the second frame."""
 SWINGS = [Events(value=value) for value in (0.15, -0.15) * 3]
 LOST = [Events(pressure="lost")] * 5
 HALF_LOST = [Events(pressure="lost" if k % 2 else "pass") for k in range(70)]

@@ -1,6 +1,7 @@
 """Branches of the ECU's C that recorded periods take, by gcc and gcovr; the networks' arithmetic is not among them."""
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,11 +26,7 @@ EXCLUDED: Final = {
 
 
 def is_possible() -> bool:
-    try:
-        subprocess.run(["gcc", "--version"], capture_output=True, check=True)
-    except OSError:
-        return False
-    return find_spec("gcovr") is not None
+    return shutil.which("gcc") is not None and find_spec("gcovr") is not None
 
 
 def replay_program(
@@ -89,8 +86,7 @@ def branches(root: Path, *options: str) -> Iterator[tuple[str, str, list[int]]]:
 
 
 def without_reason(never: Iterable[str], reasons: Mapping[tuple[str, str], str]) -> list[str]:
-    """Places of branches that are never taken, `file:line: text`, for which there is no reason by file and text of the
-    line; and reasons for what is taken."""
+    """Places, `file:line: text`, that have no reason by file and text of the line; and reasons for what is taken."""
     places = set(never)
     named = {key: {one for one in places if one.startswith(f"{key[0]}:") and key[1] in one} for key in reasons}
     idle = [f"{key} is taken" for key, found in named.items() if not found]

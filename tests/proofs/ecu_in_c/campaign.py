@@ -47,8 +47,7 @@ def traffic(name: str, seed: str, horizon: int) -> Iterator[Period]:
 def recorded(
     twin: PythonTwin, periods: Iterator[Period], count: int, edges: Edges | None, rng: Random, moved: float = MOVED
 ) -> tuple[Any, Counter[str]]:
-    """So many periods lived through by the Python ECU, as an array of `twin_period`, and how many in each operating
-    mode; `edges` moves it now and then."""
+    """So many periods of the Python ECU, moved by `edges` now and then, as an array of `twin_period`, and its modes."""
     room, modes = twin.layout.periods(count), Counter[str]()
     for place, period in zip(room, islice(periods, count), strict=True):
         if edges is not None and rng.random() < moved:

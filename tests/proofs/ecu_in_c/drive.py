@@ -14,8 +14,7 @@ from tests.proofs.ecu_in_c.variants import SPEEDS
 
 
 class Drive:
-    """A vehicle with a release that serves a range of speeds; `ratio` is its speed in design speeds, `density` that of
-    the air in kg/m3."""
+    """A vehicle of any speed: its `ratio` to the design speed, and the density of the air in kg/m3."""
 
     def __init__(self, config: Config, rng: Random) -> None:
         self._rng, self._message, self._settings = rng, message_set(config.bus).speed, config.ecu.speed

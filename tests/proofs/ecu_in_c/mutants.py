@@ -133,8 +133,7 @@ def plain(contents: Mapping[str, bytes], file: str) -> str:
 
 
 def survivors(mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int]) -> list[int]:
-    """Those of the numbers that no recording, an array of `twin_period`, notices; 0, no mutant, must be among them if
-    it was asked for."""
+    """Those of the numbers that no recording, an array of `twin_period`, notices; 0, no mutant, is always one."""
     ffi = mutation.layout.ffi
     size = ffi.sizeof("twin_period")
     c = ffi.dlopen(str(mutation.library))

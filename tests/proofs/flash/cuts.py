@@ -44,8 +44,6 @@ OLD, NEW = 1, 2
 """Security versions of the two releases."""
 KINDS: Final = ("bricked", "wrong_release", "confirmed_lost", "counter_moved", "checkpoint_lost", "reflash_failed")
 """What can go wrong in a case."""
-
-
 PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
 

@@ -34,12 +34,8 @@ SETTINGS: Final = {
     "their number": EcuConfig(hold_periods=2, decay_periods=2, rearm_frames=2, loss_window=5, loss_limit=3),
 }
 """Lengths of hold, decay and re-arming, and limits: as large as is needed for every row of the table."""
-
-
-def lengths(config: EcuConfig) -> dict[str, int]:
-    """The settings that the table depends on."""
-    names = ("hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit")
-    return {name: getattr(config, name) for name in names}
+LENGTHS: Final = ("hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit")
+"""The settings that the table depends on."""
 
 
 class ViolationError(AssertionError):

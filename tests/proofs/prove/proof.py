@@ -269,8 +269,7 @@ def _tell(name: str, outcome: Outcome) -> None:
 
 
 def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
-    """Return a hash of the files, without comments, on which a result depends: the harness, the files that it includes,
-    and others."""
+    """Return a hash of the files, without comments, on which a result depends: the harness and all that it includes."""
     name, others = (of.name, of.sources) if isinstance(of, Item) else (of.item, (of.file,))
     run = (of.unwind, of.define) if isinstance(of, Item) else (of.file, of.old, of.new)
     everything = hashlib.sha256(repr((name, run, esbmc.stat().st_size)).encode())
