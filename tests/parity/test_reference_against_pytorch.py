@@ -6,6 +6,7 @@ Random reals hit no kink of max, min or |Cl|; ties are tested on their own.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def one_thread():
 
 
 def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
-    expected = EagerController(program, torch.float64).control_step(*case.arguments)
+    expected: Any = EagerController(program, torch.float64).control_step(*case.arguments)
     found = control_step(program, *case.arguments)
     for name, value in zip(("plan", "forces", "terms", "cost"), expected, strict=True):
         np.testing.assert_allclose(getattr(found, name), value, rtol=0, atol=TOLERANCE, err_msg=name)
