@@ -1,2 +1,1 @@
-"""Measurements, and the tables that are made from their results. Run `python -m benchmarks NAME`, then `make
-tables`."""
+"""Measurements (`python -m benchmarks NAME`), and the tables that are made from their results (`make tables`)."""

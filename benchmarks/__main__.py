@@ -22,9 +22,8 @@ from stillwake.console.stopping import ends_like_ctrl_c
 
 
 class Measurement(NamedTuple):
-    """One line in the list of measurements: the module with the function `main`, which is imported only when the
-    measurement runs, because each measurement needs other packages; a description; and the approximate duration on two
-    cores."""
+    """A line of the list: the module with the function `main`, which is imported only when the measurement runs because
+    each needs other packages; a description; and the approximate duration on two cores."""
 
     module: str
     text: str
@@ -59,8 +58,7 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names, with the other arguments as options; the exit statuses are
-    those of `stillwake`."""
+    """Run the measurement that the first argument names; the exit statuses are those of `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 

@@ -50,8 +50,7 @@ _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """A file in `results/` and the command that makes it. Both are read from a table in `full.toml`, which explains the
-    fields."""
+    """A file in `results/` and the command that makes it: a table of `full.toml`, which explains the fields."""
 
     name: str
     run: str

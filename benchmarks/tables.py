@@ -21,14 +21,9 @@ from contract.atomic import replacing
 
 
 class PageTable(NamedTuple):
-    """A table of the pages.
-
-    Attributes:
-        made: function that returns the table, given the contents of the results files.
-        files: names of the results files without their ending.
-        origin: results file whose date, version and release are stated below the table; empty if the table itself
-            states them. If a table is made from several files, this is the file of most of its rows.
-    """
+    """A table of the pages: the function that returns it, the names of the results files that this function takes, and
+    the results file, of most of its rows, whose date, version and release are stated below the table; empty if the
+    table itself states them."""
 
     made: Callable[..., str]
     files: tuple[str, ...]
@@ -96,8 +91,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def _origin(path: Path) -> str:
-    """Return a sentence with the date, version and release of a table's measurement; facts that its results file lacks
-    are left out."""
+    """Return a sentence with the date, and as far as they are known version and release, of a measurement."""
     found = read(path)
     facts = found["facts"]
     bundle = facts.get("bundle_name") or facts.get("bundle") or facts.get("controller") or ""
@@ -109,22 +103,14 @@ def _origin(path: Path) -> str:
 
 def pages() -> list[Path]:
     """Return every page that contains a table."""
-    return [page for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))) if names(_read(page))]
-
-
-def filled(page: Path, made: dict[str, str]) -> str:
-    """Return the page with its tables replaced by those in `made`."""
-    return fill(_read(page), made)
+    candidates = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+    return [page for page in candidates if names(page.read_text(encoding="utf-8"))]
 
 
 def main() -> None:
     """Write all pages that contain tables."""
     made = tables(ROOT / "results")
     for page in pages():
-        text = filled(page, made)
+        text = fill(page.read_text(encoding="utf-8"), made)
         with replacing(page) as temporary:
             temporary.write_text(text, encoding="utf-8")
-
-
-def _read(page: Path) -> str:
-    return page.read_text(encoding="utf-8")

@@ -38,13 +38,8 @@ def chromium() -> Iterator["Browser"]:
 
 @dataclass
 class Visit:
-    """An open page.
-
-    Attributes:
-        page: to be driven.
-        home: how each address begins that it may ask for.
-        troubles: errors that it met, and requests that left `home`.
-    """
+    """An open page to be driven, how each address begins that it may ask for, and its troubles: errors that it met, and
+    requests that left `home`."""
 
     page: "Page"
     home: str

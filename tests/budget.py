@@ -12,14 +12,8 @@ from typing import Any, Final
 import pytest
 
 SECONDS: Final = {
-    "openfoam": 600.0,
-    "proofs": 3600.0,
-    "pages": 600.0,
-    "slow": 10.0,
-    "compiler": 10.0,
-    "mcu": 10.0,
-    "processes": 10.0,
-    "browser": 10.0,
+    **{"openfoam": 600.0, "proofs": 3600.0, "pages": 600.0},
+    **dict.fromkeys(("slow", "compiler", "mcu", "processes", "browser"), 10.0),
 }
 """By marker; the largest counts."""
 UNMARKED: Final = 0.5
@@ -33,11 +27,6 @@ SHOWN: Final = 10
 
 _Cost = tuple[float, float, str]
 """CPU seconds, the budget, the test."""
-
-
-def budget_s(markers: set[str]) -> float:
-    """CPU seconds that a test with these markers may take."""
-    return max((SECONDS[name] for name in markers & SECONDS.keys()), default=UNMARKED)
 
 
 def _limit_s(budget: float) -> float:
@@ -66,7 +55,8 @@ class Budget:
             return (yield)
         finally:
             markers = {marker.name for marker in item.iter_markers()}
-            self._costs.append((_cpu_s() - before, budget_s(markers), item.nodeid))
+            budget = max((SECONDS[name] for name in markers & SECONDS.keys()), default=UNMARKED)
+            self._costs.append((_cpu_s() - before, budget, item.nodeid))
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Count the tests."""

@@ -22,10 +22,12 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
+from tests.browser import chromium
 from tests.c_builds import MODULES, SharedBuilds
 
 if TYPE_CHECKING:
     import typer
+    from playwright.sync_api import Browser
 
     from export.release.gated import Gated
     from tests.ecu.in_c.exported import Exported
@@ -214,13 +216,8 @@ def shared_wake(tmp_path_factory: pytest.TempPathFactory) -> Iterator["TruckWake
 
 @dataclass(frozen=True)
 class Coarse:
-    """The developed wake on a grid with a sixth of the cells, whose control period costs a fifteenth.
-
-    Attributes:
-        words: options of commands that run the plant.
-        flow: the settings.
-        start: the state.
-    """
+    """The developed wake on a grid with a sixth of the cells, whose control period costs a fifteenth; `words` are
+    options of commands that run the plant."""
 
     words: tuple[str, ...]
     flow: FlowConfig
@@ -274,6 +271,12 @@ def public_key_file(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("keys")
     signing.write_key_pair(folder, SIGNING_KEY)
     return folder / signing.PUBLIC_KEY
+
+
+@pytest.fixture(scope="module")
+def browser() -> "Iterator[Browser]":
+    with chromium() as found:
+        yield found
 
 
 @pytest.fixture

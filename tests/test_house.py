@@ -35,6 +35,7 @@ STAND_TWICE = {
 }
 """Public names in several files by the reason for which they stay; every other one says which it is."""
 _PUBLIC = re.compile(r"^(?:class (?=[A-Z])|(?=[A-Z]\w*(?:: [^=\n]+)? = ))(\w+)", re.MULTILINE)
+"""A class or constant at the top of a file that others may use."""
 _WORDS = r"(?:As|After|At|By|For|From|In|Of|On|To|With|Until)\b.*"
 _DOCSTRING = re.compile(rf'^\s*r?"""\s*{_WORDS}', re.MULTILINE)
 """The beginning of a docstring of a module, class, function, constant or field."""
@@ -145,15 +146,10 @@ def test_no_folder_is_a_long_list():
     assert {str(path): len(found) for path, found in modules.items() if len(found) > MOST_C_MODULES} == {}
 
 
-def _public(path: Path) -> list[str]:
-    """Classes and constants at the top of a file that others may use."""
-    return _PUBLIC.findall(re.sub('"""(?s:.)*?"""', "", path.read_text(encoding="utf-8")))
-
-
 def test_no_public_name_stands_twice():
     files: dict[str, set[Path]] = {}
     for path in sources(*ROOMS):
-        for name in _public(path):
+        for name in _PUBLIC.findall(re.sub('"""(?s:.)*?"""', "", path.read_text(encoding="utf-8"))):
             files.setdefault(name, set()).add(path)
     twice = {name: sorted(map(str, found)) for name, found in files.items() if len(found) > 1}
     listed = " ".join(STAND_TWICE.values()).split()

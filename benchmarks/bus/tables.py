@@ -125,8 +125,7 @@ def _priority(name: str) -> int:
 
 
 def can_load(*found: Any) -> str:
-    """Return a table with a row for each of the project's messages, and the total load of the bus below the table, from
-    the results of `CAN_LOADS`."""
+    """Return the table of the project's messages, with the total load of the bus, from the results of `CAN_LOADS`."""
     rows, lines = [], []
     for name, alone, loaded in zip(("CAN FD", "classic CAN"), found[::2], found[1::2], strict=True):
         others = _ours(loaded)
@@ -153,8 +152,7 @@ def _load(result: Any) -> str:
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each stage and for the idle loop. The left columns are for ONNX Runtime, the right
-    columns for C; the verdicts are below the table."""
+    """Return the table of the stages and of the idle loop, with the verdicts below it."""
     runs = [found["figures"][name] for name in CONTROLLERS]
     rows = [
         (LABELS[stage], *(cell for run in runs for cell in _cells(run["stages"][stage], _misses(run, stage))))

@@ -55,8 +55,7 @@ def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -
 
 
 def stillwake(*arguments: object) -> None:
-    """Run one command of this source tree, which writes its messages to the terminal. Raises StillwakeError if the
-    command fails."""
+    """Run one command of this source tree; raises StillwakeError if the command fails."""
     words = [str(argument) for argument in arguments]
     with subprocess.Popen([sys.executable, "-m", "stillwake", *words]) as process:
         try:

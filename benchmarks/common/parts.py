@@ -12,8 +12,7 @@ from contract.side_by_side import process_pool
 
 
 def part(path: Path, make: Callable[[], Any]) -> Any:
-    """Return the finished part stored in a file, as plain values for JSON. If the file does not exist, compute the part
-    and write it to the file."""
+    """Return the finished part stored in a file, as plain values for JSON; a missing part is computed and stored."""
     if not path.is_file():
         made = make()
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -25,19 +24,14 @@ def part(path: Path, make: Callable[[], Any]) -> Any:
 def kept_runs(
     run: Callable[..., Any], arguments: Mapping[Path, tuple[Any, ...]], *, workers: int, label: str
 ) -> list[Any]:
-    """Return the results of runs, in order. Runs whose results are not stored yet are made in `workers` processes.
-
-    Args:
-        run: picklable function that computes a run.
-        arguments: arguments of `run` for each run, by the file of its result.
-    """
+    """Return the results of runs, in order. Runs whose results are not stored yet are made in `workers` processes by
+    `run`, with its arguments for each run by the file of the result."""
     missing = [path for path in arguments if not path.is_file()]
     # A process takes seconds to start, so none is started if the results of all runs are stored.
     if missing:
         with process_pool(min(workers, len(missing))) as pool:
             given = (arguments[path] for path in missing)
-            for _ in track(pool.map(partial(_keep, run), missing, given), label, "runs", len(missing)):
-                pass
+            list(track(pool.map(partial(_keep, run), missing, given), label, "runs", len(missing)))
     return [json.loads(path.read_text(encoding="utf-8")) for path in arguments]
 
 

@@ -28,11 +28,8 @@ def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -
 
 
 def source_text(source: Path) -> str:
-    """Return the text that identifies a picture's results file: its path in the project and its SHA-256.
-
-    The hash does not include the stamp, because `benchmarks.full` adds the stamp to a file after all pictures and
-    tables were made from it.
-    """
+    """Return the text that identifies a picture's results file: its path in the project and its SHA-256 without the
+    stamp, which `benchmarks.full` adds after all pictures and tables were made."""
     place = source.relative_to(ROOT).as_posix() if source.is_relative_to(ROOT) else source.name
     content = json.loads(source.read_text(encoding="utf-8"))
     content["facts"].pop(STAMP, None)

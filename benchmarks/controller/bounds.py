@@ -89,17 +89,12 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> d
 
     - loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
       not prove this number
-    - proved, reasoned, waits: numbers of loops whose bound GCC proves, whose bound is in `bounds.toml`, and that wait
-      for an event, and so have no bound by design
+    - proved, reasoned, waits: numbers of loops whose bound GCC proves, whose bound is in `bounds.toml` (`reasons` in
+      place of it), and that wait for an event, and so have no bound by design
     - functions, pointed_at: number of all functions, and of those that are called through pointers
     - stack_b, stack_of: bytes of the deepest stack, including an exception, and the chain of calls that needs it
 
-    Raises McuError, which lists every loop without a bound, a recursion and
-    every unresolved call.
-
-    Args:
-        program: the firmware.
-        reasons: contents of `bounds.toml`; if None, they are read from the file.
+    Raises McuError, which lists every loop without a bound, a recursion and every unresolved call.
     """
     known = tomllib.loads(REASONS.read_text(encoding="utf-8")) if reasons is None else reasons
     lines = {loop: _line(loop, known) for loop in program.loops}
@@ -137,10 +132,7 @@ def recursion(calls: Calls) -> list[str]:
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
     """Return the bytes of the deepest stack of a function, including the functions that it calls, and the chain of
-    calls that needs this stack. There must be no recursion.
-
-    Args:
-        runtime: largest number of bytes of stack that a function of the compiler's runtime needs.
+    calls that needs this stack. There must be no recursion; a function of the compiler's runtime needs `runtime` bytes.
     """
     known = dict[str, tuple[int, list[str]]]()
     for name in TopologicalSorter(calls.calls).static_order():
@@ -201,8 +193,7 @@ def _stack_of_runtime(built: Built) -> int:
 
 
 def _pushed(line: Any) -> int:
-    """Return the number of bytes by which an instruction (`push`, `str ..., [sp, #-n]!`, or `sub sp, #n`) extends the
-    stack."""
+    """Return the bytes by which an instruction (`push`, `str ..., [sp, #-n]!`, or `sub sp, #n`) extends the stack."""
     if line.mnemonic.startswith("push"):
         return _WORD * (str(line.op_str).count(",") + 1)
     if ("[sp, #-" in line.op_str and line.op_str.endswith("!")) or (

@@ -105,8 +105,7 @@ class EagerController:
         return torch.stack(plan)
 
     def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor, start: Tensor | None = None) -> Tensor:
-        """Return the 8 cost terms without their weights, shape (8,). `start` is the initial plan; if None, the plan
-        itself is used."""
+        """Return the 8 cost terms without their weights, shape (8,); `start` is the initial plan, or else `plan`."""
         cd, cl = forces.unbind(dim=-1)
         return torch.stack(
             [

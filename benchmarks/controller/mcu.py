@@ -103,15 +103,10 @@ def _release(windows: int) -> dict[str, Any]:
 
 
 def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> dict[str, int]:
-    """Run a control step for each window; each step starts with the plan of the previous step. Return the number of
+    """Run a control step for each window, shape (L, S+1), with the plan of the previous step. Return the number of
     windows, the smallest and the largest number of instructions (`fewest`, `most`), which includes conditional
     instructions that are skipped, and the number of windows that differ from the most frequent number (`unlike`).
-    Raises McuError if the library does not compile or run, or there are no windows.
-
-    Args:
-        sources: files of the library by name.
-        windows: windows of L rows with S sensors and the action, each of shape (L, S+1).
-    """
+    Raises McuError if the library does not compile or run, or there are no windows."""
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
     counter = machine.block_counter()
     machine.call("mcu_reset")
@@ -131,8 +126,7 @@ def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -
 
 
 def _windows(count: int) -> list[Array]:
-    """Return windows of the recording, evenly spaced over each kind of forcing, and an equal number of random
-    windows."""
+    """Return windows of the recording, evenly spaced over each kind of forcing, and as many random windows."""
     program = program_of(model_folder.read(MODEL), load_config().mpc)
     episodes = dataset.read(RECORDING)
     found: list[Array] = []

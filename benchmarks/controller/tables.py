@@ -25,16 +25,14 @@ def loop(found: Any) -> str:
 
 
 def runtimes(found: Any) -> str:
-    """Return the table of the largest differences between the results of other runtimes of ONNX and those of ONNX
-    Runtime."""
+    """Return the table of the largest differences between other runtimes of ONNX and ONNX Runtime."""
     names = ("runtime", "version", "plan", "forces", "cost")
     heads = ("runtime", "version", "actions, U_inf W", "forces", "cost")
     return table(heads, [tuple(row[name] for name in names) for row in found["figures"]])
 
 
 def latency(found: Any) -> str:
-    """Return a table with a row for each implementation: times, their ratios to eager PyTorch and to the lower limit,
-    and size."""
+    """Return the table of the times and sizes of all implementations."""
     figures, facts = found["figures"], found["facts"]
     rows = [
         (

@@ -57,12 +57,8 @@ _INDIRECT: Final = "__indirect_call"
 
 @dataclass(frozen=True, kw_only=True)
 class Loop:
-    """A loop of the program.
-
-    Attributes:
-        place: file and line of the loop.
-        most: largest number of passes that GCC proves; None if it proves no number.
-    """
+    """A loop of the program, its file and line, and the largest number of passes that GCC proves; None if it proves no
+    number."""
 
     function: str
     place: str
@@ -71,11 +67,8 @@ class Loop:
 
 @dataclass(frozen=True, kw_only=True)
 class Calls:
-    """Functions with their stack in bytes, and the functions that each function calls.
-
-    Attributes:
-        unresolved: places of calls through a pointer for which no function is known.
-    """
+    """Functions with their stack in bytes, the functions that each function calls, and the places of calls through a
+    pointer for which no function is known."""
 
     stack: dict[str, int]
     calls: dict[str, set[str]]
@@ -92,12 +85,8 @@ class Built:
 
 @dataclass(frozen=True, kw_only=True)
 class WholeProgram:
-    """The firmware as it is written in the sources, and as the exported folder builds it.
-
-    Attributes:
-        written: calls without inlining.
-        pointed_at: functions whose address is taken.
-    """
+    """The firmware as it is written in the sources (calls without inlining), and as the exported folder builds it;
+    `pointed_at` are the functions whose address is taken."""
 
     loops: tuple[Loop, ...]
     written: Calls
@@ -117,7 +106,8 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
         objects = [f"{name}.lto.o" for name in names]
         whole = ("-flto-partition=none", "-fwhole-program", "-fcallgraph-info=su", "-save-temps=obj", *DUMPS)
         _run(folder, *BARE, *AS_WRITTEN, *whole, *_LINK, *objects, "-lgcc", "-o", "whole.elf")
-        bodies, graph, symbols = (_one(folder, f"whole*.{end}") for end in ("cunrolli", "ci", "whole-program"))
+        reports = [path for end in ("cunrolli", "ci", "whole-program") for path in folder.glob(f"whole*.{end}")]
+        bodies, graph, symbols = (path.read_text(encoding="utf-8") for path in reports)
     _, titles = calls_of([graph], {})
     names_of = {title.rpartition(":")[2]: name for title, name in titles.items()}
     pointed_at = {item: names_of[item] for item in _TAKEN.findall(symbols) if item in names_of}
@@ -131,12 +121,8 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
 
 
 def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | None = None) -> Built:
-    """Compile a firmware as the exported folder does. Raises McuError in the same cases as `read_program`.
-
-    Args:
-        reached: functions that a call through a pointer may reach, by the place of the call; None if there are no such
-            calls.
-    """
+    """Compile a firmware as the exported folder does; `reached` is as in `calls_of`, None without such calls. Raises
+    McuError in the same cases as `read_program`."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         names = _written(folder, files)
@@ -154,13 +140,9 @@ def _written(folder: Path, files: Mapping[str, bytes]) -> list[str]:
 
 
 def calls_of(graphs: Iterable[str], reached: Mapping[str, set[str]]) -> tuple[Calls, dict[str, str]]:
-    """Read GCC's call graphs. Returns the calls, and the names of functions by their titles in the graphs. Raises
-    McuError for a function whose stack has no bound.
-
-    Args:
-        graphs: contents of `.ci` files.
-        reached: functions that a call through a pointer may reach, by the place of the call.
-    """
+    """Read GCC's call graphs, the contents of `.ci` files. Returns the calls, and the names of functions by their
+    titles in the graphs. Raises McuError for a function whose stack has no bound. `reached` are the functions that a
+    call through a pointer may reach, by the place of the call."""
     texts = list(graphs)
     names, stack = dict[str, str](), dict[str, int]()
     for title, label in (found for text in texts for found in _NODE.findall(text)):
@@ -185,8 +167,7 @@ def calls_of(graphs: Iterable[str], reached: Mapping[str, set[str]]) -> tuple[Ca
 
 
 def _loops(bodies: str, names: Mapping[str, str]) -> Iterator[Loop]:
-    """Yield each loop in GCC's dump of the functions, including the loops in assembly, for which GCC computes no
-    bound."""
+    """Yield each loop in GCC's dump of the functions; for loops in assembly GCC computes no bound."""
     for title, body in _functions(bodies):
         function = names.get(title, title)
         most = {int(number): int(count) for number, count in _MOST.findall(body)}
@@ -211,12 +192,8 @@ def _functions(dump: str) -> Iterator[tuple[str, str]]:
 
 
 def _reached(bodies: str, taken: Mapping[str, str]) -> dict[str, set[str]]:
-    """Return the functions that a call through a pointer may reach, by the place of the call.
-
-    Args:
-        bodies: GCC's dump of the functions.
-        taken: names of the functions whose address is taken, by their titles in the dump.
-    """
+    """Return the functions that a call through a pointer may reach, by the place of the call, from GCC's dump of the
+    functions and the names of those whose address is taken, by their titles in the dump."""
     of_type, pointers = defaultdict[str, set[str]](set), list[tuple[str, str]]()
     for title, body in _functions(bodies):
         signature = _SIGNATURE.search(body)
@@ -238,11 +215,6 @@ def _type(result: str, parameters: Iterable[str]) -> str:
     """Return a function's type as a text in which spaces make no difference."""
     plain = (re.sub(r"\brestrict\b|\bstatic\b|\s+", "", item.replace("struct ", "")) for item in (result, *parameters))
     return " ".join(plain)
-
-
-def _one(folder: Path, pattern: str) -> str:
-    (path,) = folder.glob(pattern)
-    return path.read_text(encoding="utf-8")
 
 
 def compiler_version() -> str:

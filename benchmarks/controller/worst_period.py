@@ -47,10 +47,11 @@ class Vehicle:
 
     Args:
         rows: n recorded rows with the pressures Cp at the S sensors and the action, shape (n, S+1).
+        asks: whether the vehicle requests control, from its second period on.
     """
 
-    def __init__(self, config: Config, rows: ProgramRows) -> None:
-        self.config, self._rows, self.number = config, rows, 0
+    def __init__(self, config: Config, rows: ProgramRows, *, asks: bool = True) -> None:
+        self.config, self._rows, self._asks, self.number = config, rows, asks, 0
         self._messages = message_set(config.bus)
         self._senders = [E2eSender(one.spec) for one in (self._messages.speed, self._messages.pressure)]
         self._freshness = Freshness()
@@ -62,18 +63,14 @@ class Vehicle:
         return (self.number + 1) * self.config.period_ns
 
     def frames(self, *, ratio: float = 0.9) -> list[Frame]:
-        """Return the frames of the next period; the Pressure frame is the last.
-
-        Args:
-            ratio: vehicle's speed divided by the operating point's speed.
-        """
+        """Return the frames of the next period, the Pressure frame last; `ratio` is the speed in design speeds."""
         point, cp = self.config.operating_point, self._rows[self.number % len(self._rows), :-1].copy()
         if self.held is not None:
             cp[self.held] = self._rows[0, self.held]
         pressure = Pressure(
             pressure_pa=tuple((point.dynamic_pressure * ratio**2 * cp).tolist()),
             valid=(True,) * len(cp),
-            enable_request=self.number > 0,
+            enable_request=self._asks and self.number > 0,
             age_ns=0,
         )
         speed = VehicleSpeed(speed_m_per_s=ratio * point.speed, age_ns=0)
@@ -97,13 +94,8 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Period:
-    """A control period.
-
-    Attributes:
-        flood: frames that wake the core before the vehicle's frames arrive.
-        health: health of the bus.
-        late_ns: time in ns by which the period starts late.
-    """
+    """A control period, which starts late by `late_ns`; the frames of the flood wake the core before the vehicle's
+    frames arrive."""
 
     frames: Sequence[Frame]
     flood: Sequence[Frame] = ()
@@ -112,11 +104,7 @@ class Period:
 
 
 class Measured(NamedTuple):
-    """The work of a control period.
-
-    Attributes:
-        is_mean: whether the period is under control in the drive with the release's own goal.
-    """
+    """The work of a control period; `is_mean` if it is under control in the drive with the release's own goal."""
 
     drive: str
     cycles: int
@@ -215,8 +203,7 @@ def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, most: Most) -
 
 
 def _tiny(ecu: BoardEcu, saved: bytes) -> bytes:
-    """Return the saved state, in which every mean of the sensor check and of the benefit check is replaced by the
-    smallest positive number."""
+    """Return the saved state with `_TINY` for every mean of the sensor check and of the benefit check."""
     ffi = ecu.structs.ffi
     state = ffi.new("sw_ecu_state *")
     ffi.buffer(state)[:] = saved
@@ -255,8 +242,7 @@ def _at_all_speeds(vehicle: Vehicle) -> Iterator[Period]:
 
 
 def _lost(vehicle: Vehicle) -> Iterator[Period]:
-    """Yield periods with lost frames, a bus-off, a late period, and a gap of half a second. Undisturbed periods follow
-    the lost frames and the gap."""
+    """Yield lost frames, a bus-off, a late period, and a gap of half a second, with undisturbed periods in between."""
     for lost in (1, 2, 4):
         for _ in range(lost):
             vehicle.frames()

@@ -98,10 +98,12 @@ def main(
 
     found = {kind: part(folder / f"{kind}.json", partial(driven_by, kind)) for kind in ECUS}
     commands = {kind: np.array(one["commands"], dtype=np.float64) for kind, one in found.items()}
-    rows = [
-        one["row"] | {"largest_command_difference": largest_difference(commands[kind], commands[C])}
-        for kind, one in found.items()
-    ]
+    rows = []
+    for kind, one in found.items():
+        apart = np.abs(commands[kind] - commands[C])
+        # Steps that an ECU skipped are left out.
+        largest = float(np.max(apart[np.isfinite(apart)], initial=0.0))
+        rows.append(one["row"] | {"largest_command_difference": largest})
     facts = {
         "bundle": release.digest,
         "spans": {"lead_in": lead_in, "controlled": controlled, "settle": settle},
@@ -130,12 +132,9 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
 
 
 class Lockstep:
-    """A pair of ECUs with the interface of a single ECU. It steps both ECUs, returns the frames of `driver`, and counts
-    the differences between the two ECUs' frames and states. Everything that it does not define is the driver's.
-
-    Args:
-        driver: ECU whose frames are sent.
-        other: ECU that gets every call that the driver gets.
+    """A pair of ECUs with the interface of a single ECU. It gives `other` every call that the driver gets, returns the
+    frames of the driver, and counts the differences between the two ECUs' frames and states. Everything that it does
+    not define is the driver's.
 
     Attributes:
         steps, frames: numbers of steps and frames compared so far.
@@ -190,10 +189,3 @@ def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, A
     names = ("differing_frames", "differing_states", "differences")
     compared = {"steps_compared": lockstep.steps, "frames_compared": lockstep.frames}
     return row | compared | {name: getattr(lockstep, name) for name in names}
-
-
-def largest_difference(one: Any, other: Any) -> float:
-    """Return the largest difference between two series of commands, in U_inf W. Steps that an ECU skipped are left
-    out."""
-    apart = np.abs(np.asarray(one) - np.asarray(other))
-    return float(np.max(apart[np.isfinite(apart)], initial=0.0))

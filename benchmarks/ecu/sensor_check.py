@@ -18,6 +18,7 @@ from functools import partial
 from math import log
 from pathlib import Path
 from time import perf_counter
+from types import SimpleNamespace
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
@@ -74,25 +75,9 @@ class Moment(NamedTuple):
     state: SensorCheckState
 
 
-class Ahead:
-    """An estimator whose estimates of the present step, `now`, were computed in advance."""
-
-    now: Array
-
-    def estimates(self, window: Array) -> Array:
-        """Return the estimates of the present step (see `ecu.sensor_check.EstimatorModel`)."""
-        del window
-        return self.now
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lab:
-    """The shipped check and its network.
-
-    Attributes:
-        check: sensor check with the settings of the ECU.
-        network: the network of the check's graph, computed by NumPy.
-    """
+    """The shipped check, with the settings of the ECU, and the network of its graph, computed by NumPy."""
 
     check: SensorCheck
     network: EstimatorNetwork
@@ -100,14 +85,12 @@ class Lab:
     def read(
         self, passage: Passage, state: SensorCheckState, first: int = 0, *, restart: SensorCheckState | None = None
     ) -> Iterator[tuple[int, SensorCheckState, SensorCheckState]]:
-        """Yield each step from `first` on, with the check's states before and after it.
-
-        Args:
-            state: state before the first step.
-            restart: state from which the check starts again after an alarm; if None, it continues.
-        """
-        length, ahead = self.network.window, Ahead()
+        """Yield each step from `first` on, with the check's states before and after it. After an alarm it starts again
+        from the state `restart`; if this is None, it continues."""
+        length = self.network.window
         windows = _windows(passage, length)[first:]
+        # An estimator whose estimates of the present step, `now`, were computed in advance.
+        ahead: Any = SimpleNamespace(estimates=lambda window: ahead.now)
         check = replace(self.check, estimator=ahead)
         for step, (window, ahead.now) in enumerate(zip(windows, _estimates(self.network, windows), strict=True), first):
             before, cp = state, passage.cp[step] if passage.heard[step] else None
@@ -127,8 +110,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """The outcome of a fault: the sensor that was excluded, whether the jets were shut, and the number of periods until
-    then."""
+    """What a fault came to: the excluded sensor, whether the jets were shut, and the periods until then."""
 
     set_aside: int | None
     shut: bool

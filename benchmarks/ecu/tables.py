@@ -103,8 +103,7 @@ Measured on {found["date"]} for {len(facts["variants"])} configurations of the v
 
 def proofs(found: Any) -> str:
     """Return two tables: for each part of the exported C, the statements that are proved by machine, with bounds and
-    assumptions; and the items that are not proved, with the reason. Between them are counts, and below them the items
-    that have not found a change of the source on purpose."""
+    assumptions; and the items that are not proved, with the reason."""
     of, facts = found["figures"], found["facts"]
     parts: dict[str, list[Any]] = {}
     undecided: dict[str, list[str]] = {}
@@ -203,8 +202,7 @@ def faults(found: Any) -> str:
 
 
 def flash_proof(found: Any) -> str:
-    """Return the table of a test with interruptions of the power supply: counts of its steps and of the losses. The
-    ECU's store is a folder."""
+    """Return the table of the cuts of the power supply of an ECU whose store is a folder, with the losses."""
     of, facts = found["figures"], found["facts"]
     texts = {
         "operations": "calls that change the store",
@@ -222,8 +220,7 @@ ways. The second cuts are random."""
 
 
 def flash_c(found: Any) -> str:
-    """Return the table of the loader in C: counts of its test with interruptions of the power supply, and its
-    memory."""
+    """Return the table of the loader in C: counts of its tests, cuts of the power supply among them, and its memory."""
     of = found["figures"]
     texts = {
         "cuts_depth_1": "first cuts of the supply",

@@ -19,11 +19,11 @@ import typer
 from benchmarks.common.command_line import JsonFile, Parts, Phases, Release, Workers, report
 from benchmarks.common.parts import kept_runs
 from benchmarks.release.loop_tables import drive as drive_table
+from benchmarks.release.release_loop import facts_of
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release import bundle as bundles
-from contract.results import versions
 from contract.shipped import BUNDLE
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation
@@ -83,13 +83,7 @@ def main(
     runs = {folder / f"{case.name}_{phase}.json": (case, phase, phases) for case in cases for phase in range(phases)}
     outcomes = kept_runs(partial(outcome, bundle, config), runs, workers=workers, label="drive")
     rows = [_row(case, outcomes[k * phases : (k + 1) * phases]) for k, case in enumerate(cases)]
-    facts = {
-        "bundle": release.manifest.name,
-        "digest": release.digest,
-        "mesh": config.flow.refinement,
-        **{"lead_in": LEAD_IN, "settle": SETTLE, "phases": phases},
-        "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
-    }
+    facts = facts_of(release, mesh=config.flow.refinement, lead_in=LEAD_IN, settle=SETTLE, phases=phases)
     report(json_file, rows, facts, drive_table)
 
 

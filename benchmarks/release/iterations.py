@@ -23,29 +23,20 @@ import typer
 from benchmarks.common.command_line import JsonFile, Parts, Release, Workers, report
 from benchmarks.common.parts import kept_runs
 from benchmarks.release import tables
-from benchmarks.release.release_loop import SPANS, half_width_95, kept_starts
+from benchmarks.release.release_loop import SPANS, facts_of, half_width_95, kept_starts, run_from
 from contract.config.controller import CostWeights
 from contract.config.loading import load_config
 from contract.controller.calibration import Calibration
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
-from contract.results import versions
 from contract.shipped import BUNDLE
 from ecu.calibrating import release_calibration
-from firmware_sim.bench.simulation import Simulation
 from firmware_sim.runs.statistics import NoAverages, averages
-from wake.truck.state import load_state
-from wake.truck.truck_wake import TruckWake
 
 
 class Case(NamedTuple):
-    """A case, described by its differences from the goal of the prior's training.
-
-    Attributes:
-        weights: cost weights that replace those of the release.
-        limit: action limit of the jets, as a share of the release's limit.
-        delay: delay of the actuator in control periods, which is also set in the ECU.
-    """
+    """A case by its differences from the goal of the prior's training: cost weights in place of the release's, the
+    action limit as a share of the release's, and the actuator's delay in control periods, which the ECU knows."""
 
     name: str
     weights: Mapping[str, float] = {}
@@ -90,13 +81,8 @@ def main(
     for (_, case, _), with_them, without in zip(list(runs.values())[::2], costs[::2], costs[1::2], strict=True):
         changes[case.name].append(100.0 * (with_them["cost"] / without["cost"] - 1.0))
     figures = {case.name: _interval(changes.get(case.name, [0.0, 0.0])) for case in CASES}
-    facts = {
-        "bundle": release.manifest.name,
-        "digest": release.digest,
-        "iterations": release.manifest.mpc.iterations,
-        "pairs": {case.name: len(changes.get(case.name, ())) for case in CASES},
-        "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
-    }
+    pairs = {case.name: len(changes.get(case.name, ())) for case in CASES}
+    facts = facts_of(release, iterations=release.manifest.mpc.iterations, pairs=pairs)
     upper = figures[CASES[0].name]["upper"]
     report(json_file, {"change_percent": figures, "change_percent_upper": upper}, facts, tables.iterations)
 
@@ -122,10 +108,7 @@ def outcome(bundle: Path, start: Path, case: Case, iterated: bool) -> dict[str, 
     ecu, vehicle = replace(config.ecu, delay_steps=case.delay), replace(config.vehicle, actuator_delay=case.delay)
     config = replace(config, ecu=ecu, vehicle=vehicle)
     own = release_calibration(release, config)
-    wake = TruckWake(config.flow, body=config.body)
-    wake.reset(load_state(start))
-    calibration = calibrated(own, case, iterated=iterated)
-    log = Simulation(release, config, spans=SPANS, calibration=calibration).run(wake)
+    log = run_from(start, release, config, calibration=calibrated(own, case, iterated=iterated))
     found = averages(log)
     if isinstance(found, NoAverages):
         raise RuntimeError(f"{case.name}: {found}")

@@ -72,12 +72,8 @@ def demonstrations_of(
 
 
 def join(base: TrainedModel, experts: Sequence[tuple[float, Path]], *, workers: int = 2) -> TrainedModel:
-    """Return the base with a prior that imitates each expert near the expert's speed.
-
-    Raises:
-        ModelError: a model has no prior, its sensors differ from the base's, or an expert's speed is the design speed.
-        PlantError: the flow diverged.
-    """
+    """Return the base with a prior that imitates each expert near the expert's speed. Raises ModelError as
+    `feedback_of` does, and if an expert's speed is the design speed; PlantError if the flow diverged."""
     if any(speed == 1.0 for speed, _ in experts):
         raise ModelError("an expert's speed is 1, where the base stays the same: give another speed")
     config = replace(base.config, refine=replace(base.config.refine, streams=STARTS))

@@ -20,7 +20,7 @@ def drive(found: Any) -> str:
     facts = found["facts"]
     rows = [
         (
-            f"{row['name']} ({row['bundle']})" if "bundle" in row else row["name"],
+            row["name"],
             f"{row['reduction_percent']:.1f} ({row['reduction_least']:.1f} to {row['reduction_most']:.1f})",
             f"{row['net_reduction_percent']:.1f}",
             *(f"{row[name]:.2f}" for name in ("abs_Cl", "abs_Cl_without")),

@@ -23,7 +23,7 @@ _BEHIND: Final = (-0.6, 10.4, -1.5, 1.5)
 
 
 def drawn(figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """Draw the pictures that need only the figures in the results file; return the pictures by file name."""
+    """Draw the pictures that need only the figures in the results file, by file name."""
     return {"release_forecasts": forecasts(figures), "release_distributions": distributions(figures)}
 
 
@@ -66,8 +66,7 @@ def distributions(figures: Mapping[str, Any]) -> Figure:
 
 
 def weights(figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """Draw the picture of `docs/explanation/through-the-flow.md`: the figures that a weight is meant to reduce, and the
-    drag, against the weight."""
+    """Draw the figures that a weight is meant to reduce, and the drag, against the weight."""
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
     shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
     for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):

@@ -75,6 +75,7 @@ def main(
     """Run the closed loop once, and write figures and pictures."""
     release, config = open_release(bundle, trust), load_config()
     horizon, period = release.manifest.mpc.horizon, config.flow.control_period
+    spans: dict[str, Any] = {"lead_in": lead_in, "controlled": controlled, "settle": settle}
     listening = Listening(OnnxController.of(release))
     forecasts: list[Array] = []
     first, settled = round(lead_in / period), round((lead_in + settle) / period)
@@ -89,24 +90,16 @@ def main(
                 means[done > first].add(wake.flow)
             shown("closed loop", done, total, f"Cd {row.sample.Cd:.3f}")
 
-        log = run_closed_loop(
-            run,
-            release,
-            config,
-            lead_in=lead_in,
-            controlled=controlled,
-            settle=settle,
-            controller=listening,
-            plant=nullcontext(wake),
-            progress=show,
-        )
+        given: dict[str, Any] = {"controller": listening, "plant": nullcontext(wake), "progress": show}
+        log = run_closed_loop(run, release, config, **spans, **given)
     flows = [mean.flow() for mean in means]
     figures = measured(log, np.array(forecasts), settled) | {"mean": [_mean(wake, flow) for flow in flows]}
     facts = {
         "bundle": {"name": release.manifest.name, "digest": release.digest},
-        "lead_in": lead_in, "controlled": controlled, "settle": settle,
-        "period": period, "versions": log.metadata.versions,
-    }  # fmt: skip
+        **spans,
+        "period": period,
+        "versions": log.metadata.versions,
+    }
     report(json_file, figures, facts, tables.release_forecasts, tables.release_distributions)
     drawn = release_drawings.drawn(figures) | {"release_mean_flow": release_drawings.mean_flows(wake, flows)}
     # Without a results file, the pictures state the run's summary as their source.

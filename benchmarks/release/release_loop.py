@@ -30,6 +30,7 @@ from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.starts import keep_states, phases_apart, starting_states
+from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary
 from wake.truck.state import load_state
 from wake.truck.truck_wake import TruckWake
@@ -62,24 +63,30 @@ def main(
     runs = {kept.path / f"phase_{number}.json": (kept.start(number),) for number in range(phases)}
     rows = kept_runs(partial(measured, bundle, config), runs, workers=workers, label="release")
     over_phases = spread(rows)
-    facts = {
-        "bundle": release.manifest.name,
-        "digest": release.digest,
-        "sensors": list(release.manifest.sensors),
-        "body": asdict(config.body),
-        "flow": asdict(config.flow),
-        "mpc": asdict(release.manifest.mpc),
-        **{name: getattr(SPANS, name) for name in ("lead_in", "controlled", "settle")},
-        "phases_t_c": [apart * config.flow.control_period for apart in phases_apart(phases, config)],
-        "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
-    }
+    settings = {"body": asdict(config.body), "flow": asdict(config.flow), "mpc": asdict(release.manifest.mpc)}
+    phases_t_c = [apart * config.flow.control_period for apart in phases_apart(phases, config)]
+    sensors = list(release.manifest.sensors)
+    facts = facts_of(release, SPANS, sensors=sensors, **settings, phases_t_c=phases_t_c)
     means = {name: found["mean"] for name, found in over_phases.items()}
     report(json_file, {**means, "phases": rows, "over_phases": over_phases}, facts, release_loop)
 
 
+def facts_of(release: Bundle, spans: Spans | None = None, **others: Any) -> dict[str, Any]:
+    """Return the facts of a measurement with a release: its name, digest and packages, the spans, and others."""
+    of_spans = {} if spans is None else {name: getattr(spans, name) for name in ("lead_in", "controlled", "settle")}
+    packages = versions("stillwake", "onnxruntime", "numpy", "numba")
+    return {"bundle": release.manifest.name, "digest": release.digest, **of_spans, **others, "versions": packages}
+
+
+def run_from(start: Path, release: Bundle, config: Config, spans: Spans = SPANS, **others: Any) -> RunLog:
+    """Run the closed loop from the flow state in a file; `others` are arguments of `Simulation`."""
+    wake = TruckWake(config.flow, body=config.body)
+    wake.reset(load_state(start))
+    return Simulation(release, config, spans=spans, **others).run(wake)
+
+
 def kept_starts(parts: Path, release: Bundle, phases: int, config: Config) -> CampaignFolder:
-    """Return a folder for the runs of a release, which contains initial states at `phases` phases of the shedding
-    cycle."""
+    """Return a folder for a release's runs, with initial states at `phases` phases of the shedding cycle."""
     kept = CampaignFolder(parts / f"{release.digest[:12]}_{phases}")
     kept.start(0).parent.mkdir(parents=True, exist_ok=True)
     keep_states(kept, starting_states(kept, config, phases))
@@ -123,7 +130,5 @@ def half_width_95(values: Sequence[float]) -> float:
 
 def measured(bundle: Path, config: Config, start: Path) -> dict[str, Any]:
     """Run from a starting state, and return the figures with the reductions that include the costs of the jets."""
-    wake = TruckWake(config.flow, body=config.body)
-    wake.reset(load_state(start))
-    found = summary(Simulation(bundles.load(bundle), config, spans=SPANS).run(wake))
+    found = summary(run_from(start, bundles.load(bundle), config))
     return with_net({name: found[name] for name in _MEASURED})

@@ -26,15 +26,8 @@ BUNDLE: Final = ROOT / "contract" / "release" / "shipped"
 
 
 def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DATA, bundle: Path = BUNDLE) -> None:
-    """Replace the shipped model and bundle. Raises ModelError if the model is damaged; BundleError if the bundle is
-    damaged, not signed with the project's key, or made from another model.
-
-    Args:
-        command: command that trained the model.
-        on: today's date.
-        data: folder that contains `model` and `provenance.json`.
-        bundle: folder of the shipped release.
-    """
+    """Replace the shipped model (in `data`, beside its provenance) and bundle. Raises ModelError if the model is
+    damaged; BundleError if the bundle is damaged, not signed with the project's key, or made from another model."""
     trained, found = read(model), bundles.load(release, project_key())
     if found.manifest.weights_sha256 != trained.weights_sha256:
         raise BundleError(f"bundle {release} is not of the model {model}: export it again")

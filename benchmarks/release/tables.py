@@ -146,8 +146,7 @@ A control step takes p50/p99/max {latency} ms of {figures["mpc_budget_ms"]:g} ms
 
 
 def limits(*loops: Any) -> str:
-    """Return the table that shows how computing time, planning ahead and the number of iterations affect drag and
-    lift."""
+    """Return the table of drag and lift by computing time, planning ahead and the number of iterations."""
     names = ("Cd_controlled", "reduction_percent", "abs_Cl_controlled", "mean_Cl_controlled", "rms_action")
     facts = loops[0]["facts"]
     late, period = facts["config"]["ecu"]["compute_time_ms"], facts["budget_ms"]
@@ -165,8 +164,7 @@ controller plans; {late:g} ms, which the controller's model does not contain; or
 
 
 def steady(found: Any, demo: Any) -> str:
-    """Return the table of the wake that is kept symmetric and of the shedding wake, and of the bound on the reduction
-    of wall drag that follows from their difference."""
+    """Return the table of the wake that is kept symmetric and of the shedding wake, and the bound on the reduction."""
     held, shedding = found["figures"], demo["figures"]
     rows = [
         ("shedding", shedding["Cd_uncontrolled"], shedding["Cd_net_uncontrolled"], shedding["base_Cp_uncontrolled"]),

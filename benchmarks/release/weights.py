@@ -21,21 +21,18 @@ from scipy.stats import spearmanr
 from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, Workers, console, save
 from benchmarks.common.parts import kept_runs
 from benchmarks.release.release_drawings import means
+from benchmarks.release.release_loop import facts_of, run_from
 from contract.config.loading import load_config
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
-from contract.results import versions
 from contract.shipped import BUNDLE
 from ecu.calibrating import release_calibration
-from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.starts import phases_apart
 from firmware_sim.runs.summary import summary
 from stillwake.parts.differentiable_wake import mesh_of
-from wake.solver.grid import box_grid
-from wake.truck.develop import SETTLE_TIME, moved
-from wake.truck.state import developed_state, load_state, save_state
-from wake.truck.truck_wake import TruckWake
+from wake.plants import own_wake
+from wake.truck.state import save_state
 
 SPANS: Final = Spans(lead_in=15.0, controlled=85.0, settle=35.0)
 SHARES: Final = (np.arange(7) / 6) ** 2
@@ -83,24 +80,16 @@ def main(
             shown = ("reduction_percent", "abs_Cl_controlled", "rms_action", "jet_power_controlled")
             table.add_row(weight, f"{value:g}", *(f"{found[name]:.4g}" for name in shown))
     console.print(table, figures["spearman"], figures["end_to_end"])
-    facts = {
-        "bundle": release.manifest.name,
-        "digest": release.digest,
-        **{name: getattr(SPANS, name) for name in ("lead_in", "controlled", "settle")},
-        "mesh": mesh_of(load_config()).flow.refinement,
-        "versions": versions("stillwake", "onnxruntime", "numpy", "numba"),
-    }
-    save(json_file, figures=figures, facts=facts)
+    mesh = mesh_of(load_config()).flow.refinement
+    save(json_file, figures=figures, facts=facts_of(release, SPANS, mesh=mesh))
 
 
 def started(folder: Path, phases: int) -> Path:
     """Return a folder with the developed wake on the training's mesh at each starting phase of the shedding cycle."""
     folder.mkdir(parents=True, exist_ok=True)
-    config = mesh_of(load_config())
-    wake = TruckWake(config.flow, body=config.body)
     if not (folder / f"start_{phases - 1}.npz").is_file():
-        moved(developed_state(), box_grid(config.body.length), wake, SETTLE_TIME)
-        reached = 0
+        config = mesh_of(load_config())
+        wake, reached = own_wake(config), 0
         for phase, apart in enumerate(phases_apart(phases, config)):
             for _ in range(apart - reached):
                 wake.advance(0.0)
@@ -114,18 +103,13 @@ def outcome(bundle: Path, start: Path, case: Case) -> dict[str, Any]:
     release, config = bundles.load(bundle), mesh_of(load_config())
     own = release_calibration(release, config)
     calibration = replace(own, weights=replace(own.weights, **{case.weight: case.value}))
-    wake = TruckWake(config.flow, body=config.body)
-    wake.reset(load_state(start))
-    found = summary(Simulation(release, config, spans=SPANS, calibration=calibration).run(wake))
+    found = summary(run_from(start, release, config, SPANS, calibration=calibration))
     return {key: found[key] for key in (*LOOP, "Cd_uncontrolled", "jet_power_controlled")}
 
 
 def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Compute Spearman's rank correlation over all runs between each weight and its effect. It is 1 if the figure
-    always falls when the weight rises.
-
-    If a weight is meant to reduce several figures, the smallest of their correlations is returned.
-    """
+    """Return Spearman's rank correlation over all runs between each weight and its effect, the smallest one of several.
+    It is 1 if the figure always falls when the weight rises."""
     found = {}
     for weight, effects in EFFECTS.items():
         runs = [row for row in rows if row["weight"] == weight]

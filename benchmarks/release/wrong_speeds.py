@@ -48,8 +48,7 @@ ROUNDS: Final = 3
 
 
 class Course(NamedTuple):
-    """The true speeds (n + 1,) of a run, the ratios (n,) of the told speed to them, and the ratio that the expert is
-    told."""
+    """True speeds (n + 1,) of a run, ratios (n,) of the told speed to them, and the ratio that the expert is told."""
 
     name: str
     speeds: Array
@@ -84,7 +83,8 @@ def demonstrations_of(
     course, ratios = run
     goal, expert = Goal.of(model.config.mpc.weights), feedback_of(model, model)
     with torch_threads(1), without_denormals():
-        flow, starts = _flow(_config(model), tuple(model.sensors))
+        config = replace(model.config, refine=replace(model.config.refine, streams=STARTS))
+        flow, starts = _flow(config, tuple(model.sensors))
         driver, told = expert, np.full(len(course.told), course.expert_told)
         if prior is not None:
             driver, told = feedback_of(replace(model, prior={**(model.prior or {}), **prior}), model), course.told
@@ -110,10 +110,6 @@ def withstand(model: TrainedModel, *, rounds: int = ROUNDS, workers: int = 2) ->
             fit(student, given, goal)
             prior = student.as_prior()
     return replace(model, prior={**(model.prior or {}), **student.as_prior()})
-
-
-def _config(model: TrainedModel) -> Config:
-    return replace(model.config, refine=replace(model.config.refine, streams=STARTS))
 
 
 @cache

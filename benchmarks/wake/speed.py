@@ -9,10 +9,11 @@ size.
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from statistics import median
 from time import process_time
 from typing import Annotated, Any, Final
+from unittest.mock import patch
 
 import numpy as np
 import typer
@@ -78,8 +79,7 @@ def _plant(refinement: float, precision: str) -> TruckWake:
 
 
 def _visit(wake: TruckWake, times: defaultdict[str, list[float]]) -> None:
-    """Time three control periods: one without control, one at full amplitude, and one split into its parts. Also
-    measure the machine's two limits."""
+    """Time three control periods, free, at full amplitude and split into its parts, and the machine's two limits."""
     limit = wake.config.action_limit
     times["free"].append(_clock(lambda: wake.advance(0.0)))
     wake.advance(limit)
@@ -128,25 +128,21 @@ def _row(wake: TruckWake, refinement: float, times: dict[str, list[float]]) -> d
 def _clocked_parts() -> Iterator[dict[str, float]]:
     """Measure the time of every compiled part of a time step while the block runs."""
     spent: dict[str, float] = dict.fromkeys(_PARTS, 0.0)
-    owners: dict[str, Any] = {name: poisson.PoissonSolver if name == "solve_into" else kernels for name in _PARTS}
-    originals = {name: getattr(owner, name) for name, owner in owners.items()}
 
-    def clocked(name: str) -> Callable[..., object]:
+    def clocked(name: str, original: Callable[..., object]) -> Callable[..., object]:
         def call(*arguments: object) -> object:
             began = process_time()
-            result = originals[name](*arguments)
+            result = original(*arguments)
             spent[name] += process_time() - began
             return result
 
         return call
 
-    for name, owner in owners.items():
-        setattr(owner, name, clocked(name))
-    try:
+    with ExitStack() as stack:
+        for name in _PARTS:
+            owner: Any = poisson.PoissonSolver if name == "solve_into" else kernels
+            stack.enter_context(patch.object(owner, name, clocked(name, getattr(owner, name))))
         yield spent
-    finally:
-        for name, owner in owners.items():
-            setattr(owner, name, originals[name])
 
 
 def _clock(work: Callable[[], object]) -> float:

@@ -1,5 +1,4 @@
-"""The page with the ECU in WebAssembly: its commands equal those of the ECU in C on this machine, and people can use
-it."""
+"""The page with the ECU in WebAssembly: its commands equal those of the ECU in C here, and people can use it."""
 
 from functools import partial
 from typing import Any
@@ -21,7 +20,7 @@ from docs.site.browser_ecu import PERIODS, write_page
 from ecu.in_c.c_ecu import CEcu, ecu_sources
 from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.compiler import zig_compiler
-from tests.browser import PHONE, Visit, chromium, visit
+from tests.browser import PHONE, Visit, visit
 from tests.docs.test_site import SITE
 from tests.ecu.in_c.exported import CONFIG
 
@@ -75,12 +74,6 @@ _CUT = """async () => {
 }"""
 """Whether the longest last label of the time axis reaches the picture's edge."""
 _TO_CONTROL = "for (let i = 0; i < 500 && stillwake.page.state !== 'CONTROL'; i += 1) stillwake.page.period()"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

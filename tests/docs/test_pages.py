@@ -19,6 +19,7 @@ from contract.config.loading import load_config
 from contract.config.tree import Config
 from docs.made import whole
 from firmware_sim.bench.disturbances import Disturbances
+from tests.conftest import kept_command
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -123,12 +124,6 @@ def test_every_page_is_in_the_index():
 
 
 @cache
-def _commands_of_stillwake() -> Any:
-    """Built once: every page asks for it."""
-    return typer.main.get_command(command_line.app)
-
-
-@cache
 def _measurement(name: str) -> Any:
     """The command of `python -m benchmarks NAME`."""
     module = import_module(f"benchmarks.{(door.MEASUREMENTS | door.PAGES)[name].module}")
@@ -146,7 +141,7 @@ def _found(words: list[str]) -> tuple[set[str], list[str]]:
         assert name in door.MEASUREMENTS | door.PAGES, f"{shlex.join(words)}: no measurement {name}"
         command = _measurement(name)
     else:
-        command, rest = _commands_of_stillwake(), words[1:]
+        command, rest = kept_command(command_line.app), words[1:]
     while groups := getattr(command, "commands", None):
         if not (rest and rest[0] in groups) and (default := getattr(command, "default_command", None)):
             rest = [default, *rest]

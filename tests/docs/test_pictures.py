@@ -6,6 +6,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from benchmarks.common.pictures import SOURCE, source_text
 from contract.release import bundle
 from contract.shipped import BUNDLE
 
@@ -15,23 +16,13 @@ NOT_FROM_RESULTS = {"mean_flow.png"}
 """Drawn by `stillwake picture --field mean`."""
 
 
-def digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def without_stamp(path: Path) -> str:
-    """Digest of a results file as its command wrote it: the stamp comes after the pictures."""
-    content = json.loads(path.read_text(encoding="utf-8"))
-    content["facts"].pop("made", None)
-    return hashlib.sha256((json.dumps(content, indent=2) + "\n").encode()).hexdigest()
-
-
 def test_pictures_from_results_name_the_present_file():
     for path in PICTURES.glob("*.png"):
         if path.name not in NOT_FROM_RESULTS:
             with Image.open(path) as image:
-                place, of_file = image.info["Source"].split()
-            assert without_stamp(ROOT / place) == of_file, f"{path.name} is stale: `python -m benchmarks pictures`"
+                stated = image.info[SOURCE]
+            place = ROOT / stated.partition(" ")[0]
+            assert source_text(place) == stated, f"{path.name} is stale: `python -m benchmarks pictures`"
 
 
 def test_pictures_of_the_closed_loop_are_of_the_shipped_bundle():
@@ -39,6 +30,7 @@ def test_pictures_of_the_closed_loop_are_of_the_shipped_bundle():
     assert provenance["bundle"] == bundle.load(BUNDLE).digest, "another release is shipped: `make pictures`"
     names = ("closed_loop", "run_page", "compare_page", "live_page", "live_page_light", "live_page_phone")
     for name in ("docs/demo.png", *(f"docs/pictures/{name}.webp" for name in names)):
-        assert provenance["files"][name] == digest(ROOT / name), f"{name} was altered: `make pictures`"
+        digest = hashlib.sha256((ROOT / name).read_bytes()).hexdigest()
+        assert provenance["files"][name] == digest, f"{name} was altered: `make pictures`"
     with Image.open(ROOT / "docs" / "demo.png") as image:
         assert image.info["Description"] == f"stillwake bundle {provenance['bundle']}"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.browser import PHONE, Visit, chromium, visit
+from tests.browser import PHONE, Visit, visit
 
 SITE = Path(__file__).resolve().parents[2] / "build" / "docs"
 API = "generated/api/can_bridge.e2e.html"
@@ -14,12 +14,6 @@ pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(not (SITE / "index.html").exists(), reason="the site is not built: make docs"),
 ]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
 
 
 def _open(browser, page: str, **window) -> Visit:

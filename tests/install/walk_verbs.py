@@ -28,19 +28,13 @@ from stillwake import __main__ as command_line
 
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=walk")
 UDP = ("--set", "bus.interface=udp_multicast", "--set", "bus.channel=239.74.163.9")
-
-
 PAGE = "http://127.0.0.1:8769/"
 
 
 @dataclass(frozen=True)
 class Call:
-    """A command with arguments that are as small as they may be.
-
-    Attributes:
-        words: behind `stillwake`.
-        needs: the extras without which it may refuse. Where they are installed, it has to work.
-        status: with which it ends where it works; 3 where no ECU answers it.
+    """A command, by the words behind `stillwake`, with arguments that are as small as they may be; the extras without
+    which it may refuse, and with which it has to work; and the status with which it ends then, 3 where no ECU answers.
     """
 
     words: tuple[str, ...]

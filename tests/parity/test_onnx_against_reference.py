@@ -16,7 +16,7 @@ from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates.parity import ParityReport, check_lowering
-from export.int8.rounded_program import effective, rounded_to_nearest
+from export.int8.rounded_program import Program, effective, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step
@@ -27,27 +27,26 @@ from tests.parity.drawn import drawn_program
 pytestmark = pytest.mark.slow  # seconds of graphs built and run, one for each size
 
 SMALL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=12, decoder_width=8)
+LOWERINGS = (lambda program: program, rounded_to_nearest)
+"""Float weights, and int8 ones."""
 
 
-def check_graph(program: ControllerProgram, model: bytes, windows: list[np.ndarray]) -> ParityReport:
-    return check_lowering(program, OnnxController(model, program.sizes), "ONNX graph", windows)
+def check_graph(of: ControllerProgram, lowered: Program, windows: list[np.ndarray]) -> ParityReport:
+    controller = OnnxController(build_controller(lowered).SerializeToString(), of.sizes)
+    return check_lowering(of, controller, "ONNX graph", windows)
 
 
-@each("precision", ["float32", "int8"])
+@each("round_weights", LOWERINGS)
 @each("seed", (1, 2))
-def test_random_small_nets(seed, precision):
-    program = drawn_program(seed)
-    lowered = rounded_to_nearest(program) if precision == "int8" else program
-    model = build_controller(lowered).SerializeToString()
-    check_graph(effective(lowered), model, random_windows(program, 6, seed=seed))
+def test_random_small_nets(seed, round_weights):
+    lowered = round_weights(program := drawn_program(seed))
+    check_graph(effective(lowered), lowered, random_windows(program, 6, seed=seed))
 
 
-@each("precision", ["float32", "int8"])
-def test_paper_size(precision):
-    program = random_program(11)
-    lowered = rounded_to_nearest(program) if precision == "int8" else program
-    model = build_controller(lowered).SerializeToString()
-    report = check_graph(effective(lowered), model, random_windows(program, 4, seed=1))
+@each("round_weights", LOWERINGS)
+def test_paper_size(round_weights):
+    lowered = round_weights(program := random_program(11))
+    report = check_graph(effective(lowered), lowered, random_windows(program, 4, seed=1))
     # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
     assert report.action < 2e-6
 
@@ -105,6 +104,4 @@ def test_actions_stay_within_a_limit_that_float32_rounds_up_and_committed_ones_c
 def test_gate_refuses_the_graph_of_the_rounded_program():
     program = random_program(9, model=SMALL, mpc=MpcConfig(horizon=6))
     with pytest.raises(ExportError, match="differ by"):
-        check_graph(
-            program, build_controller(rounded_to_nearest(program)).SerializeToString(), random_windows(program, 20)
-        )
+        check_graph(program, rounded_to_nearest(program), random_windows(program, 20))

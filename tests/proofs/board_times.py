@@ -6,14 +6,13 @@ The shipped release as machine code on the emulated board, its cycles modelled. 
 diagnosis at most, so both together have to fit into the period. The memory's own times are not in it.
 """
 
-from collections.abc import Iterator
 from hashlib import sha256
 from typing import Any, Final
 
-from can_bridge.e2e.sender import E2eSender
+from benchmarks.controller.worst_period import Vehicle
+from can_bridge.isotp import control_info
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import Mode, Pressure, VehicleSpeed
+from can_bridge.wire.messages import Mode
 from contract.config.loading import load_config
 from contract.controller.c_folder import ProgramRows, read_recorded
 from contract.errors import StillwakeError
@@ -41,16 +40,8 @@ WORKING: Final = 1
 RECORDS: Final = 3 * 4
 """Bytes of `sw_store` before its records: three pointers."""
 SCRATCH: Final = SRAM + SRAM_BYTES - 8192
-REQUESTS: Final = tuple(
-    map(
-        bytes.fromhex,
-        (
-            *("22FD03", "22" + 16 * "F186", "22FD01", "22FD11", "190A", "1902FF", "3E00", "1003"),
-            "2703",
-            "2704" + 32 * "0",
-        ),
-    )
-)
+_HEX: Final = f"22FD03 22{16 * 'F186'} 22FD01 22FD11 190A 1902FF 3E00 1003 2703 2704{32 * '0'}"
+REQUESTS: Final = tuple(map(bytes.fromhex, _HEX.split()))
 """Identifiers, faults, sessions, a seed and a wrong key."""
 
 
@@ -86,10 +77,11 @@ def main(json_file: JsonFile = None) -> None:
 
 def _longest(built: Built, firmware: Any, bank: FlashBank, rows: ProgramRows, flood: int, *, asks: bool = True) -> int:
     """Cycles of the longest period with so many requests in each, the last of them under control if that is asked."""
-    board, cycles, planned = built.ecu(bank, firmware), list[int](), 0
-    for number, (now_ns, frames) in enumerate(_periods(rows, asks)):
-        asked = (_single_frame(REQUESTS[(number + k) % len(REQUESTS)]) for k in range(flood))
-        board.step(now_ns, [*asked, *frames])
+    board, vehicle, cycles, planned = built.ecu(bank, firmware), Vehicle(CONFIG, rows, asks=asks), list[int](), 0
+    for number in range(PERIODS):
+        requests = (control_info.single(REQUESTS[(number + k) % len(REQUESTS)]) for k in range(flood))
+        asked = [Frame(frame_id=REQUEST_ID, data=request, is_fd=True) for request in requests]
+        board.step(vehicle.now_ns, [*asked, *vehicle.frames()])
         cycles.append(board.cycles)
         planned += board.trace.mode is Mode.CONTROL
     if (planned > 0) != asks:
@@ -140,25 +132,6 @@ def _pieces(board: Any, image: bytes) -> dict[str, int]:
         "a piece of a check, 4 KiB hashed twice": max(checked),
         "the end of a check, with its signature": ended,
     }
-
-
-def _periods(rows: ProgramRows, asks: bool) -> Iterator[tuple[int, list[Frame]]]:
-    """Recorded pressures and a speed at which the past is read between its rows; control is requested, or is not."""
-    messages, ratio, point = message_set(CONFIG.bus), 0.9, CONFIG.operating_point
-    pressure, speed = E2eSender(messages.pressure.spec), E2eSender(messages.speed.spec)
-    cruises = messages.speed.emit(VehicleSpeed(speed_m_per_s=ratio * point.speed, age_ns=0))
-    for k in range(PERIODS):
-        pascals = tuple((point.dynamic_pressure * ratio**2 * rows[k % len(rows), :-1]).tolist())
-        frame = Pressure(pressure_pa=pascals, valid=(True,) * len(pascals), enable_request=asks and k > 0, age_ns=0)
-        now_ns = (k + 1) * CONFIG.period_ns
-        sent = pressure.frame(messages.pressure.emit(frame), now_ns=now_ns)
-        yield now_ns, [speed.frame(cruises, now_ns=now_ns), sent]
-
-
-def _single_frame(payload: bytes) -> Frame:
-    head = bytes([len(payload)]) if len(payload) < 8 else bytes([0, len(payload)])
-    length = next(size for size in (8, 12, 16, 20, 24, 32, 48, 64) if size >= len(head) + len(payload))
-    return Frame(frame_id=REQUEST_ID, data=(head + payload).ljust(length, b"\xcc"), is_fd=True)
 
 
 if __name__ == "__main__":

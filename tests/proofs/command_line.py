@@ -7,23 +7,20 @@ shared among fresh processes, and an error or a stop ends them.
 import multiprocessing
 import resource
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import track
-from contract.results import versions, write_result
+from benchmarks.common.command_line import console, track
 from stillwake.console.endings import status_of
+from stillwake.console.outputs import save_json
 from stillwake.console.stopping import ends_like_ctrl_c
-from stillwake.console.terminal import make_console
 
 S = TypeVar("S")
 T = TypeVar("T")
 
-console: Final = make_console()
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
 Processes = Annotated[int, typer.Option("--processes", min=1, help="At the same time.")]
 Seed = Annotated[int, typer.Option("--seed", help="Of all that happens.", min=0)]
@@ -74,9 +71,7 @@ def report(
     for row in _rows("", {name: figures[name] for name in shown or figures}):
         table.add_row(*row)
     console.print(table)
-    if json_file is not None:
-        facts["versions"] = versions(*packages)
-        write_result(json_file, figures=figures, facts=facts, on=date.today())
+    save_json(json_file, figures=figures, facts=facts, packages=tuple(packages))
 
 
 def _rows(name: str, value: Any) -> Iterator[tuple[str, str]]:

@@ -1,5 +1,4 @@
-"""Recording of drives: the ECU in Python closes the loop with the wake of the project's own solver on the coarse
-mesh."""
+"""Recording of drives: the ECU in Python closes the loop with the project's own wake on the coarse mesh."""
 
 import tomllib
 import zlib

@@ -42,9 +42,9 @@ def renew(plans: Sequence[Plan], shelf: Path = SHELF) -> None:
     start, targets = parts / "start.npz", [parts / f"{plan.name}{SUFFIX}" for plan in plans]
     if not start.exists():
         save_state(start, own_wake(mesh_of(load_config())).state())
-    missing = [(plan, target) for plan, target in zip(plans, targets, strict=True) if not target.exists()]
+    missing = {target: plan for plan, target in zip(plans, targets, strict=True) if not target.exists()}
     with process_pool(PROCESSES) as pool:
-        list(track(pool.map(partial(_record, start), missing), "drives", "drives", len(missing)))
+        list(track(pool.map(partial(record, start), missing, missing.values()), "drives", "drives", len(missing)))
         jobs, _ = judging.c_jobs(targets, judging.c_library())
         for found in track(pool.map(judging.answers, jobs), "ECU in C", "builds", len(jobs)):
             for name, kind, answers in found:
@@ -63,10 +63,6 @@ def renew(plans: Sequence[Plan], shelf: Path = SHELF) -> None:
         text = json.dumps({**made, **of, **facts(), "sha256": digests}, indent=2)
         (temporary / PROVENANCE).write_text(text + "\n", encoding="utf-8")
     shutil.rmtree(parts)
-
-
-def _record(start: Path, item: tuple[Plan, Path]) -> None:
-    record(start, item[1], item[0])
 
 
 def _made_from() -> str:

@@ -48,14 +48,8 @@ class Line(NamedTuple):
 
 
 class Block(NamedTuple):
-    """One block.
-
-    Attributes:
-        page: its file, relative to the root of the checkout.
-        line: of its first character, from 1.
-        language: shell, python, toml, c, ..., or "" for what is none by its first line.
-        text: without the indent, ended by a line break.
-    """
+    """One block: its page relative to the root of the checkout, the line of its first character, from 1, its language
+    (shell, python, toml, c, ..., or "" for what is none by its first line), and its text without the indent."""
 
     page: str
     line: int

@@ -6,7 +6,6 @@ import re
 import shlex
 import shutil
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -173,28 +172,18 @@ def pages_with(run: str) -> list[str]:
     return list(dict.fromkeys(line.page for line in LINES if line.plan.get("run") == run))
 
 
-@pytest.mark.slow  # some hundred commands
-@pytest.mark.parametrize("page", pages_with("always"))
-def test_command_lines_of_a_page_run(page, tmp_path, monkeypatch, shared, cli):
-    follow(page, tmp_path, monkeypatch, shared, cli, ("always",))
-
-
-@pytest.mark.pages
-@pytest.mark.parametrize("page", pages_with("full"))
-def test_all_command_lines_of_a_page_run(page, tmp_path, monkeypatch, shared, cli):
-    follow(page, tmp_path, monkeypatch, shared, cli, ("always", "full"))
-
-
-def follow(
-    page: str,
-    folder: Path,
-    patch: pytest.MonkeyPatch,
-    shared: Shared,
-    cli: Callable[..., Any],
-    runs: tuple[str, ...],
-) -> None:
-    """Run the lines of a page in their order; AssertionError with the line and what it printed."""
-    patch.chdir(folder)
+# Some hundred commands that run always; all of a page in `make full` alone.
+@pytest.mark.parametrize(
+    ("page", "runs"),
+    [
+        *(pytest.param(page, ("always",), marks=pytest.mark.slow) for page in pages_with("always")),
+        *(pytest.param(page, ("always", "full"), marks=pytest.mark.pages) for page in pages_with("full")),
+    ],
+)
+def test_command_lines_of_a_page_run(page, runs, tmp_path, monkeypatch, shared, cli):
+    """The lines of a page in their order."""
+    folder = tmp_path
+    monkeypatch.chdir(folder)
     its = [block for block in ALL if block.page == page]
     begin(folder, {block.kind["name"]: block.text for block in its if block.kind.get("kind") == "file"})
     for line in [line for block in its for line in block.lines]:

@@ -18,14 +18,10 @@ from can_bridge.wire.frame import FD_LENGTHS, Frame
 from can_bridge.wire.message_sets import SECURED
 from can_bridge.wire.message_specs import FRESHNESS_LENGTH, MAC_LENGTH, MessageSpec
 
-RECORDED: Final = 1000
-"""Genuine frames of the other messages that the attacker has."""
-
 
 @dataclass(kw_only=True, eq=False)
 class _Scene:
-    """A bus after some genuine frames, which the attacker, who has `other`, has recorded; `number` is that of the next
-    genuine frame."""
+    """A bus after genuine frames, which the attacker, who has `other`, recorded; the next one has the `number`."""
 
     spec: MessageSpec
     key: Key
@@ -104,9 +100,9 @@ KINDS: Final[dict[str, Callable[[_Scene], bytes]]] = {
 }
 
 
-def measure(count: int = 300_000, *, seed: int = 0) -> dict[str, Any]:
-    """Attack each secured message with its share of `count` forgeries, a genuine frame behind each; the figures have
-    the counts by kind, and how many genuine frames were refused."""
+def measure(count: int = 300_000, *, recorded: int = 1000, seed: int = 0) -> dict[str, Any]:
+    """Attack each secured message with its share of `count` forgeries, a genuine frame behind each. The attacker has
+    `recorded` frames of each other message. The figures have counts by kind, and how many genuine ones were refused."""
     by_kind = {kind: {"tried": 0, "accepted": 0} for kind in KINDS}
     kinds, refused = list(KINDS), 0
     for spec in SECURED.specs:
@@ -114,7 +110,7 @@ def measure(count: int = 300_000, *, seed: int = 0) -> dict[str, Any]:
         scene = _Scene(spec=spec, key=Key(rng.bytes(KEY_LENGTH)), other=Key(rng.bytes(KEY_LENGTH)), rng=rng)
         # What the attacker has recorded of the other messages has numbers of its own.
         for item in SECURED.specs:
-            for scene.number in range(RECORDED if item is not spec else 0):
+            for scene.number in range(recorded if item is not spec else 0):
                 scene.genuine(item)
         state, scene.number = VerifierState(), 0
         for _ in track(range(count // len(SECURED.specs)), "forgeries", "frames"):

@@ -18,6 +18,7 @@ from can_bridge.secoc.securing import Freshness
 from can_bridge.wire.frame import Frame
 from tests.proofs.bus.receive_path import KEY, MESSAGES, ReceivePath
 from tests.proofs.command_line import max_rss_kib
+from tests.proofs.release import damage
 
 BATCH: Final = 50
 """Receptions between two collections, a tenth of them genuine."""
@@ -123,15 +124,8 @@ _FIELDS: Final = (
 def odd_value(rng: Random) -> Any:
     """A value of any type that a datagram can hold."""
     numbers = (rng.randrange(0x800), rng.randrange(-(2**63), 2**64), rng.uniform(-1e9, 1e9), float("nan"))
-    others: tuple[Any, ...] = (
-        None,
-        rng.random() < 0.5,
-        "x" * rng.randrange(5),
-        rng.randbytes(rng.randrange(70)),
-        [1, 2],
-        {},
-    )
-    return rng.choice((*numbers, *others))
+    others = (None, rng.random() < 0.5, "x" * rng.randrange(5), rng.randbytes(rng.randrange(70)))
+    return rng.choice((*numbers, *others, [1, 2], {}))
 
 
 def any_datagram(rng: Random, sound: bytes) -> bytes:
@@ -140,7 +134,7 @@ def any_datagram(rng: Random, sound: bytes) -> bytes:
     if kind == 0:
         return rng.randbytes(rng.randrange(200))
     if kind == 1:
-        return damaged(rng, sound)
+        return damage.bytes_of(rng, sound)
     fields = msgpack.unpackb(sound)
     for _ in range(rng.randrange(1, 3)):
         fields[rng.choice(_FIELDS)] = odd_value(rng)
@@ -156,7 +150,7 @@ def any_line(rng: Random, sound: bytes) -> bytes:
     if kind == 0:
         return rng.randbytes(rng.randrange(40)) + b"\r"
     if kind == 1:
-        return damaged(rng, sound)
+        return damage.bytes_of(rng, sound)
     if kind == 2:
         return rng.choice(_BAD_LINES)
     digits = "".join(rng.choices("0123456789ABCDEF", k=rng.randrange(150)))
@@ -179,15 +173,3 @@ def any_message(rng: Random) -> can.Message:
     if rng.random() < 0.1:
         fields[rng.choice(("arbitration_id", "is_fd", "dlc", "timestamp"))] = odd_value(rng)
     return can.Message(**fields)
-
-
-def damaged(rng: Random, content: bytes) -> bytes:
-    """The content with some bytes changed, left out, doubled or put in."""
-    changed = bytearray(content)
-    for _ in range(rng.randrange(1, 4)):
-        place, length = rng.randrange(len(changed) + 1), rng.randrange(1, 5)
-        cut, new = rng.choice(
-            ((1, rng.randbytes(1)), (length, b""), (0, changed[place:][:length]), (0, rng.randbytes(length)))
-        )
-        changed[place : place + cut] = new
-    return bytes(changed)

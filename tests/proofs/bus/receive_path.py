@@ -6,7 +6,8 @@ The backends are the real ones; only the system's call that would hand over a da
 from collections import deque
 from collections.abc import Iterable, Sequence
 from queue import SimpleQueue
-from typing import Final
+from types import SimpleNamespace
+from typing import Any, Final
 
 import can
 
@@ -36,18 +37,15 @@ class ReceivePath:
     frames of secured messages that came as far as their end-to-end check; the caller may clear it."""
 
     def __init__(self) -> None:
-        self._datagrams, self._port, self._messages = _FedDatagrams(), _FedPort(), _FedMessages()
+        self._datagrams, self._port, self._messages = _FedUdpBus(), _FedPort(), _FedMessages()
         self._lines = _FedSlcanBus(self._port)
-        self.udp, self.slcan = PythonCanBus(_FedUdpBus(self._datagrams)), PythonCanBus(self._lines)
+        self.udp, self.slcan = PythonCanBus(self._datagrams), PythonCanBus(self._lines)
         self.driver = PythonCanBus(self._messages, linux_error_frames=True)
+        self.buses = (self.udp, self.slcan, self.driver)
         self._messages_in = [(E2eReceiver(message.spec, _E2E), message.parse) for message in MESSAGES]
         self._verifiers = {message.spec: VerifierState() for message in MESSAGES if message.spec.is_secured}
         self.authentic: list[Frame] = []
         self._time = 0.0
-
-    @property
-    def buses(self) -> tuple[PythonCanBus, PythonCanBus, PythonCanBus]:
-        return self.udp, self.slcan, self.driver
 
     def datagrams(self, contents: Iterable[bytes]) -> list[Frame]:
         """Datagrams a second apart, so that none passes for another's copy."""
@@ -108,26 +106,12 @@ class ReceivePath:
         return passed
 
 
-class _FedDatagrams:
-    """A stand-in for python-can's socket."""
-
-    def __init__(self) -> None:
-        self.waiting: deque[tuple[bytes, tuple[str, int], float]] = deque()
-
-    def recv(self, timeout: float | None) -> tuple[bytes, tuple[str, int], float] | None:
-        return self.waiting.popleft() if self.waiting else None
-
-    def fileno(self) -> int:
-        return -1
-
-    def shutdown(self) -> None:
-        pass
-
-
 class _FedUdpBus(UdpMulticastBus):
-    def __init__(self, datagrams: _FedDatagrams) -> None:
+    def __init__(self) -> None:
         can.BusABC.__init__(self, "fed")
-        self._multicast = datagrams  # type: ignore[assignment]
+        self.waiting: deque[tuple[bytes, tuple[str, int], float]] = deque()
+        socket: Any = SimpleNamespace(recv=lambda timeout: self.waiting.popleft() if self.waiting else None)
+        self._multicast = socket
         self._can_protocol = can.CanProtocol.CAN_FD
         self._remember_nothing()
         can.BusABC.shutdown(self)  # nothing to close: python-can would remind us of it

@@ -2,20 +2,14 @@
 
 from dataclasses import replace
 
-import pytest
-
 from can_bridge.secoc import securing
 from tests.proofs.bus import forgeries, fuzz
 
-
-@pytest.fixture(autouse=True)
-def _small(monkeypatch):
-    """A short history."""
-    monkeypatch.setattr(forgeries, "RECORDED", 50)
+HELD_OFF_BY_THE_MAC = ("mutated", "replayed, next freshness", "spliced", "guessed MAC", "another key")
 
 
 def test_no_forgery_is_accepted_and_no_genuine_frame_refused():
-    measured = forgeries.measure(3000)
+    measured = forgeries.measure(3000, recorded=50)
     counts = measured["forgeries"]
     assert measured["authenticated_forgeries_accepted"] == 0
     assert (counts["tried"], counts["genuine"], counts["genuine_refused"]) == (3000, 3000, 0)
@@ -32,12 +26,7 @@ def test_without_mac_or_freshness_what_they_keep_out_passes(monkeypatch):
         return verified(replace(state, freshness=0), frames, spec=spec, key=key)
 
     for owner, name, defect, kinds in (
-        (
-            securing,
-            "verify",
-            trusting,
-            ("mutated", "replayed, next freshness", "spliced", "guessed MAC", "another key"),
-        ),
+        (securing, "verify", trusting, HELD_OFF_BY_THE_MAC),
         (forgeries, "verified", forgetful, ("replayed",)),
     ):
         with monkeypatch.context() as patch:
@@ -45,7 +34,7 @@ def test_without_mac_or_freshness_what_they_keep_out_passes(monkeypatch):
             for kind in kinds:
                 # One kind alone: a made-up freshness value that is accepted shuts out what comes later.
                 patch.setattr(forgeries, "KINDS", {kind: every[kind]})
-                assert forgeries.measure(90)["authenticated_forgeries_accepted"] > 0, kind
+                assert forgeries.measure(90, recorded=50)["authenticated_forgeries_accepted"] > 0, kind
 
 
 def test_of_anything_on_the_wire_all_is_counted_and_genuine_frames_arrive(monkeypatch):

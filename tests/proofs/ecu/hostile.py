@@ -42,12 +42,13 @@ class Stretch(NamedTuple):
     rss_kib: int
 
 
-def stretch(number: int, *, seed: int, periods: int = STRETCH) -> Stretch:
-    """Live through one; `number` chooses settings and, with `seed`, what happens."""
+def stretch(part: range, *, seed: int) -> Stretch:
+    """Live through one; its number chooses settings and, with `seed`, what happens."""
+    number = part.start // STRETCH
     name = list(SETTINGS)[number % len(SETTINGS)]
     world, events = World(Config(ecu=SETTINGS[name])), RandomEvents(f"{seed} {number}")
     broken, modes, first, driven = Counter[str](), Counter[str](), list[str](), 0
-    for _ in range(periods):
+    for _ in part:
         names, seen = world.period(events.next(world.now_ns)), world.seen
         driven += seen.action != 0.0
         if seen.answers:
@@ -56,11 +57,7 @@ def stretch(number: int, *, seed: int, periods: int = STRETCH) -> Stretch:
             broken.update(names)
             error = "" if seen.error is None else f": {seen.error!r}"
             first.append(f"stretch {number} ({name}), period {seen.period}: {', '.join(names)}{error}")
-    return Stretch(periods, broken, modes, driven, first[:3], max_rss_kib())
-
-
-def _stretch(part: range, *, seed: int) -> Stretch:
-    return stretch(part.start // STRETCH, seed=seed, periods=len(part))
+    return Stretch(len(part), broken, modes, driven, first[:3], max_rss_kib())
 
 
 def main(
@@ -70,7 +67,7 @@ def main(
     json_file: JsonFile = None,
 ) -> None:
     """Run an ECU and a vehicle against a hostile bus, clock and controller, and judge every period from outside."""
-    figures = summed(list(in_parts(partial(_stretch, seed=seed), steps, STRETCH, processes, "hostile")))
+    figures = summed(list(in_parts(partial(stretch, seed=seed), steps, STRETCH, processes, "hostile")))
     packages = ("cantools", "autosar-e2e", "numpy")
     report(json_file, "hostile", figures, packages=packages, seed=seed, settings=list(SETTINGS))
     if figures["violations"]:

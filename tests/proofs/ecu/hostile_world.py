@@ -101,6 +101,10 @@ class Events:
     chance: int = 0
 
 
+CALM: Final = [Events(request=k > 0) for k in range(10)]
+"""Into control: the request rises with the second frame."""
+
+
 class Path:
     """One message's way over the bus: frames put in come out in a later period, or not, or otherwise."""
 

@@ -8,7 +8,6 @@ DBC, and limits are worked out here from the settings: nothing of the ECU's own 
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from functools import cache
 from typing import Any, Final, NamedTuple
 
 from e2e.p05 import e2e_p05_check
@@ -21,23 +20,15 @@ from tests.can_bridge.wire.described import DBC
 PRESSURE, COMMAND, STATUS = "Pressure", "JetCommand", "EcuStatus"
 
 
-@cache
-def message(name: str) -> Any:
-    return DBC.get_message_by_name(name)
-
-
-def is_sound(data: bytes, name: str) -> bool:
-    if len(data) != message(name).length:
-        return False
-    # autosar-e2e takes a mutable buffer only.
-    return bool(e2e_p05_check(bytearray(data), int(message(name).dbc.attributes["E2EDataID"].value)))
-
-
 def read(frame: Frame, name: str) -> dict[str, Any] | None:
     """The signals of a sound frame of this message, in the DBC's units; None if it is none."""
-    if frame.frame_id != message(name).frame_id or not is_sound(frame.data, name):
+    message: Any = DBC.get_message_by_name(name)
+    if (frame.frame_id, len(frame.data)) != (message.frame_id, message.length):
         return None
-    signals: dict[str, Any] = message(name).decode_simple(frame.data, decode_choices=False)
+    # autosar-e2e takes a mutable buffer only.
+    if not e2e_p05_check(bytearray(frame.data), int(message.dbc.attributes["E2EDataID"].value)):
+        return None
+    signals: dict[str, Any] = message.decode_simple(frame.data, decode_choices=False)
     return signals
 
 
@@ -45,7 +36,6 @@ MODES: Final = ("OFF", "WARMUP", "CONTROL", "HOLD", "DECAY", "FAULT")
 DRIVING: Final = (2, 3, 4)
 OFF, WARMUP, CONTROL, HOLD, DECAY, FAULT = range(6)
 """As in the DBC's table of modes."""
-
 
 PROMISES: Final = {
     "exceptions": "no exception leaves the ECU's step or the vehicle's node",
@@ -163,7 +153,8 @@ class EcuJudge:
         # A frame of an invalid sensor or of old pressures has a request all the same.
         self._raised |= self._low_since_power_on and any(item["EnableRequest"] for item in sound)
 
-        before, share = self._commands.flow, self._share(elapsed_ns)
+        share = 1.0 if elapsed_ns is None else min(1.0, max(0, elapsed_ns) / self._period_ns)
+        before = self._commands.flow
         broken = self._commands.broken(flow, enable=enable, drives=mode in DRIVING, share=share)
         yield from (_OF_INVARIANTS[name] for name, _ in broken)
         if enable and (now_ns < 0 or (elapsed_ns is not None and elapsed_ns <= 0)):
@@ -217,9 +208,6 @@ class EcuJudge:
                 request = bool(signals["EnableRequest"])
                 candidates.append(Used(signals["E2E_Counter"], sampled_ns, request, item.sampled))
         return sound, candidates
-
-    def _share(self, elapsed_ns: int | None) -> float:
-        return 1.0 if elapsed_ns is None else min(1.0, max(0, elapsed_ns) / self._period_ns)
 
     def _holds(self, command: dict[str, Any], now_ns: int, before: float, share: float) -> bool:
         if self.used is None or not command["PressureCounterValid"]:

@@ -18,12 +18,10 @@ from ecu.pressure_reception import PressureReception
 from ecu.timing import StepTiming
 from firmware_sim.bench.vehicle_node import EchoTracker, VehicleNode
 from tests.proofs.ecu import hostile
-from tests.proofs.ecu.hostile_world import Events, RandomEvents, World
+from tests.proofs.ecu.hostile_world import CALM, Events, RandomEvents, World
 from tests.proofs.ecu.promises import PROMISES
 
 CONFIG = Config()
-CALM = [Events(request=k > 0) for k in range(10)]
-"""Into control: the request rises with the second frame."""
 SWINGS = [Events(value=value) for value in (0.15, -0.15) * 3]
 LOST = [Events(pressure="lost")] * 5
 HALF_LOST = [Events(pressure="lost" if k % 2 else "pass") for k in range(70)]
@@ -162,14 +160,15 @@ def test_a_safeguard_taken_away_is_found(monkeypatch):
 
 
 def test_the_same_seed_is_the_same_and_what_is_broken_is_reported_with_its_stretch(monkeypatch):
-    one, again, other = (hostile.stretch(3, seed=seed, periods=200)._replace(rss_kib=0) for seed in (7, 7, 8))
+    third = range(3 * hostile.STRETCH, 3 * hostile.STRETCH + 200)
+    one, again, other = (hostile.stretch(third, seed=seed)._replace(rss_kib=0) for seed in (7, 7, 8))
     assert one == again != other
     figures = hostile.summed([one, again])
     assert (figures["steps"], figures["violations"], figures["exceptions"]) == (400, 0, 0)
     assert sum(figures["modes"].values()) <= 400
     assert figures["jets_driven"] == 2 * one.driven > 0
     monkeypatch.setattr(SenderState, "next", lambda self, spec: self)
-    figures = hostile.summed([hostile.stretch(0, seed=0, periods=50)])
+    figures = hostile.summed([hostile.stretch(range(50), seed=0)])
     # The first step's counter is right.
     assert figures["violations"] >= figures["broken"]["frames"] == 49
     assert figures["first_violations"][0] == "stretch 0 (as they are), period 1: frames"

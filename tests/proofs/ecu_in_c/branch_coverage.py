@@ -1,12 +1,13 @@
 """Branches of the ECU's C that recorded periods take, by gcc and gcovr; the networks' arithmetic is not among them."""
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final
 
 from contract.errors import LibraryError
 from tests.proofs.ecu_in_c.library import EXACT, Layout, ecu_files, sources
@@ -24,25 +25,8 @@ EXCLUDED: Final = {
 """Branches that nothing leads to, by the text of their line, and why they stand there all the same."""
 
 
-class Coverage(NamedTuple):
-    """Branches that are taken, all of them, and the places with a branch that is never taken, `file:line: text`, with
-    what `EXCLUDED` has without need."""
-
-    covered: int
-    branches: int
-    missed: list[str]
-
-    @property
-    def percent(self) -> float:
-        return 100.0 * self.covered / self.branches
-
-
 def is_possible() -> bool:
-    try:
-        subprocess.run(["gcc", "--version"], capture_output=True, check=True)
-    except OSError:
-        return False
-    return find_spec("gcovr") is not None
+    return shutil.which("gcc") is not None and find_spec("gcovr") is not None
 
 
 def replay_program(
@@ -69,7 +53,9 @@ def replay_program(
     return own / "replay", compared
 
 
-def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Coverage:
+def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> dict[str, Any]:
+    """`branches`, the share of them that is taken, and `branches_missed`: places with a branch that is never taken,
+    `file:line: text`, with what `EXCLUDED` has without need."""
     for name, items in recordings.items():
         program, compared = replay_program(name, folder, ("-O0", "--coverage"))
         for item in items:
@@ -77,7 +63,13 @@ def measured(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Coverag
             periods.write_bytes(item)
             subprocess.run([program, compared, periods], capture_output=True, check=True)
     excluded = [option for name in _OWN for option in ("--exclude", f".*{name}")]
-    return _of(branches(folder / "src", str(folder), *excluded))
+    found = branches(folder / "src", str(folder), *excluded)
+    each = [(f"{file}:{at}", count) for file, at, counts in found for count in counts]
+    never = [name for name, count in each if count == 0]
+    missed = without_reason(never, EXCLUDED)
+    total = len(each) - sum(name not in missed for name in never)
+    percent = round(100.0 * (len(each) - len(never)) / total, 2)
+    return {"branches": total, "branch_coverage_percent": percent, "branches_missed": missed}
 
 
 def branches(root: Path, *options: str) -> Iterator[tuple[str, str, list[int]]]:
@@ -93,16 +85,8 @@ def branches(root: Path, *options: str) -> Iterator[tuple[str, str, list[int]]]:
             yield file["file"], f"{number}: {text[number - 1].strip()}", [one["count"] for one in line["branches"]]
 
 
-def _of(found: Iterable[tuple[str, str, list[int]]]) -> Coverage:
-    each = [(f"{file}:{at}", count) for file, at, counts in found for count in counts]
-    never = [name for name, count in each if count == 0]
-    others, taken = without_reason(never, EXCLUDED), len(each) - len(never)
-    return Coverage(taken, taken + sum(name in others for name in never), others)
-
-
 def without_reason(never: Iterable[str], reasons: Mapping[tuple[str, str], str]) -> list[str]:
-    """Places of branches that are never taken, `file:line: text`, for which there is no reason by file and text of the
-    line; and reasons for what is taken."""
+    """Places, `file:line: text`, that have no reason by file and text of the line; and reasons for what is taken."""
     places = set(never)
     named = {key: {one for one in places if one.startswith(f"{key[0]}:") and key[1] in one} for key in reasons}
     idle = [f"{key} is taken" for key, found in named.items() if not found]

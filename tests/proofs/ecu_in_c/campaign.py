@@ -2,11 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from random import Random
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -25,26 +25,12 @@ CHUNK: Final = 1_000
 """Periods that are recorded before C lives through them."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Mismatch:
-    """The first period in which the two ECUs differ, and the fields in which they do, with both values."""
-
-    variant: str
-    seed: str
-    period: int
-    fields: tuple[str, ...]
-
-    def __str__(self) -> str:
-        shown = "; ".join(self.fields[:3])
-        return f"{self.variant!r}, seed {self.seed!r}, period {self.period}: {shown}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stretch:
-    """Steps lived through by both, the first mismatch, at which it ended, and periods in each operating mode."""
+class Stretch(NamedTuple):
+    """Steps lived through by both, the first mismatch, at which it ended (variant, seed, period, and fields that differ
+    with both values), and periods in each operating mode."""
 
     steps: int
-    mismatch: Mismatch | None
+    mismatch: str | None
     modes: Counter[str]
 
 
@@ -59,19 +45,12 @@ def traffic(name: str, seed: str, horizon: int) -> Iterator[Period]:
 
 
 def recorded(
-    twin: PythonTwin,
-    periods: Iterator[Period],
-    count: int,
-    *,
-    modes: Counter[str] | None = None,
-    edges: Edges | None = None,
-    rng: Random | None = None,
-    moved: float = MOVED,
-) -> Any:
-    """So many periods lived through by the Python ECU, as an array of `twin_period`; `edges` moves it now and then."""
-    room = twin.layout.periods(count)
+    twin: PythonTwin, periods: Iterator[Period], count: int, edges: Edges | None, rng: Random, moved: float = MOVED
+) -> tuple[Any, Counter[str]]:
+    """So many periods of the Python ECU, moved by `edges` now and then, as an array of `twin_period`, and its modes."""
+    room, modes = twin.layout.periods(count), Counter[str]()
     for place, period in zip(room, islice(periods, count), strict=True):
-        if edges is not None and rng is not None and rng.random() < moved:
+        if edges is not None and rng.random() < moved:
             state = twin.power_on if period.restarts else twin.ecu.state
             frames = period.frames if rng.random() < 0.5 else []
             answers = period.answers if moved < NEARLY_ALL or rng.random() < 0.7 else spoilt(period.answers, rng)
@@ -79,9 +58,8 @@ def recorded(
             twin.live_through(near, place)
         else:
             twin.live_through(period, place)
-        if modes is not None:
-            modes[twin.ecu.state.fail_safe.mode.name] += 1
-    return room
+        modes[twin.ecu.state.fail_safe.mode.name] += 1
+    return room, modes
 
 
 def _begun_anew(periods: Iterator[Period]) -> Iterator[Period]:
@@ -111,14 +89,14 @@ def stretch(library: Library, name: str, seed: str, steps: int) -> Stretch:
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
     while done < steps:
         count = min(CHUNK, steps - done)
-        room = recorded(twin, periods, count, modes=modes, edges=edges, rng=rng)
+        room, some = recorded(twin, periods, count, edges, rng)
+        modes += some
         same = library.run(room, count)
         if same < count:
-            fields = tuple(layout.differences(room[same].response, library.found[0]))
-            mismatch = Mismatch(variant=name, seed=seed, period=done + same, fields=fields)
-            return Stretch(steps=done + same, mismatch=mismatch, modes=modes)
+            shown = "; ".join(layout.differences(room[same].response, library.found[0])[:3])
+            return Stretch(done + same, f"{name!r}, seed {seed!r}, period {done + same}: {shown}", modes)
         done += count
-    return Stretch(steps=done, mismatch=None, modes=modes)
+    return Stretch(done, None, modes)
 
 
 def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
@@ -126,5 +104,5 @@ def recording(name: str, seed: str, steps: int, layout: Layout) -> bytes:
     twin, rng = PythonTwin(VARIANTS[name], layout), Random(f"edges {seed}")
     edges = Edges(VARIANTS[name], rng) if seed.endswith(MOVED_SEEDS) else None
     periods = _begun_anew(traffic(name, seed, twin.horizon))
-    room = recorded(twin, periods, steps, edges=edges, rng=rng, moved=NEARLY_ALL)
+    room, _ = recorded(twin, periods, steps, edges, rng, NEARLY_ALL)
     return bytes(layout.ffi.buffer(room))

@@ -14,8 +14,7 @@ from tests.proofs.ecu_in_c.variants import SPEEDS
 
 
 class Drive:
-    """A vehicle with a release that serves a range of speeds; `ratio` is its speed in design speeds, `density` that of
-    the air in kg/m3."""
+    """A vehicle of any speed: its `ratio` to the design speed, and the density of the air in kg/m3."""
 
     def __init__(self, config: Config, rng: Random) -> None:
         self._rng, self._message, self._settings = rng, message_set(config.bus).speed, config.ecu.speed
@@ -62,13 +61,9 @@ class Drive:
         sent_ns = now_ns - queued_ns
         if rng.random() < odd / 5:
             # Of the largest age, or nearly so, or of the future.
-            sent_ns = now_ns - rng.choice((0, oldest_ns(self._settings.oldest_ms))) + rng.randrange(-1, 2)
+            sent_ns = now_ns - rng.choice((0, round(self._settings.oldest_ms * 1e6))) + rng.randrange(-1, 2)
         frame = Frame(frame_id=spec.frame_id, data=sound, is_fd=spec.is_fd)
         return replace(self.sealing.sealed(frame, spec, odd), timestamp_ns=max(0, min(2**63 - 1, sent_ns)))
-
-
-def oldest_ns(oldest_ms: float) -> int:
-    return round(oldest_ms * 1e6)
 
 
 def edges(config: Config) -> list[float]:

@@ -22,7 +22,7 @@ from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 from ecu.pressure_reception import SILENCE_NS, OtherEcu
 from ecu.timing import LATEST_NS
-from tests.proofs.ecu_in_c.drive import edges, oldest_ns
+from tests.proofs.ecu_in_c.drive import edges
 
 LARGEST: Final = 2**32 - 1
 """A count in C."""
@@ -43,7 +43,7 @@ class Edges:
             return self._held(state, now_ns)
         moves = (
             self._fail_safe,
-            self._receiver,
+            lambda state, _: replace(state, pressures=self._received(state.pressures)),
             self._timing,
             self._memory,
             self._pressures,
@@ -79,9 +79,6 @@ class Edges:
             enable_request=rng.random() < (0.2 if starts else 0.6),
         )
         return replace(state, fail_safe=changed)
-
-    def _receiver(self, state: EcuState, _: int) -> EcuState:
-        return replace(state, pressures=self._received(state.pressures))
 
     def _authentication(self, state: EcuState, _: int) -> EcuState:
         """Counts at their ends, and a freshness next to the latest frames'."""
@@ -181,7 +178,7 @@ class Edges:
     def _speed(self, state: EcuState, now_ns: int) -> EcuState:
         """At an end of the range, by a measurement of the largest age or nearly so."""
         rng = self._rng
-        measured_ns = now_ns - rng.choice((0, oldest_ns(self._config.ecu.speed.oldest_ms))) + rng.randrange(-2, 3)
+        measured_ns = now_ns - rng.choice((0, round(self._config.ecu.speed.oldest_ms * 1e6))) + rng.randrange(-2, 3)
         changed = replace(
             state.speed,
             ratio=rng.choice((None, 1.0, 1.0, 1.3, 0.7, *edges(self._config))),

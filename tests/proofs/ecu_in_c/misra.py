@@ -42,17 +42,13 @@ def cppcheck() -> Path | None:
 
 def deviations() -> Deviations:
     """Deviations of the ECU's sources, in all their variants, and of the loader's."""
-    highest = of_the_loader()
-    for name, ends in CHECKED.items():
-        highest |= deviations_of(sources(VARIANTS[name]), sorted(f for f in ecu_files() if f.endswith(ends)))
-    return highest
-
-
-def of_the_loader() -> Deviations:
     own = {name for name in c_sources.loader_sources() if name.startswith("sw_")}
     chosen = sorted(name for name in own if name.endswith(".c"))
     found = deviations_of(node_library.sources(node_twin.CONFIGS["fd"]), chosen, own)
-    return Deviations({key: count for key, count in found.items() if key[0] in own})
+    highest = Deviations({key: count for key, count in found.items() if key[0] in own})
+    for name, ends in CHECKED.items():
+        highest |= deviations_of(sources(VARIANTS[name]), sorted(f for f in ecu_files() if f.endswith(ends)))
+    return highest
 
 
 def deviations_of(contents: Mapping[str, bytes], chosen: list[str], own: Iterable[str] = ()) -> Deviations:

@@ -23,7 +23,6 @@ from typing import Any, Final, NamedTuple
 
 from benchmarks.common.command_line import track
 from can_bridge.command_gate import GateLimits, gate
-from contract.config.tree import Config
 from ecu.in_c.compiler import compile_c, host_compiler
 from tests.proofs.ecu_in_c.library import Layout, ecu_files, sources
 from tests.proofs.ecu_in_c.mutator import Mutant, all_mutated
@@ -62,18 +61,10 @@ class Mutation:
     has_key: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tried:
-    """How many mutants there were, each counted once however many variants have it; those that no recording notices;
-    and of these the ones without an explanation, with explanations without a survivor."""
-
-    mutants: int
-    survivors: list[str]
-    unexplained: list[str]
-
-
-def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Tried:
-    """All mutants in all variants, against the recordings of each."""
+def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> dict[str, Any]:
+    """All mutants in all variants, against the recordings of each: how many `mutants` there were, each counted once
+    however many variants have it; how many `survivors` no recording notices; and of these the ones without an
+    explanation, with explanations without a survivor."""
     alive: dict[tuple[str, int, int], str] = {}
     found: set[tuple[str, int, int]] = set()
     for name in track(recordings, "mutants", "variants"):
@@ -86,11 +77,8 @@ def tried(recordings: Mapping[str, Sequence[bytes]], folder: Path) -> Tried:
             else:
                 found.add(mutant.place)
     lasting = {place: text for place, text in alive.items() if place not in found}
-    return Tried(
-        mutants=len(found | lasting.keys()),
-        survivors=sorted(lasting.values()),
-        unexplained=unexplained(sorted(lasting.values())),
-    )
+    left_over = unexplained(sorted(lasting.values()))
+    return {"mutants": len(found | lasting.keys()), "survivors": len(lasting), "survivors_unexplained": left_over}
 
 
 def unexplained(texts: Iterable[str]) -> list[str]:
@@ -119,16 +107,17 @@ def unexplained(texts: Iterable[str]) -> list[str]:
     return [text for text, places in fits.items() if not places] + idle
 
 
-def build(name: str, folder: Path, chosen: Iterable[str] = MUTATED) -> Mutation:
-    """Compile a variant with all mutants of some files in it."""
+def build(name: str, folder: Path) -> Mutation:
+    """Compile a variant with all mutants of `MUTATED` in it."""
     contents, has_key = sources(VARIANTS[name]), bool(VARIANTS[name].bus.key)
-    changed, mutants = all_mutated({file: plain(contents, file) for file in chosen if has_key or file != SECOC})
+    changed, mutants = all_mutated({file: plain(contents, file) for file in MUTATED if has_key or file != SECOC})
     library = folder / f"mutants_{list(VARIANTS).index(name)}.so"
     compile_c({**contents, **changed}, library, compiler=host_compiler(), flags=TRAPPED)
     layout = Layout(contents)
     layout.ffi.cdef(GATE)
     layout.ffi.cdef("extern int sw_mutant; extern long sw_fuel_left; void sw_mutate(void);")
-    calls = gate_cases(VARIANTS[name], CALLS)
+    limits, rng = GateLimits.from_config(VARIANTS[name]), Random(0)
+    calls = [gate_case(rng, limits) for _ in range(CALLS)]
     return Mutation(library=library, layout=layout, mutants=mutants, calls=calls, has_key=has_key)
 
 
@@ -144,8 +133,7 @@ def plain(contents: Mapping[str, bytes], file: str) -> str:
 
 
 def survivors(mutation: Mutation, recordings: Sequence[bytes], numbers: Iterable[int]) -> list[int]:
-    """Those of the numbers that no recording, an array of `twin_period`, notices; 0, no mutant, must be among them if
-    it was asked for."""
+    """Those of the numbers that no recording, an array of `twin_period`, notices; 0, no mutant, is always one."""
     ffi = mutation.layout.ffi
     size = ffi.sizeof("twin_period")
     c = ffi.dlopen(str(mutation.library))
@@ -175,7 +163,11 @@ def _goes_unnoticed(c: Any, mutation: Mutation, arrays: Sequence[tuple[Any, int]
     ecu = ffi.cast("sw_ecu *", room)
     c.sw_mutant, c.sw_fuel_left = number, FUEL
     c.sw_mutate()
-    if not is_passed(ffi, c, mutation.calls) or (mutation.has_key and not judges_keys(ffi, c)):
+    for case in mutation.calls:
+        gated = c.sw_gate(*case.arguments, ffi.new("sw_gate_limits *", case.limits))
+        if (struct.pack("<d", gated.flow_m2_per_s), gated.enable, gated.interventions) != case.answer:
+            return False
+    if mutation.has_key and not judges_keys(ffi, c):
         return False
     for array, count in arrays:
         for start in range(0, count, SLICE):
@@ -222,23 +214,7 @@ class GateCase(NamedTuple):
     answer: tuple[bytes, int, int]
 
 
-def gate_cases(config: Config, count: int, seed: int = 0) -> list[GateCase]:
-    rng, limits = Random(seed), GateLimits.from_config(config)
-    return [_case(_arguments(rng, limits), limits) for _ in range(count)]
-
-
-def is_passed(ffi: Any, library: Any, wanted: list[GateCase]) -> bool:
-    return all(
-        _answer(library.sw_gate(*case.arguments, ffi.new("sw_gate_limits *", case.limits))) == case.answer
-        for case in wanted
-    )
-
-
-def _answer(gated: Any) -> tuple[bytes, int, int]:
-    return struct.pack("<d", gated.flow_m2_per_s), gated.enable, gated.interventions
-
-
-def _arguments(rng: Random, limits: GateLimits) -> tuple[float, int, float, int, int, int, int, int]:
+def gate_case(rng: Random, limits: GateLimits) -> GateCase:
     limit, step, period = limits.flow_m2_per_s, limits.step_m2_per_s, limits.period_ns
     edges = (limit, -limit, step, -step, 0.0, 2 * limit, -2 * limit, 0.5 * limit)
     previous = rng.choice((*edges, limit + 3.0 * step, -limit - 3.0 * step, rng.uniform(-limit, limit)))
@@ -247,13 +223,10 @@ def _arguments(rng: Random, limits: GateLimits) -> tuple[float, int, float, int,
     now_ns = rng.choice((10**12, 0, 1, 2**61, rng.randrange(10**13)))
     elapsed = rng.choice((period, period - 1, period + 1, period // 2, 1, 0, -1, rng.randrange(period)))
     age = rng.choice((0, limits.fresh_age_ns, limits.held_age_ns)) + rng.choice((-1, 0, 0, 1))
-    times = rng.choice((0, now_ns - elapsed, now_ns - elapsed)), rng.choice((0, now_ns - age, now_ns - age, now_ns + 1))
+    previous_ns = rng.choice((0, now_ns - elapsed, now_ns - elapsed))
+    pressure_ns = rng.choice((0, now_ns - age, now_ns - age, now_ns + 1))
     enable, has_previous, has_pressures = (int(rng.random() < share) for share in (0.95, 0.8, 0.9))
-    return flow, enable, previous, has_previous, times[0], has_pressures, times[1], now_ns
-
-
-def _case(arguments: tuple[float, int, float, int, int, int, int, int], limits: GateLimits) -> GateCase:
-    flow, enable, previous, has_previous, previous_ns, has_pressures, pressure_ns, now_ns = arguments
+    arguments = flow, enable, previous, has_previous, previous_ns, has_pressures, pressure_ns, now_ns
     passed = gate(
         flow,
         enable=bool(enable),

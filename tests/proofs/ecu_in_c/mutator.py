@@ -8,7 +8,7 @@ statements are left out; rows and entries of constant tables are changed. What i
 labels, and the constants inside a `sizeof`. Every loop asks for fuel, so that a mutant which never ends does end.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from pycparser import c_ast, c_generator, c_parser
@@ -44,22 +44,16 @@ class Mutant(NamedTuple):
         return f"{file}:{line}.{nth}: {self.text}"
 
 
-class Mutated(NamedTuple):
-    """A source in C with its mutants, numbered from the first on. `sw_mutate_NAME()` changes its tables."""
-
-    text: str
-    mutants: list[Mutant]
-
-
-def mutated(name: str, preprocessed: str, first: int) -> Mutated:
-    """A preprocessed source with line markers; `first` is the number of its first mutant."""
+def mutated(name: str, preprocessed: str, first: int) -> tuple[str, list[Mutant]]:
+    """A preprocessed source with line markers, as C with its mutants, which are numbered from `first` on;
+    `sw_mutate_NAME()` changes its tables."""
     tree = c_parser.CParser().parse(preprocessed, name)
     generator = _Generator(name, first)
     text = _EXTERNAL + generator.visit(tree)
     stem = name.removesuffix(".c")
     cases = "\n".join(f"    if (sw_mutant == {number}) {change};" for number, change in generator.changes)
     text += f"\nvoid sw_mutate_{stem}(void);\nvoid sw_mutate_{stem}(void)\n{{\n{cases}\n}}\n"
-    return Mutated(text, generator.mutants)
+    return text, generator.mutants
 
 
 class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has no types
@@ -235,24 +229,15 @@ class _Generator(c_generator.CGenerator):  # type: ignore[misc] # pycparser has 
         kind = n.type.type.type.names[-1] if isinstance(n.type, c_ast.ArrayDecl) else ""
         fields = self._structs.get(kind, [])
         for index, row in enumerate(n.init.exprs):
-            for path, entry in _entries(f"{n.name}[{index}]", row, fields):
-                for other in _others_of(self._plain.visit(entry), is_mask=path.endswith(".start")):
-                    number = self._mutant(entry, f"{path} = {self._plain.visit(entry)}", other)
-                    self.changes.append((number, f"{path} = {other}"))
-
-
-def _entries(path: str, row: Any, fields: list[str]) -> Iterator[tuple[str, Any]]:
-    if isinstance(row, c_ast.InitList):
-        yield from ((f"{path}.{field}", entry) for field, entry in zip(fields, row.exprs, strict=True))
-    else:
-        yield path, row
-
-
-def _others_of(text: str, *, is_mask: bool) -> list[str]:
-    if is_mask:
-        # A mode left out, of those that are in: the others are in the rows before or after.
-        return [f"({text}) & ~(1u << (unsigned)SW_{mode})" for mode in MODES if f"SW_{mode})" in text]
-    return [f"({text}) + 1", f"({text}) - 1"]
+            is_struct = isinstance(row, c_ast.InitList)
+            for field, entry in zip(fields, row.exprs, strict=True) if is_struct else [("", row)]:
+                path, text = f"{n.name}[{index}].{field}".rstrip("."), self._plain.visit(entry)
+                others = [f"({text}) + 1", f"({text}) - 1"]
+                if field == "start":
+                    # A mode left out, of those that are in: the others are in the rows before or after.
+                    others = [f"({text}) & ~(1u << (unsigned)SW_{mode})" for mode in MODES if f"SW_{mode})" in text]
+                for other in others:
+                    self.changes.append((self._mutant(entry, f"{path} = {text}", other), f"{path} = {other}"))
 
 
 def _drop_const(node: Any) -> None:
@@ -268,9 +253,9 @@ def all_mutated(preprocessed: Mapping[str, str]) -> tuple[dict[str, bytes], list
     """Mutated sources by name with what else they need, and all their mutants, numbered from 1."""
     sources, mutants = dict[str, bytes](), list[Mutant]()
     for name, text in preprocessed.items():
-        found = mutated(name, text, 1 + len(mutants))
-        sources[name] = found.text.encode()
-        mutants += found.mutants
+        changed, found = mutated(name, text, 1 + len(mutants))
+        sources[name] = changed.encode()
+        mutants += found
     calls = [f"sw_mutate_{name.removesuffix('.c')}" for name in preprocessed]
     declared = "".join(f"void {call}(void);\n" for call in calls)
     body = "".join(f"    {call}();\n" for call in calls)

@@ -7,8 +7,7 @@ from typing import Final, NamedTuple
 
 
 class Planted(NamedTuple):
-    """A fault: what is wrong, the vehicle's variant in which it can be seen, and the text of a source, which stands
-    there once, with what stands there instead."""
+    """What is wrong, the variant in which it can be seen, and a text that stands in a source once, with another one."""
 
     what: str
     variant: str

@@ -41,7 +41,7 @@ def ecu_in_c(
 ) -> None:
     """Live through random control periods with both ECUs, and measure how sharp the comparison is."""
     stretches = list(in_parts(partial(_lived_through, seed=seed), steps, STRETCH, processes, "ecu-c"))
-    mismatches = [str(one.mismatch) for one in stretches if one.mismatch is not None]
+    mismatches = [one.mismatch for one in stretches if one.mismatch is not None]
     modes = sum((one.modes for one in stretches), Counter[str]())
     figures: dict[str, Any] = {
         "steps": sum(one.steps for one in stretches),
@@ -97,14 +97,8 @@ def sharpness(scratch: Path) -> dict[str, Any]:
     missed = [item.what for item in track(PLANTED, "planted faults", "faults") if not _is_found(item, scratch)]
     figures = {"planted": len(PLANTED), "planted_found": len(PLANTED) - len(missed), "planted_missed": missed}
     if branch_coverage.is_possible():
-        coverage = branch_coverage.measured(recordings, scratch)
-        figures |= {
-            "branches": coverage.branches,
-            "branch_coverage_percent": round(coverage.percent, 2),
-            "branches_missed": coverage.missed,
-        }
-    tried = mutants.tried(recordings, scratch)
-    figures |= {"mutants": tried.mutants, "survivors": len(tried.survivors), "survivors_unexplained": tried.unexplained}
+        figures |= branch_coverage.measured(recordings, scratch)
+    figures |= mutants.tried(recordings, scratch)
     if misra.cppcheck() is not None:
         deviations = misra.deviations()
         figures |= {

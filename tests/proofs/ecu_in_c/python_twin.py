@@ -68,13 +68,7 @@ class Networks:
         self.estimated_on.clear()
 
     def control_step(
-        self,
-        window: Array,
-        plan: Array,
-        free: Array,
-        weights: Array | None = None,
-        speed: float = 1.0,
-        limit: float | None = None,
+        self, window: Array, plan: Array, free: Array, weights: Any = None, speed: float = 1.0, limit: Any = None
     ) -> ControlStep:
         assert weights is not None and limit is not None
         self.planned_on.append((window, plan, free, weights, np.array([speed, limit])))
@@ -95,7 +89,8 @@ class PythonTwin:
         self.horizon, self.window = bundle.manifest.mpc.horizon, bundle.manifest.window
         self.config, self.layout = config, layout
         self._pressure_id = message_set(config.bus).pressure.spec.frame_id
-        self.networks = Networks(silent(self.horizon))
+        plan, forces = np.zeros(self.horizon), np.zeros((self.horizon, FORCES))
+        self.networks = Networks(Answers(plan=plan, forces=forces, estimates=np.zeros((34, 4))))
         self.ecu = Ecu(bundle, self.networks, config, authentication=authentication_of(config))
         figures = bundle.manifest.sensor_estimator
         if config.ecu.sensor_check.enabled and figures is not None:
@@ -166,7 +161,3 @@ class PythonTwin:
             asked.speed, asked.limit = float(speed), float(limit)
         for window in networks.estimated_on:
             structs.copy(place.estimated_on, window)
-
-
-def silent(horizon: int) -> Answers:
-    return Answers(plan=np.zeros(horizon), forces=np.zeros((horizon, FORCES)), estimates=np.zeros((34, 4)))

@@ -16,7 +16,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from random import Random
 from time import perf_counter
@@ -24,7 +24,7 @@ from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
-from benchmarks.common.command_line import track
+from benchmarks.common.command_line import console, track
 from can_bridge.flashing.backing import MediumError, Slot
 from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase
@@ -37,15 +37,13 @@ from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.releases import RELEASE, provision
 from tests.can_bridge.flashing.store_ecu import StoreEcu
 from tests.can_bridge.tester.line import Line, flash_over
-from tests.proofs.command_line import JsonFile, console, report, spread
+from tests.proofs.command_line import JsonFile, report, spread
 from tests.proofs.flash.places import FolderPlace
 
 OLD, NEW = 1, 2
 """Security versions of the two releases."""
 KINDS: Final = ("bricked", "wrong_release", "confirmed_lost", "counter_moved", "checkpoint_lost", "reflash_failed")
 """What can go wrong in a case."""
-
-
 PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
 
@@ -54,23 +52,9 @@ class ProofError(StillwakeError):
     """A case in which something was lost; the message has the first one's name."""
 
 
-class Piece(NamedTuple):
-    """Some of the cases of one walk: every `of`th operation from `number` on, and a share of the second cuts."""
-
-    seed: int
-    number: int
-    of: int
-    share: float
-
-
 class Case(NamedTuple):
-    """One case.
-
-    Attributes:
-        seed: of what the cut leaves behind.
-        first: operation of the sequence.
-        second: operation after the power-on, if there is a second cut.
-    """
+    """One case: the seed of what the cut leaves behind, the operation of the sequence in which the supply is cut, and
+    the one after the power-on, if there is a second cut."""
 
     seed: int
     first: int
@@ -90,12 +74,8 @@ class Case(NamedTuple):
 
 @dataclass
 class Asked:
-    """How far the tester had come: what may be found after a cut.
-
-    Attributes:
-        received: bytes that the ECU acknowledged.
-        activated, confirmed: whether it was asked for.
-    """
+    """How far the tester had come, by which is known what may be found after a cut: bytes that the ECU acknowledged,
+    and whether activation and confirmation were asked for."""
 
     received: int = 0
     activated: bool = False
@@ -119,13 +99,8 @@ class Finding(NamedTuple):
 
 @dataclass
 class Tally:
-    """Cases by depth, and what went wrong in them.
-
-    Attributes:
-        operations: of the whole sequence without a cut.
-        boots: each of which checked the image that it booted.
-        report: called with what happens in each case.
-    """
+    """Cases by depth, and what went wrong in them; operations of the whole sequence without a cut; boots, each of which
+    checked the image that it booted. What happens in each case is told to `report`."""
 
     cases: Counter[int] = field(default_factory=Counter)
     findings: list[Finding] = field(default_factory=list)
@@ -170,14 +145,8 @@ def walk(
     then: Callable[[int, int], bool] = lambda first, second: False,
     tally: Tally | None = None,
 ) -> Tally:
-    """The whole sequence, with a case for each operation that `at` picks.
-
-    Args:
-        seed: of what cuts leave behind.
-        at: whether to cut in the operation with this number of the sequence.
-        then: whether to cut in the second operation during the recovery from the first one.
-        tally: to count in, in place of a new one.
-    """
+    """The whole sequence, with a case for each operation of its number that `at` picks, and a further one for each that
+    `then` picks in the recovery from it. The seed is of what cuts leave behind; a `tally` is gone on with."""
     place, tally = provisioned(seed), tally or Tally()
     begin, asked = place.operations, Asked()
 
@@ -260,7 +229,6 @@ def _running(ecu: StoreEcu, place: FolderPlace) -> int | None:
 
 
 def _release_in(place: FolderPlace, slot: Slot, length: int) -> int | None:
-    """Which release is in a slot, byte by byte."""
     try:
         content = place.backing().read(slot, 0, length)
     except MediumError:
@@ -292,51 +260,37 @@ def main(
     began = perf_counter()
     operations = walk(0, lambda number: False).operations
     of = -(-operations // (PIECE * every))
-    pieces = [
-        Piece(seed, number, of * every, second_cuts / operations)
-        for seed in range(seeds)
-        for number in range(0, of * every, every)
-    ]
+    pieces = [(seed, number) for seed in range(seeds) for number in range(0, of * every, every)]
+    work = partial(run_piece, of=of * every, share=second_cuts / operations)
     total = Tally()
-    for tally in track(spread(run_piece, pieces, workers), "cuts", "parts", len(pieces)):
+    for tally in track(spread(work, pieces, workers), "cuts", "parts", len(pieces)):
         total.add(tally)
-    figures = figures_of(total) | {"seconds_proof": perf_counter() - began}
-    report(
-        json_file,
-        "flash",
-        figures,
-        packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"),
-        shown=list(figures),
-        every=every,
-        seeds=seeds,
-        second_cuts=second_cuts,
-        workers=workers,
-    )
-    if total.findings:
-        first = total.findings[0]
-        raise ProofError(f"{len(total.findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
-
-
-def run_piece(piece: Piece) -> Tally:
-    """Its cases; of the second cuts a share, chosen by their numbers and the seed alone."""
-
-    def second(first: int, number: int) -> bool:
-        return Random(f"{piece.seed} {first} {number}").random() < piece.share
-
-    return walk(piece.seed, lambda number: number % piece.of == piece.number, second)
-
-
-def figures_of(total: Tally) -> dict[str, Any]:
-    """What was counted."""
     lost = Counter(finding.kind for finding in total.findings)
-    return {
+    figures = {
         "operations": total.operations,
         "cuts_depth_1": total.cases[1],
         "cuts_depth_2": total.cases[2],
         "boots": total.boots,
         **{kind: lost[kind] for kind in KINDS},
         "cases_lost": [str(finding.case) for finding in total.findings][:20],
+        "seconds_proof": perf_counter() - began,
     }
+    facts: dict[str, Any] = {"every": every, "seeds": seeds, "second_cuts": second_cuts, "workers": workers}
+    report(json_file, "flash", figures, packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"), **facts)
+    if total.findings:
+        first = total.findings[0]
+        raise ProofError(f"{len(total.findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
+
+
+def run_piece(piece: tuple[int, int], *, of: int, share: float) -> Tally:
+    """Some of the cases of one walk, by its seed and a number: every `of`th operation from there on, and a share of the
+    second cuts, chosen by their numbers and the seed alone."""
+    seed, begin = piece
+
+    def second(first: int, number: int) -> bool:
+        return Random(f"{seed} {first} {number}").random() < share
+
+    return walk(seed, lambda number: number % of == begin, second)
 
 
 def _replay(case: Case) -> None:

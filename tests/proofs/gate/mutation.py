@@ -34,22 +34,15 @@ pytest_add_cli_args=
 pytest_add_cli_args_test_selection=tests
 """
 _RESULT: Final = re.compile(r"^\s*(\S+): (.+)$", re.MULTILINE)
+_CHANGED: Final = re.compile(r"^[+-](?!\+\+|--).*$", re.MULTILINE)
+"""A line of a diff that was taken out or put in."""
 KILLED: Final = ("killed", "caught by type check")
 
 
 def measure(*, gate: Path = ROOT / GATE, tests: Path = ROOT / TESTS) -> dict[str, Any]:
-    """Make every mutant and run the tests on it; a minute.
-
-    Args:
-        gate: file to mutate, in place of the command gate.
-        tests: file of the tests that judge it.
-
-    Returns:
-        `gate_mutants`, `gate_mutants_survived`, and `gate_survivors`: name, status and lines changed of each.
-
-    Raises:
-        StillwakeError: if mutmut is missing, or the tests fail on the gate as it is.
-    """
+    """Make every mutant of the gate, or of another file, and run a file of tests on it; a minute. Each of the
+    `gate_survivors` has name, status and changed lines. Raises StillwakeError if mutmut is missing, or the tests fail
+    on the gate as it is."""
     try:
         tool = version("mutmut")
     except PackageNotFoundError as error:
@@ -65,7 +58,7 @@ def measure(*, gate: Path = ROOT / GATE, tests: Path = ROOT / TESTS) -> dict[str
         _mutmut(folder, "run", "--max-children", "2")
         results = dict(_RESULT.findall(_mutmut(folder, "results", "--all", "true")))
         survivors = [
-            {"mutant": mutant, "status": status, "change": _change(_mutmut(folder, "show", mutant))}
+            {"mutant": mutant, "status": status, "change": _CHANGED.findall(_mutmut(folder, "show", mutant))}
             for mutant, status in sorted(results.items())
             if status not in KILLED
         ]
@@ -86,8 +79,3 @@ def _mutmut(folder: Path, *arguments: str) -> str:
         output = " ".join((done.stdout + done.stderr).split())[-300:]
         raise StillwakeError(f"mutmut {arguments[0]} ended with status {done.returncode}: {output}")
     return done.stdout
-
-
-def _change(diff: str) -> list[str]:
-    """The lines of a diff that were taken out and put in."""
-    return [line for line in diff.splitlines() if line[:1] in "+-" and line[:3] not in ("+++", "---")]

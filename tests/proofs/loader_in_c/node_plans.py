@@ -145,7 +145,8 @@ def calibrations(rng: Random, of: World) -> Plan:
         values = bytearray(own)
         most = PACKED_BYTES // 4
         at = 4 * rng.choice((rng.randrange(most), most - 2, most - 3))
-        values[at : at + 4] = rng.choice((own[at : at + 4], _half(own[at : at + 4]), *_VALUES))
+        half = struct.pack("<f", 0.5 * struct.unpack_from("<f", own, at)[0])
+        values[at : at + 4] = rng.choice((own[at : at + 4], half, *_VALUES))
         yield write(Did.CALIBRATION, bytes(values))
         yield lambda program: program.control(1, False)
         yield write(Did.CALIBRATION_STORED, bytes([rng.choice((0, 1, 1, 2))]))
@@ -153,10 +154,6 @@ def calibrations(rng: Random, of: World) -> Plan:
     if rng.random() < 0.5:
         yield from unlocking(Level.PROGRAMMING)
         yield b"\x11\x01"
-
-
-def _half(value: bytes) -> bytes:
-    return struct.pack("<f", 0.5 * struct.unpack("<f", value)[0])
 
 
 def controlled(rng: Random, of: World) -> Plan:

@@ -118,8 +118,7 @@ def _grid(rng: Random) -> bytes:
 
 
 class Prober(Program):
-    """A tester who is answered at once. `met` counts requests by the state in which each found the ECU, and by
-    service."""
+    """A tester who is answered at once; `met` counts requests by the state that each found, and by service."""
 
     def __init__(self, of: World, seed: str) -> None:
         super().__init__(of, seed, trouble=0.0)

@@ -6,7 +6,7 @@ The Python one is `FlashableEcu`, with images for microcontrollers in place of b
 import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final, NamedTuple
@@ -15,7 +15,6 @@ from unittest.mock import patch
 import numpy as np
 
 from can_bridge.e2e.sender import E2eSender
-from can_bridge.flashing.backing import at_once
 from can_bridge.flashing.checking import Rules, fits_as, judge_image
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
@@ -35,9 +34,8 @@ from ecu.flashable import power_cycle
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu
 from ecu.flashable.vehicle_fit import self_test
-from tests.can_bridge.flashing import plain_backing, releases
 from tests.can_bridge.flashing.plain_backing import PlainBacking
-from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, keys
+from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, keys, provision
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET, Counted
 from tests.ecu.conftest import RecordingController
 from tests.proofs.ecu.hostile_world import small_bundle
@@ -157,13 +155,8 @@ def checked(image: bytes, rules: Rules, *, of: World) -> tuple[Verdict, Bundle |
 
 @contextmanager
 def as_in_c(of: World) -> Iterator[None]:
-    with ExitStack() as stack:
-        for module, name, value in (
-            (power_cycle, "Store", partial(Store, check=partial(checked, of=of))),
-            (plain_backing, "CLEAR_PIECES", 3),
-            (power_cycle, "self_test", _self_test),
-        ):
-            stack.enter_context(patch.object(module, name, value))
+    checks_images = partial(Store, check=partial(checked, of=of))
+    with patch.object(power_cycle, "Store", checks_images), patch.object(power_cycle, "self_test", _self_test):
         yield
 
 
@@ -198,7 +191,7 @@ class Twins:
         self.c = Host(of.library, rules_of(of), SECRET, TEXTS)
         self.c.provision(keys(), image, hashlib.sha256(image).digest())
         self.c.power_on()
-        backing = _provisioned(of, image)
+        self.backing = provision(PlainBacking(capacity=SLOT_BYTES), image or None, check=partial(checked, of=of))
         equipment = Equipment(
             root=signing.public_key(ROOT),
             access=KEY,
@@ -210,8 +203,7 @@ class Twins:
         )
         self._authentication = Authentication(key=BUS_KEY) if of.config.bus.key else None
         self._freshness = Freshness(trip=1)
-        self.backing = backing
-        self.python = FlashableEcu(backing, of.config, equipment, authentication=self._authentication)
+        self.python = FlashableEcu(self.backing, of.config, equipment, authentication=self._authentication)
         _living[:], self.fails, seeds = [self], 0, Counted()
         self._waits_for_control, self.reset_ns = False, 0
         self._pressures = E2eSender(message_set(of.config.bus).pressure.spec)
@@ -274,18 +266,3 @@ class Twins:
         frame, freshness = self._pressures.frame(of.emit(message), now_ns=self.now_ns), self._freshness
         self._freshness = freshness.next()
         return frame if self._authentication is None else secure(frame, of.spec, BUS_KEY, freshness)
-
-
-def _provisioned(of: World, image: bytes) -> PlainBacking:
-    backing, check = PlainBacking(capacity=SLOT_BYTES), partial(checked, of=of)
-    store = releases.store_on(backing, check=check)
-    store.take_keys(keys())
-    if image:
-        at_once(store.announce(len(image), hashlib.sha256(image).digest()))
-        store.append(image)
-        assert at_once(store.finish()) is Verdict.GOOD
-        store.activate()
-        store = releases.store_on(backing, check=check)
-        store.boot()
-        store.confirm()
-    return backing

@@ -61,7 +61,10 @@ def main(
             for found, calls_made in in_parts(partial(_played, kind, folder, seed), programs, 25, processes, kind):
                 differences += found
                 compared += calls_made
-        fuzzed = _fuzzed(folder, seed, fuzz_requests)
+        of = world("fd", Library(sources(CONFIGS["fd"]), folder / "fd" / "fd.so"))
+        corpus(of, folder / "corpus", range(seed, seed + 60))
+        program = build(sources(of.config), folder / "fuzz", "node_fuzz.c", SANITISED)
+        fuzzed: dict[str, Any] = {**fuzz(program, folder / "corpus", seed, fuzz_requests)}
         (folder / "sizes").mkdir()
         different = storage["mismatches"] + storage["image_mismatches"] + len(differences)
         figures = storage | {
@@ -84,13 +87,6 @@ def _played(kind: str, folder: Path, seed: int, numbers: range) -> tuple[list[st
     found = [f"{kind} {seed} {number}: {text}" for number, twins in zip(numbers, played, strict=True)
              for text in twins.differences]  # fmt: skip
     return found, sum(twins.compared for twins in played)
-
-
-def _fuzzed(folder: Path, seed: int, requests: int) -> dict[str, Any]:
-    of = world("fd", Library(sources(CONFIGS["fd"]), folder / "fd" / "fd.so"))
-    corpus(of, folder / "corpus", range(seed, seed + 60))
-    program = build(sources(of.config), folder / "fuzz", "node_fuzz.c", SANITISED)
-    return dict(fuzz(program, folder / "corpus", seed, requests))
 
 
 def corpus(of: World, file: Path, seeds: range) -> None:

@@ -96,8 +96,7 @@ def any_record(rng: Random) -> tuple[RecordKind, bytes]:
 
 
 def forged(pair: Pair, seed: str, records: int) -> tuple[int, int]:
-    """Both stores on so many records in turn, and what may follow: how many there were, and after how many of them a
-    release ran."""
+    """Both stores on so many records in turn, and what may follow: their number, and after how many a release ran."""
     rng, run = Random(f"forged {seed}"), 0
     good = b""
     for number in range(records):

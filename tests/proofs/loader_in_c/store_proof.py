@@ -79,8 +79,7 @@ def images(seed: int, count: int) -> Iterator[bytes]:
 
 
 def fuzz(program: Path, seed: int, count: int) -> tuple[Counter[str], list[str]]:
-    """How many images have each verdict, and the first of those that both judge differently. Raises RuntimeError if a
-    sanitiser ended the program."""
+    """Verdicts with their counts, and images that both judge differently; RuntimeError if a sanitiser ended it."""
     made = list(images(seed, count))
     head = rules(ONE) + struct.pack(">I", len(LIST)) + LIST
     sent = head + b"".join(struct.pack(">I", len(one)) + hashlib.sha256(one).digest() + one for one in made)

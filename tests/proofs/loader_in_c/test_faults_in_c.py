@@ -122,16 +122,9 @@ def live(of: Any, library: Library) -> None:
     course.into_control()
     course.ask(b"\x85\x01")
     course.periods(8, None)
-    for request in (
-        b"\x14" + LOST,
-        b"\x14\x00\x00\x00",
-        b"\x14\x00",
-        b"\x19\x03\x00",
-        b"\x19\x01",
-        b"\x19\x04\x00\x00\x00\x01",
-    ):
+    odd = map(bytes.fromhex, ["14000000", "1400", "190300", "1901", "190400000001"])
+    for request in (b"\x14" + LOST, *odd, b"\x19\x04" + LOST + b"\x02"):
         course.ask(request)
-    course.ask(b"\x19\x04" + LOST + b"\x02")
     course.reports()
     # A memory that takes nothing, first while nothing may be written to it anyway, and records that no ECU writes.
     keep = course.twins.backing.keep
@@ -155,8 +148,8 @@ def live(of: Any, library: Library) -> None:
     rows = [
         bytes([(0x08, 0x00, 0xFF)[at // len(ages) % 3], ages[at % len(ages)], at % 4]) for at in range(2 * len(CODES))
     ]
-    odd = [b"SWF1" + b"".join(row + bytes(range(SNAPSHOT_BYTES)) for row in rows[at::2]) for at in range(2)]
-    forged = [one + crc32(one).to_bytes(4, "big") for one in odd]
+    bodies = [b"SWF1" + b"".join(row + bytes(range(SNAPSHOT_BYTES)) for row in rows[at::2]) for at in range(2)]
+    forged = [one + crc32(one).to_bytes(4, "big") for one in bodies]
     for damaged in (*forged, kept[:-1] + b"\x00", b"SWF2" + kept[4:], kept[:-1], kept):
         course.twins.backing.keep(RecordKind.FAULTS, damaged)
         assert library.c.host_keep_faults(course.twins.c._room, damaged, len(damaged)) == 0

@@ -52,8 +52,6 @@ PLANTED_IN_PYTHON = (
     (EcuServices, "_confirm", confirm_without_a_trial),
 )
 """Owner, name, and what stands there instead: defects of the Python ECU, which the one in C does not have."""
-
-
 MOST_SEEDS = 150
 PLANTED = (
     ("sw_services.c", "if (counter != transfer->expected) return SW_NRC_WRONG_BLOCK_COUNTER;", ""),
@@ -272,8 +270,7 @@ UNREACHED = {
 
 
 def missed(folder: Path, seeds: Sequence[int]) -> list[str]:
-    """Branches of `MEASURED` that programs of these seeds do not take, `file:line: text`, and those of `UNREACHED` that
-    they do."""
+    """Branches of `MEASURED` that programs of these seeds do not take, and those of `UNREACHED` that they do."""
     found = dict[str, int]()
     for kind, config in CONFIGS.items():
         place, contents = folder / kind, sources(config)

@@ -4,7 +4,7 @@ Counts beyond the last one that a condition asks for are one. Beside the code ru
 and modes, knows no table, and says what must not be.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -34,12 +34,8 @@ SETTINGS: Final = {
     "their number": EcuConfig(hold_periods=2, decay_periods=2, rearm_frames=2, loss_window=5, loss_limit=3),
 }
 """Lengths of hold, decay and re-arming, and limits: as large as is needed for every row of the table."""
-
-
-def lengths(config: EcuConfig) -> dict[str, int]:
-    """The settings that the table depends on."""
-    names = ("hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit")
-    return {name: getattr(config, name) for name in names}
+LENGTHS: Final = ("hold_periods", "decay_periods", "rearm_frames", "loss_window", "loss_limit")
+"""The settings that the table depends on."""
 
 
 class ViolationError(AssertionError):
@@ -194,7 +190,11 @@ def explored(pair: Pair) -> dict[str, int]:
                 new.append((after, seen))
         if before.mode is not OperatingMode.UPDATE:
             starts += 1
-            if not _starts(pair, before) or not _shuts(pair, before):
+            # Good frames, a low request and a high one lead to control; silence shuts the jets in time.
+            starts_by = [*[False] * config.rearm_frames, True]
+            silence = [None] * (config.hold_periods + config.decay_periods + 1)
+            is_started = _after(pair, before, starts_by).mode is OperatingMode.CONTROL
+            if not is_started or _after(pair, before, silence).mode.drives_jets:
                 raise ViolationError(f"control is not reached, or the jets not shut, from {before}")
     return {"states": len({key[0] for key in ways}), "with_witness": len(ways), "steps": steps, "started": starts}
 
@@ -219,22 +219,11 @@ def _told(ways: dict[Any, Any], key: Any) -> list[str]:
     return [*_told(ways, before), " ".join((pressures, request, *others))]
 
 
-def _periods(requests: Sequence[bool | None]) -> Iterator[PeriodInputs]:
+def _after(pair: Pair, state: FailSafe, requests: Sequence[bool | None]) -> FailSafe:
+    """The state after a period for each request; None is a period without a usable frame."""
     for request in requests:
-        yield PeriodInputs(
+        inputs = PeriodInputs(
             usable=request is not None, enable_request=request, unusable_because=Reason.STREAM_LOST, window_full=True
         )
-
-
-def _starts(pair: Pair, state: FailSafe) -> bool:
-    """Whether good frames, a low request and a high one lead to control from here."""
-    for inputs in _periods([*[False] * pair.config.rearm_frames, True]):
         state = pair.next(state, inputs)
-    return state.mode is OperatingMode.CONTROL
-
-
-def _shuts(pair: Pair, state: FailSafe) -> bool:
-    """Whether silence shuts the jets in time from here."""
-    for inputs in _periods([None] * (pair.config.hold_periods + pair.config.decay_periods + 1)):
-        state = pair.next(state, inputs)
-    return not state.mode.drives_jets
+    return state

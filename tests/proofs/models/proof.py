@@ -64,7 +64,8 @@ def main(json_file: JsonFile = None) -> None:
         ]
     found = sum(bool(one["found"]) for one in sabotaged)
     figures = {**parts, "sabotage": len(sabotaged), "sabotage_found": found, "sabotaged": sabotaged}
-    settings = {name: fail_safe.lengths(config) for name, config in fail_safe.SETTINGS.items()}
+    used = fail_safe.SETTINGS.items()
+    settings = {name: {key: getattr(config, key) for key in fail_safe.LENGTHS} for name, config in used}
     report(
         json_file, "models", figures, packages=("stillwake",), shown=("fail_safe", "flashing", "sabotage_found"),
         settings=settings, sector_bytes=flashing.SECTOR,

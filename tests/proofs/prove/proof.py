@@ -21,7 +21,6 @@ import subprocess
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from datetime import date
 from fnmatch import fnmatch
 from functools import cache, partial
 from pathlib import Path
@@ -30,11 +29,11 @@ from typing import Annotated, Any, Final, Literal
 
 import typer
 
-from benchmarks.common.command_line import track
+from benchmarks.common.command_line import console, track
 from contract.errors import StillwakeError
-from contract.results import versions, write_result
+from stillwake.console.outputs import save_json
 from stillwake.parts.c_release import library_folder
-from tests.proofs.command_line import JsonFile, console
+from tests.proofs.command_line import JsonFile
 
 HARNESSES: Final = Path(__file__).with_name("c")
 PLAN: Final = Path(__file__).with_name("items.toml")
@@ -97,7 +96,6 @@ class Item:
 
     @property
     def tool(self) -> str:
-        """Name of the tool."""
         return "Eva" if self.sources else "ESBMC"
 
 
@@ -122,14 +120,9 @@ class Sabotage:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """The result of an item. `conditions` is the number of conditions that the solver had to show, of which a line of
-    code may have many, or of statements that Eva reached.
-
-    Attributes:
-        seconds: CPU time, in seconds.
-        why: reason why the item is open, or the violated property.
-        key: hash of the sources, the harness and the tool of this result.
-    """
+    """The result of an item: the number of conditions that the solver had to show, of which a line of code may have
+    many, or of statements that Eva reached; CPU time in seconds; the reason why the item is open, or the violated
+    property; and a hash of the sources, the harness and the tool."""
 
     state: State
     conditions: int = 0
@@ -163,7 +156,9 @@ def tried(item: Item, library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome
         if shutil.which("frama-c") is None:
             return Outcome(state="open", why="there is no Frama-C")
         sources = [next(place / name for place in folders if (place / name).exists()) for name in item.sources]
-        command = _eva_command(HARNESSES / f"{file}.c", function, sources, folders)
+        include = "-cpp-extra-args=" + " ".join(f"-I{folder}" for folder in folders)
+        command = ["frama-c", *_EVA_FLAGS, include, str(HARNESSES / f"{file}.c"), *map(str, sources)]
+        command += ["-main", function, "-eva"]
     else:
         command = [str(esbmc), str(HARNESSES / f"{file}.c"), *FLAGS, "--function", function]
         command += ["--unwind", str(item.unwind)]
@@ -183,12 +178,6 @@ def tried(item: Item, library: Path, esbmc: Path, cpu_s: int = CPU_S) -> Outcome
         conditions = int(found[1]) if found else 0
         state, why = _judged(output, cpu_s, seconds)
     return Outcome(state=state, conditions=conditions, seconds=round(seconds, 1), why=why)
-
-
-def _eva_command(harness: Path, function: str, sources: Sequence[Path], folders: Sequence[Path]) -> list[str]:
-    """Return the command by which Eva analyses a function of a harness with the sources that it calls."""
-    include = "-cpp-extra-args=" + " ".join(f"-I{folder}" for folder in folders)
-    return ["frama-c", *_EVA_FLAGS, include, str(harness), *map(str, sources), "-main", function, "-eva"]
 
 
 def judged_by_eva(output: str) -> tuple[State, int, str]:
@@ -280,8 +269,7 @@ def _tell(name: str, outcome: Outcome) -> None:
 
 
 def _key(library: Path, esbmc: Path, of: Item | Sabotage) -> str:
-    """Return a hash of the files, without comments, on which a result depends: the harness, the files that it includes,
-    and others."""
+    """Return a hash of the files, without comments, on which a result depends: the harness and all that it includes."""
     name, others = (of.name, of.sources) if isinstance(of, Item) else (of.item, (of.file,))
     run = (of.unwind, of.define) if isinstance(of, Item) else (of.file, of.old, of.new)
     everything = hashlib.sha256(repr((name, run, esbmc.stat().st_size)).encode())
@@ -330,10 +318,8 @@ def _save(
         "items": rows,
         "sabotaged": broken,
     }
-    if json_file is not None:
-        facts = {"esbmc": _version(esbmc), "flags": FLAGS, "memory_bytes": MEMORY_BYTES}
-        facts |= {"versions": versions("stillwake")}
-        write_result(json_file, figures=figures, facts=facts, on=date.today())
+    facts = {"esbmc": _version(esbmc), "flags": FLAGS, "memory_bytes": MEMORY_BYTES}
+    save_json(json_file, figures=figures, facts=facts, packages=("stillwake",))
 
 
 @cache

@@ -135,11 +135,8 @@ def run_cases(seed: int, numbers: range) -> Tally:
 
 
 def run_case(folder: Path, sound: Sound, seed: int, number: int, tally: Tally) -> None:
-    """Make one case, have it read, and count it.
-
-    Raises:
-        FuzzError: it was accepted and should not have been, or the error is not one printable line.
-    """
+    """Make one case, have it read, and count it; raises FuzzError if it was accepted and should not have been, or the
+    error is not one printable line."""
     # Not `hash`, which differs between processes.
     rng = Random(int.from_bytes(hashlib.sha256(f"{seed} {number}".encode()).digest()[:8], "big"))
     kind = rng.choices(list(KINDS), weights=list(KINDS.values()))[0]
