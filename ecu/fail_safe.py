@@ -48,7 +48,6 @@ class OperatingMode(Enum):
 
     @property
     def drives_jets(self) -> bool:
-        """Whether the jets may run."""
         return self in DRIVES_JETS
 
 

@@ -156,6 +156,5 @@ class _Read:
         self.receiver = ReceiveThread(bus, deliver).__enter__()
 
     def close(self) -> None:
-        """End the thread, then close the bus."""
         self.receiver.__exit__(None, None, None)
         self.bus.close()

@@ -79,7 +79,6 @@ class ControlLoop:
         self.counters = Counters(state=ecu.state)
 
     def run(self, is_stopped: Callable[[], bool], periods: int | None = None) -> None:
-        """Run control periods until `is_stopped` returns True, or until their number is `periods`."""
         while not is_stopped() and (periods is None or self.counters.steps < periods):
             self.period()
 

@@ -75,7 +75,6 @@ class FrameReception:
             self._others.put(frame)
 
     def take(self) -> Taken:
-        """Remove and return all frames."""
         return Taken(self._pressures.take(), self._others.take())
 
     def _stamp(self, frame: Frame) -> int:

@@ -67,22 +67,18 @@ class FlashableEcu:
 
     @property
     def state(self) -> EcuState:
-        """The state after the latest step."""
         return self._ecu.state
 
     @property
     def trace(self) -> Trace:
-        """Trace of the latest step."""
         return self._ecu.trace
 
     @property
     def frames_rejected(self) -> int:
-        """Number of received pressure frames that were not accepted."""
         return self._ecu.frames_rejected
 
     @property
     def boot(self) -> Boot:
-        """The result of the latest boot."""
         return self._serviced.boot
 
     @property
@@ -92,7 +88,6 @@ class FlashableEcu:
 
     @property
     def access(self) -> TesterAccess:
-        """The session, the unlocked security level and the wrong keys of the tester."""
         return self._serviced.access
 
     @property
@@ -117,7 +112,6 @@ class FlashableEcu:
         self._ecu.restore(state)
 
     def status(self) -> EcuStatus:
-        """Health counters as of the latest step."""
         return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:

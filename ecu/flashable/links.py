@@ -56,7 +56,6 @@ class DiagnosticLink:
 
     @property
     def is_working(self) -> bool:
-        """Whether a request is being processed."""
         return self._server.is_busy
 
     @property

@@ -33,7 +33,6 @@ class TesterAccess(NamedTuple):
 
 
 def log_boot(log: Log, boot: Boot) -> None:
-    """Log the booted release, and the verdicts on the slots."""
     verdicts = {f"slot_{slot.name.lower()}": verdict.in_words for slot, verdict in boot.verdicts.items()}
     if boot.bundle is None or boot.slot is None:
         log("no_release", "every release is damaged or missing: jets shut, waiting to be flashed", **verdicts)
@@ -142,6 +141,5 @@ class PowerCycle:
 
     @property
     def access(self) -> TesterAccess:
-        """The session, the unlocked security level and the wrong keys of the tester."""
         attempts = {level: self.store.state.failed_attempts[level] for level in Level}
         return TesterAccess(self._server.session, self._server.unlocked, attempts)

@@ -26,7 +26,6 @@ class VehicleRequest:
     drives_jets: bool = False
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> Self:
-        """Return the request after one more control step."""
         usable = after.missed == before.missed
         asks = usable and after.fail_safe.enable_request
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
@@ -49,7 +48,6 @@ class FaultWatch:
         self._power_on_ns: int | None = None
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
-        """Examine one more control period."""
         is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
         self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
         was, now = before.fail_safe.mode, after.fail_safe.mode

@@ -52,27 +52,22 @@ class CEcuState(NeverCopied):
 
     @property
     def state(self) -> EcuState:
-        """The state after the latest step."""
         return self.structs.state(self._ecu.state)
 
     @property
     def trace(self) -> Trace:
-        """Trace of the latest step."""
         return self.structs.trace(self._ecu)
 
     @property
     def frames_rejected(self) -> int:
-        """Number of received pressure frames that were not authentic or failed their end-to-end check."""
         state = self.state
         return state.verifier.refused + state.pressures.frames_rejected
 
     def status(self) -> EcuStatus:
-        """Health counters as of the latest step."""
         return self.state.status(self._bundle_hash)
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration in force."""
         return Calibration.unpack(bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.calibration))))
 
     def calibrate(self, calibration: Calibration) -> None:
@@ -164,7 +159,6 @@ class CEcu(CEcuState):
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
-        """Run one control period like `Ecu.step`."""
         self.structs.surround(self._ecu.surroundings, health, **around)
         received = self.structs.frames(frames)
         count = self._run(self._ecu, c_time(now_ns), received, len(frames), self._answers)

@@ -98,13 +98,11 @@ class Structs:
     def surround(
         self, surroundings: Any, health: BusHealth, *, fault: Reason | None = None, updating: bool = False
     ) -> None:
-        """Fill in a `sw_surroundings`."""
         self._set_health(surroundings.health, health)
         surroundings.fault = Reason.NONE if fault is None else fault
         surroundings.updating = updating
 
     def trace(self, ecu: Any) -> Trace:
-        """Return the trace of a `sw_ecu`."""
         forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
         if forces is not None and self._serves_speeds:
             # The plan's forces are in units of the newest row's speed; the trace is in units of the design speed.

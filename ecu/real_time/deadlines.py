@@ -69,7 +69,6 @@ class Arrivals:
     latest_ns: tuple[int, ...] = ()
 
     def seen(self, arrival_ns: int) -> Self:
-        """Add an arrival."""
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
 
     def forgotten(self) -> Self:

@@ -25,7 +25,6 @@ class Inbox:
         self.received = self.dropped = 0
 
     def put(self, frame: Frame) -> None:
-        """Add a frame."""
         stamped = replace(frame, timestamp_ns=self._stamp(frame))
         with self._lock:
             self.received += 1

@@ -113,6 +113,5 @@ def run_closed_loop(
 
 
 def _draw(wake: LivePlant, bundle: Bundle, state: str, target: Path) -> None:
-    """Save the present vorticity as PNG, with the bundle's sensors marked."""
     figure = vorticity_figure(wake, bundle.manifest.sensors, title=f"{state}, t = {wake.t:.1f} $t_c$")
     figure.savefig(target, format="png")

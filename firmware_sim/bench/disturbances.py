@@ -231,12 +231,10 @@ class Disturbances:
 
     @classmethod
     def parse(cls, texts: Iterable[str]) -> Self:
-        """Parse each text with `parse_disturbance`."""
         return cls(items=tuple(map(parse_disturbance, texts)))
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Texts that `parse` accepts."""
         return tuple(one.text if isinstance(one, NodeFault) else text_of(one) for one in self.items)
 
     @property

@@ -68,7 +68,6 @@ class NodeFaults:
         return self._babbling[-1]
 
     def acted(self) -> list[int]:
-        """Return the number of times that each fault has acted so far."""
         injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
         return [next(injectors[one.node]).acted for one in self._faults]
 
@@ -97,7 +96,6 @@ class _Babbling(WrappedBus):
         self._kept += self._bus.receive_all()
 
     def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
         frames, self._kept = [*self._kept, *self._bus.receive_all()], []
         return frames
 
@@ -143,21 +141,17 @@ class Disturbing:
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """See `firmware_sim.bench.wiring.Disturbs`."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """See `Disturbs`."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """See `Disturbs`."""
         self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
         return self._ports.around
 
     def end(self) -> None:
-        """Stop the periodic actions of port faults; the faults then act only when a node uses its port."""
         if self._ports is not None:
             self._ports.end()
 
@@ -180,7 +174,6 @@ class Disturbing:
         return first_wrong_bit if hooks else None
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """See `Disturbs`."""
         for place, one, fault in self._transducers:
             if one.is_active(now_ns):
                 cp = fault(cp)
@@ -188,13 +181,11 @@ class Disturbing:
         return cp
 
     def ecu_clock(self, now_ns: int) -> int:
-        """See `Disturbs`."""
         for drift in self._clocks:
             now_ns = drift.local_ns(now_ns)
         return now_ns
 
     def plan_resets(self, bus: SimulatedBus, loop: VirtualLoop) -> None:
-        """Schedule the ECU's resets."""
 
         def reset(place: int, boot_ns: int) -> None:
             loop.reset_ecu(boot_ns)
@@ -289,7 +280,6 @@ class Disturbing:
         return tuple(InjectedFault(text=text, acted=acted[place]) for place, text in enumerate(self._texts))
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
-        """Return the disturbances of a kind, each with its index in the order given."""
         return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
 
     def _acting(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:

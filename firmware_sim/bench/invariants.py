@@ -250,7 +250,6 @@ class Invariants:
         return cls(config, hidden_ns=round(hidden_s * NS), jets_follow=jets_follow)
 
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
-        """See `Observer.frame`."""
         if node == "vehicle":
             if sent and self._pressure.spec.names(frame):
                 counter = profile_of(self._pressure.spec).counter_of(frame.data)
@@ -265,7 +264,6 @@ class Invariants:
             self._low_heard |= not pressure.enable_request
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """See `Observer.period`."""
         self.finished(sample)
         frames, self._arrived = self._arrived, []
         self._jets.heard([self._read(frame) for frame in frames], requested=requested)

@@ -58,7 +58,6 @@ class EchoTracker:
     echoed: int | None = None
 
     def sent(self, counter: int, now_ns: int) -> "EchoTracker":
-        """Record a sent frame with this counter."""
         newest = counter
         if self.newest is not None:
             newest = self.newest + (counter - self.newest) % self.counter_period
@@ -104,7 +103,6 @@ class CommandLosses:
 
     @classmethod
     def of(cls, config: VehicleConfig) -> "CommandLosses":
-        """Return a count at zero."""
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
@@ -340,7 +338,6 @@ class VehicleNode:
 
 
 def _fitting(value: float | None, step: float, least: int, most: int) -> float | None:
-    """Return the value; None if it is outside the signal's range."""
     return value if value is not None and least <= round(value / step) <= most else None
 
 

@@ -145,7 +145,6 @@ class VirtualLoop(NeverCopied):
 
     @property
     def ecu_is_up(self) -> bool:
-        """Whether the ECU has booted."""
         return self._bus.now_ns >= self._booted_ns
 
     def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:

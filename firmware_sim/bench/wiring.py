@@ -69,12 +69,10 @@ class WatchedBus:
     clock: Callable[[], int]
 
     def send(self, frame: Frame) -> None:
-        """See `Bus.send`."""
         self.observer.frame(frame, node=self.node, sent=True, now_ns=self.clock())
         self.port.send(frame)
 
     def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
         frames = self.port.receive_all()
         for frame in frames:
             self.observer.frame(frame, node=self.node, sent=False, now_ns=self.clock())
@@ -93,11 +91,9 @@ class Wired:
     waits: WaitingTimes
 
     def traffic(self) -> BusTraffic:
-        """Return the bus traffic so far."""
         return self.waits.traffic(self.bus.activity(), self.errors())
 
     def errors(self) -> dict[str, NodeErrors]:
-        """Return the error counters of each node by its name."""
         return {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
 
 

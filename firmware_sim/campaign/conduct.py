@@ -84,7 +84,6 @@ class Result:
 
     @property
     def safe(self) -> bool:
-        """Whether all scenarios are safe."""
         return all(row.safe for row in self.rows)
 
 

@@ -84,7 +84,6 @@ class CampaignFolder:
 
     @property
     def finished(self) -> int:
-        """Number of finished runs in the folder."""
         return sum(1 for _ in self._runs.glob("*.json"))
 
     def _label(self) -> dict[str, Any] | None:

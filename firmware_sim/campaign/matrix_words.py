@@ -62,12 +62,10 @@ def spread(value: Spread, style: str) -> str:
 
 
 def number(value: float, style: str) -> str:
-    """Format a number; NaN becomes a dash."""
     return f"{value:{style}}" if isfinite(value) else "-"
 
 
 def headline(rows: Sequence[ScenarioRow]) -> str:
-    """Summarise the campaign in a sentence."""
     safe = sum(row.safe for row in rows)
     disturbed = [row for row in rows if row.scenario.name != UNDISTURBED]
     uses = [sum(row.use == use for row in disturbed) for use in ("useful", "marginal", "none")]

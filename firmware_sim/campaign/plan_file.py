@@ -38,8 +38,6 @@ _SENSORS: Final = "sensors"
 
 @dataclass(frozen=True, kw_only=True)
 class _ScenarioForm:
-    """The format of a scenario in a file."""
-
     name: str
     sentence: str
     disturb: list[str] = field(default_factory=list)

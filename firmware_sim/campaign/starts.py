@@ -62,7 +62,6 @@ def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str =
 
 
 def digest_of(state: State) -> str:
-    """Return the SHA-256 of the flow state in hex."""
     return hashlib.sha256(state.flat.tobytes()).hexdigest()
 
 

@@ -174,6 +174,5 @@ def _indices(about: ElementTree.Element, title: str, places: Mapping[str, str]) 
 
 
 def xml_bytes(root: ElementTree.Element) -> bytes:
-    """Return a document as indented XML with an XML declaration."""
     ElementTree.indent(root)
     return bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"

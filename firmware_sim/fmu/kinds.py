@@ -33,7 +33,6 @@ class FmuKind:
 
     @property
     def words(self) -> str:
-        """A description of the kind for users."""
         return f"FMI {'2.0' if self.fmi2 else '3.0'} co-simulation{', CAN bus by FMI-LS-BUS 1.0' if self.bus else ''}"
 
 

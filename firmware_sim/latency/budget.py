@@ -44,7 +44,6 @@ class KeptLimit(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """Whether the measured value is within the limit."""
         return self.measured is not None and self.measured <= self.allowed
 
 
@@ -72,7 +71,6 @@ def read_budget(path: Path) -> dict[str, float]:
 def verdicts(
     budget: Mapping[str, float], counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]
 ) -> list[KeptLimit]:
-    """Compare each limit of the budget with the measured value."""
     measured: dict[str, float | None] = dict(counts)
     for stage, found in latencies.items():
         measured |= {f"{stage}.{name}_ms": value for name, value in found._asdict().items()}

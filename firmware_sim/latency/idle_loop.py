@@ -63,7 +63,6 @@ def lateness(rows: Times, period_ns: int) -> Array:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run the idle loop with the command line's arguments."""
     path, period_ns, periods = arguments
     stopped: list[int] = []
 

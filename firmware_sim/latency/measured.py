@@ -113,7 +113,6 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether even a loop without work would have missed a command."""
         return self.idle_misses > 0
 
     @property

@@ -76,7 +76,6 @@ def notes(run: MeasuredRun) -> Iterator[str]:
 
 
 def budget_rows(verdicts: Sequence[KeptLimit]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each limit."""
     for verdict in verdicts:
         measured = "did not happen" if verdict.measured is None else f"{verdict.measured:.4g}"
         yield verdict.name, f"{verdict.allowed:g}", measured, "yes" if verdict.is_kept else "NO"

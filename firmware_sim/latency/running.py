@@ -137,7 +137,6 @@ class _Child:
 
     @property
     def last_line(self) -> str:
-        """The last line that the process printed."""
         return self.last_line_with("") or "it printed nothing"
 
     def last_line_with(self, word: str) -> str:

@@ -54,11 +54,9 @@ class EmulatedCore(NeverCopied):
         return self._symbols[name]
 
     def peek(self, address: int, size: int) -> bytes:
-        """Read bytes of memory."""
         return bytes(self._core.mem_read(address, size))
 
     def poke(self, address: int, content: bytes) -> None:
-        """Write bytes of memory."""
         self._core.mem_write(address, content)
 
     def call(self, function: str, *arguments: int) -> int:
@@ -106,11 +104,9 @@ class Machine(EmulatedCore):
         self._core.reg_write(arm_const.UC_ARM_REG_SP, _STACK + _STACK_BYTES)
 
     def write(self, symbol: str, content: bytes) -> None:
-        """Write bytes at a symbol's address."""
         self.poke(self.symbol(symbol), content)
 
     def read(self, symbol: str, size: int) -> bytes:
-        """Read bytes at a symbol's address."""
         return self.peek(self.symbol(symbol), size)
 
     def stack_used(self, function: str) -> int:

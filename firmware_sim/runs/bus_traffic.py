@@ -26,7 +26,6 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """Create the record from the controller's health report."""
         return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
@@ -62,7 +61,6 @@ class WaitingTimes:
         self._longest_ns[frame_id] = max(waited_ns, self._longest_ns.get(frame_id, 0))
 
     def traffic(self, activity: BusActivity, nodes: Mapping[str, NodeErrors]) -> BusTraffic:
-        """Combine the waits with the counts of the bus and the nodes."""
         sent = (spec for spec in self.messages.specs if spec.frame_id in self._longest_ns)
         longest = {spec.name: self._longest_ns[spec.frame_id] / 1e6 for spec in sent}
         counts = {name: getattr(activity, name) for name in ("load", "frames", "error_frames")}

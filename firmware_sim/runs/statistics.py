@@ -54,7 +54,6 @@ class Averages:
 
     @property
     def reduction_percent(self) -> float:
-        """Reduction of the mean wall drag by control, in percent."""
         return 100.0 * (1.0 - self.under.Cd / self.before.Cd)
 
 

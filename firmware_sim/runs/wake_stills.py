@@ -89,7 +89,6 @@ class WakeRecorder:
             self._kept.append((k, t, buffer.getvalue()))
 
     def recorded(self) -> WakeStills:
-        """Return the recorded stills."""
         k, t, stills = zip(*self._kept, strict=True)
         return WakeStills(scene=self._scene, k=np.array(k, dtype=np.int64), t=np.array(t, dtype=float), stills=stills)
 

@@ -121,7 +121,6 @@ class DragMeans:
         self.now: float | None = None
 
     def add(self, sample: Sample) -> None:
-        """Add the sample taken at the start of a period."""
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:

@@ -34,11 +34,9 @@ class Plug:
         self.beneath = beneath
 
     def send(self, frame: Frame) -> None:
-        """See `Bus.send`."""
         self.beneath.send(frame)
 
     def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
         return self.beneath.receive_all()
 
 
@@ -110,18 +108,15 @@ class SwitchedDisturbances:
         self.read = np.full(len(self._sensors), np.nan)
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """See `Disturbs.readings`."""
         for item in self._items:
             cp = item.work.readings(cp, now_ns)
         self.read = cp
         return cp
 
     def ecu_clock(self, now_ns: int) -> int:
-        """See `Disturbs.ecu_clock`."""
         return now_ns
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """See `Disturbs.connect`."""
         self._bus = bus
 
         def around(node: str, port: Bus) -> Bus:

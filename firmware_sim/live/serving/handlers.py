@@ -179,8 +179,6 @@ class Guarded(RequestHandler):
 
 
 class PageFiles(Guarded, StaticFileHandler):
-    """The page's files."""
-
     def initialize(self, served: ServedPage, path: str, default_filename: str | None = None) -> None:  # type: ignore[override]
         Guarded.initialize(self, served)
         StaticFileHandler.initialize(self, path, default_filename)

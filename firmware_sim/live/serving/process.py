@@ -196,7 +196,6 @@ class LoopProcess:
         self._is_wanted = True
 
     def start(self) -> None:
-        """Start the process."""
         # The resource tracker's start unblocks SIGINT and SIGTERM, so these signals are blocked only afterwards.
         resource_tracker.ensure_running()
         # Ctrl-C reaches all processes of a terminal, but the new process must end only when its pipe closes, even while

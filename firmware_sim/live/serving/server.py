@@ -140,7 +140,6 @@ async def serve(
 
 
 def page_url(address: str, port: int, access: PageAccess) -> str:
-    """Return the page's URL for a browser."""
     is_any = address in ("", "0.0.0.0", "::")
     host = socket.gethostname() if is_any else f"[{address}]" if ":" in address else address
     return f"http://{host}:{port}/" + ("" if access.token is None else f"?token={access.token}")

@@ -42,7 +42,6 @@ class Hub:
         self._count = 0
 
     def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
-        """Store messages in their order."""
         with self._lock:
             for message in messages:
                 self._keep(message)
@@ -111,7 +110,6 @@ class Ring:
         self._count = 0
 
     def extend(self, items: Iterable[Any]) -> None:
-        """Add newer items."""
         for item in items:
             self._items.append(item)
             self._count += 1

@@ -65,7 +65,6 @@ class FlashBank:
         self.programmed = bytearray(SECTOR * SECTORS // WORD)
 
     def pack(self) -> bytes:
-        """Pack the bank for a file."""
         return bytes(self.programmed + self.content)
 
     @classmethod
@@ -115,7 +114,6 @@ class FlashController:
         self.operations = 0
 
     def read(self, offset: int) -> int:
-        """Read a register of the bank's controller."""
         at_work = _BSY | _QW if self.is_at_work else 0
         known = {0x0C: self._control, 0x10: self._status | at_work | (_WBNE if self._buffer else 0), 0x60: self._fault}
         if offset not in known:
@@ -163,7 +161,6 @@ class FlashController:
 
     @property
     def is_at_work(self) -> bool:
-        """Whether an operation is in progress."""
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
@@ -181,7 +178,6 @@ class FlashController:
         return self.bank.programmed[offset // WORD] == 2
 
     def found_bad(self, offset: int) -> None:
-        """Record a read that found an error."""
         self._status |= _DBECCERR
         self._fault = offset // WORD
 

@@ -43,12 +43,10 @@ class TransmitBuffers:
         self._free_ns = 0
 
     def configure(self, dedicated: int, size: int) -> None:
-        """Set the numbers of dedicated buffers and of FIFO elements."""
         self.dedicated, self.size, self.put = dedicated, size, dedicated
 
     @property
     def free(self) -> int:
-        """Number of free FIFO elements."""
         return self.size - (self.pending >> self.dedicated).bit_count()
 
     def ask(self, bits: int, now_ns: int) -> None:
