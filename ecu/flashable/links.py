@@ -128,10 +128,7 @@ class CalibrationLink:
         self._waiting = list[bytes]()
         self.is_sending = False
         self.service = CalibrationService(
-            self._segment,
-            kept=lambda: store.calibration(bundle.digest),
-            keep=store.keep_calibration,
-            refusal=refusal,
+            self._segment, kept=lambda: store.calibration(bundle.digest), keep=store.keep_calibration, refusal=refusal
         )
         if (error := self.service.restore()) is not None:
             equipment.log("calibration_dropped", f"stored calibration not used: {error}")

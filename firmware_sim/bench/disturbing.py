@@ -41,7 +41,6 @@ class NodeFaults:
 
     Args:
         faults: faults of all nodes; of the faults of one node, the first is closest to the bus.
-        bus: bus of the run, at time 0.
         before: number of random sequences that each node's port already uses before these faults.
     """
 
@@ -85,8 +84,7 @@ class NodeFaults:
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault, which also sends between the node's calls. Frames received meanwhile are stored for
-    the node's next call."""
+    """A port with a babbling fault, which sends, and stores what it receives, also between the node's calls."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)
@@ -105,7 +103,6 @@ class Disturbing:
 
     Args:
         sensors: names of the sensors, in the order of the readings.
-        seed: seed of all random sequences; each disturbance has a separate sequence.
         before: number of random sequences that earlier disturbances use: under the key "all" the number for all kinds
             of disturbances, under a node's name the number in this node's port.
     """

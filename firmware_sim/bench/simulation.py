@@ -50,8 +50,7 @@ class Simulation:
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
         controller: computes the bundle's control step; if None, ONNX Runtime computes it.
-        calibration: values that the ECU gets before its first step; if None, the ECU keeps its default values.
-        disturbances: disturbances of the run; their times are in s from the start of the run.
+        calibration: values that the ECU gets before its first step; if None, its default values.
         ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
         drive: the vehicle's speeds from the request for control on, before which it has the first of these speeds; if
             None, the operating point's speed. With a drive the log has totals of the drive in place of averages.

@@ -114,10 +114,8 @@ def wire(
     Args:
         wake: a plant at the start of a control period.
         sensors: sensors of the bundle, in the order of the Pressure message.
-        authentication: key and freshness values of the vehicle's node; None without `bus.key`.
         capture: called with every frame on the bus, stamped with the end of its transmission.
         observe: called with a `Transmission` for each of these frames.
-        observer: sees the frames that the nodes send and receive, and the plant, but no state of the nodes.
     """
     messages = message_set(config.bus)
     others = background(config.bus).messages

@@ -293,12 +293,7 @@ class LiveSession(NeverCopied):
         run = self._run
         out: list[LiveMessage | bytes] = [
             present.now(
-                run,
-                latest,
-                self._seen,
-                fps=self._fps(),
-                paused=self._paused,
-                losses=self._config.ecu.loss_window,
+                run, latest, self._seen, fps=self._fps(), paused=self._paused, losses=self._config.ecu.loss_window
             )
         ]
         if latest.k % _SELDOM == 0 or self._paused:

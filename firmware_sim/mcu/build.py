@@ -32,10 +32,7 @@ BUS_KEY: Final = "sw_board_bus_key.h"
 
 
 def compile_for_cortex_m7(
-    sources: Mapping[str, bytes],
-    board: Mapping[str, bytes] | None = None,
-    *,
-    core: Core = CORTEX_M7,
+    sources: Mapping[str, bytes], board: Mapping[str, bytes] | None = None, *, core: Core = CORTEX_M7
 ) -> bytes:
     """Compile a library's control step with start-up code and linker script; return an ELF file. Raises McuError if the
     sources do not compile, or `ziglang` is not installed.

@@ -217,13 +217,7 @@ class LiveRun:
         self.latest: LivePeriod | None = None
         self.is_off = False
         self.wired = wire(
-            wake,
-            sensors,
-            config,
-            ecu,
-            self.disturbances,
-            authentication=authentication,
-            observe=self.bus_table,
+            wake, sensors, config, ecu, self.disturbances, authentication=authentication, observe=self.bus_table
         )
         self._loop, self._bus, self.node = self.wired.loop, self.wired.bus, self.wired.node
         self.k, self.period_ns = 0, config.period_ns
