@@ -186,8 +186,7 @@ class BenefitCheck:
         suction, swing = state.resting_suction, state.resting_swing
         if state.rested < self.proven:
             suction, swing = max(suction, 1.0), max(swing, 1.0)
-        gained = suction - state.suction
-        return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
+        return suction - state.suction >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
         """Add this period's values to the means without control; a value has the weight 1 / `over` in its mean."""

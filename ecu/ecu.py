@@ -136,8 +136,7 @@ class Ecu:
         self._config = with_calibration(self._own_config, calibration)
         # No bound may be wider than in the vehicle's settings, even if the check of the limits were wrong.
         self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
-        memory = self._state.memory.with_delay(self._config.ecu.frozen_actions)
-        self._state = replace(self._state, memory=memory)
+        self._state = replace(self._state, memory=self._state.memory.with_delay(self._config.ecu.frozen_actions))
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
@@ -204,8 +203,7 @@ class Ecu:
             frames, now_ns, verifier=state.verifier, receiver=state.pressures, dynamic_pressure=dynamic_pressure
         )
         usable = received.cp is not None
-        heard = heard_of_another_ecu(frames, self._messages, self._key)
-        other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
+        other_ecu = state.other_ecu.next(heard_of_another_ecu(frames, self._messages, self._key), timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
         if speed_state.is_off:
             # The window is emptied: pressures at a speed outside the range must not be used for control within it.
@@ -317,8 +315,7 @@ class Ecu:
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
     """Return BUS_OFF during bus-off and in the first step after it, because no node received the frames."""
-    off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
-    return Reason.BUS_OFF if off else None
+    return Reason.BUS_OFF if now.state is BusState.BUS_OFF or now.bus_off > before.bus_off else None
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:

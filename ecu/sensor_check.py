@@ -304,8 +304,7 @@ def _split(values: Array, sensors: int) -> tuple[Array, Array]:
 def _with_swaps(table: Array) -> Array:
     """Return the table (S, S) with a row for each of the P exchanged pairs, (S + P, S). In these rows each sensor is
     estimated by all others, so the values are those of the table's diagonal."""
-    sensors = len(table)
-    return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(sensors)), 1))])
+    return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 
 def _mean(before: Array, value: Array, periods: int) -> Array:

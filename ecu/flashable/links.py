@@ -76,8 +76,7 @@ class DiagnosticLink:
             # A request is lost if too many have arrived, and no place is free for its answer.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
-                answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
-                self._send(answers)
+                self._send(self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied))
             requests += 1
         # A request that begins a long operation has already executed its first part in this call. A request that
         # arrives during a long operation executes no part of the operation.

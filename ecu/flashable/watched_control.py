@@ -26,8 +26,7 @@ class VehicleRequest:
     drives_jets: bool = False
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> Self:
-        usable = after.missed == before.missed
-        asks = usable and after.fail_safe.enable_request
+        asks = after.missed == before.missed and after.fail_safe.enable_request
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:

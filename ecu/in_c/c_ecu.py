@@ -160,8 +160,7 @@ class CEcu(CEcuState):
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
         self.structs.surround(self._ecu.surroundings, health, **around)
-        received = self.structs.frames(frames)
-        count = self._run(self._ecu, c_time(now_ns), received, len(frames), self._answers)
+        count = self._run(self._ecu, c_time(now_ns), self.structs.frames(frames), len(frames), self._answers)
         return [self.structs.frame(self._answers[i]) for i in range(count)]
 
 

@@ -161,8 +161,7 @@ class Jets:
             self._silent.clear()
         elif believed or self._silent:
             self._silent.append(not commands)
-        too_many = sum(self._silent) >= self._loss_limit
-        self._gave_up.append(requested and (self._gave_up[-1] or too_many))
+        self._gave_up.append(requested and (self._gave_up[-1] or sum(self._silent) >= self._loss_limit))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
         """Yield the name of every invariant that the action at the end of the latest period violates, with values."""
@@ -239,8 +238,7 @@ class Invariants:
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
         if node == "vehicle":
             if sent and self._pressure.spec.names(frame):
-                counter = profile_of(self._pressure.spec).counter_of(frame.data)
-                self._sampled[counter] = self._period, now_ns
+                self._sampled[profile_of(self._pressure.spec).counter_of(frame.data)] = self._period, now_ns
             elif not sent and self._command.spec.names(frame):
                 self._arrived.append(frame)
         elif sent:

@@ -86,8 +86,7 @@ class Simulation:
                 f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {total - lead_in} "
                 "periods, so the jets would never move; the delay must be shorter"
             )
-        sensors = bundle.manifest.sensors
-        self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
+        self._disturbances.check(config, bundle.manifest.sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
         # The background traffic is checked first, so that no ECU is created if the bus cannot carry this traffic.
         background(config.bus)

@@ -180,8 +180,7 @@ class VehicleNode:
         self._key = key_of(authentication, config.bus)
         self._freshness = Freshness() if authentication is None else authentication.freshness
         self._speed_freshness = self._freshness  # each message has its own freshness value
-        spec = self._receiver.spec
-        self._verifier = VerifierState() if authentication is None else authentication.verifier(spec)
+        self._verifier = VerifierState() if authentication is None else authentication.verifier(self._receiver.spec)
         self._losses = CommandLosses.of(config.vehicle)
         self._misses = 0
         self._requested = False  # request in the latest Pressure frame

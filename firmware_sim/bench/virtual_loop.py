@@ -113,8 +113,7 @@ class VirtualLoop(NeverCopied):
         end_ns = self.now_ns + self._period_ns
         sample = self._plant.sample()
         self._bus.advance_to(self.now_ns)
-        frame = self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self.now_ns)
-        self._send(self._at_vehicle, frame)
+        self._send(self._at_vehicle, self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self.now_ns))
         speed, speed_frame = self._node.speed, self._node.speed_frame(now_ns=self.now_ns)
         if speed_frame is not None:
             self._send(self._at_vehicle, speed_frame)

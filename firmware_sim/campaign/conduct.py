@@ -159,8 +159,7 @@ def conduct(
         scenario: [PhaseOutcomes(under=outcomes[under.name], free=outcomes[free.name]) for free, under in found]
         for scenario, found in pairs.items()
     }
-    rows = judged(campaign.scenarios, phases)
-    return Result(rows=rows, made=len(tasks) - len(reused), kept=len(reused))
+    return Result(rows=judged(campaign.scenarios, phases), made=len(tasks) - len(reused), kept=len(reused))
 
 
 def _tasks(campaign: Campaign, scenario: Scenario) -> list[tuple[RunTask, RunTask]]:

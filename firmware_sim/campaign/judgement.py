@@ -146,8 +146,7 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
         row = ScenarioRow(scenario=scenario, phases=found, safe=safe, use=Use.NONE, reduction=reduction, lost=lost)
         free = row.spread("abs_Cl", free=True).mean
         side_force = row.spread("abs_Cl").mean / free if free > 0 else inf
-        use = use_of(reduction.mean, undisturbed, side_force, scenario.criteria)
-        rows.append(replace(row, use=use))
+        rows.append(replace(row, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria)))
     return tuple(rows)
 
 

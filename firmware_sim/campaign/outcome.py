@@ -45,8 +45,7 @@ class MeanFigures:
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
         """Average over the samples from the time `from_t` on. The runs with and without control start in the same phase
         of shedding, so both averages leave out the same part of a cycle."""
-        t = np.array(course.t)
-        kept = t >= from_t - 1e-9  # allows for rounding in sums of spans
+        kept = np.array(course.t) >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
         return cls(
             Cd=float(cd.mean()),

@@ -102,8 +102,7 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
 
 def seed_of(seed: int, name: str, phase: int) -> int:
     """Return a run's seed, which depends only on the campaign's seed, the run's name and its phase."""
-    text = f"{seed}/{name}/{phase}"
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])
+    return int.from_bytes(hashlib.sha256(f"{seed}/{name}/{phase}".encode()).digest()[:4])
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:

@@ -46,8 +46,7 @@ def model_description(
         listed_values = _add(types, "EnumerationType", name=title)
         for value in values:
             _add(listed_values, "Item", name=value.name, value=str(value.value))
-    why = "Calls that were refused, and why"
-    _add(_add(root, "LogCategories"), "Category", name="logStatusError", description=why)
+    _add(_add(root, "LogCategories"), "Category", name="logStatusError", description="Calls that were refused, and why")
     _add(root, "DefaultExperiment", startTime="0.0", stepSize=period)
     listed, structure = _add(root, "ModelVariables"), _add(root, "ModelStructure")
     outputs = []
@@ -140,8 +139,7 @@ def as_fmi2(about: ElementTree.Element, sources: Sequence[str] = ()) -> ElementT
     if enumerations := about.findall("TypeDefinitions/EnumerationType"):
         types = _add(root, "TypeDefinitions")
         for item in enumerations:
-            named = _add(types, "SimpleType", name=item.get("name", ""))
-            _add(named, "Enumeration").extend(item)
+            _add(_add(types, "SimpleType", name=item.get("name", "")), "Enumeration").extend(item)
     for title in ("LogCategories", "DefaultExperiment"):
         if about.find(title) is not None:
             _copied(root, about, title)

@@ -316,5 +316,4 @@ class LiveSession(NeverCopied):
 
     def _note(self, kind: str, text: str) -> None:
         run = self._run
-        t = run.k * self._config.flow.control_period
-        self._events.add(kind, text, time_s=run.time_s(run.k), t=t)
+        self._events.add(kind, text, time_s=run.time_s(run.k), t=run.k * self._config.flow.control_period)

@@ -41,8 +41,7 @@ def compile_for_cortex_m7(
         core: core to compile for; it must have the same memories as the Cortex-M7.
         board: additional files of the firmware; each replaces a file of the firmware that has the same name.
     """
-    folder = files("firmware_sim").joinpath("mcu/c")
-    firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
+    firmware = {item.name: item.read_bytes() for item in files("firmware_sim").joinpath("mcu/c").iterdir()}
     firmware["sw_board_libc.c"] = sources_in("board")["sw_board_libc.c"]
     return _linked(library_sources(sources) | firmware | dict(board or {}), LINKER_SCRIPT, "mcu_reset", core)
 

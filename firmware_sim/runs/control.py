@@ -64,8 +64,7 @@ class RunControl:
 
 def mode_names(log: RunLog) -> list[str]:
     """Return the mode of every period, or SKIPPED."""
-    skipped = np.isnan(log.series["step_ms"])
-    modes = zip(log.series["mode"].astype(int), skipped, strict=True)
+    modes = zip(log.series["mode"].astype(int), np.isnan(log.series["step_ms"]), strict=True)
     return [SKIPPED if left_out else Mode(mode).name for mode, left_out in modes]
 
 

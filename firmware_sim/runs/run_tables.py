@@ -133,8 +133,7 @@ def headline(log: RunLog) -> str:
     short = None
     if not isinstance(means, NoAverages) and (count := min(means.before.cycles, means.under.cycles)) < ENOUGH_CYCLES:
         short = f"Too short to judge by: cycles averaged {count}, at least {ENOUGH_CYCLES} are needed."
-    parts = (warning, injected(log), without, text, short)
-    return " ".join(part for part in parts if part is not None)
+    return " ".join(part for part in (warning, injected(log), without, text, short) if part is not None)
 
 
 def injected(log: RunLog) -> str | None:

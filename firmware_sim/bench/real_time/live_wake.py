@@ -171,8 +171,7 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
             with nullcontext() if drive is None else driving(wake, drive, config):
                 send("ready", speed, wake.description, wake.sample().Cp)
                 while True:
-                    sample = wake.advance(pipe.recv())
-                    send("sample", sample.Cp)
+                    send("sample", wake.advance(pipe.recv()).Cp)
     except StillwakeError as error:
         send(error)
     except (EOFError, BrokenPipeError, ConnectionResetError):

@@ -86,11 +86,10 @@ class BusTable:
         passed_ns = last.now_ns - first.now_ns
         # In the first period there is no earlier period to subtract.
         load = (last.busy_ns - first.busy_ns) / passed_ns if passed_ns else last.load
-        chosen = sorted(self._rows)[:ROWS]
         return {
             "type": "bus",
             "run": run,
-            "rows": [self._row(key, self._rows[key], receivers, last.now_ns) for key in chosen],
+            "rows": [self._row(key, self._rows[key], receivers, last.now_ns) for key in sorted(self._rows)[:ROWS]],
             "load": min(load, 1.0),  # 0 to 1
             "error_frames": last.error_frames - first.error_frames if passed_ns else last.error_frames,
             "nodes": [{"name": name, **asdict(errors)} for name, errors in nodes.items()],

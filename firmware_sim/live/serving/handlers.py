@@ -158,9 +158,8 @@ class Guarded(RequestHandler):
         return self.get_query_argument("token", None) or self.get_cookie(self.served.cookie)
 
     def prepare(self) -> None:
-        headers = self.request.headers
         refusal = self.served.access.refusal(
-            host=self.request.host, origin=headers.get("Origin"), token=self.shown_token()
+            host=self.request.host, origin=self.request.headers.get("Origin"), token=self.shown_token()
         )
         if refusal is not None:
             self.set_status(403)

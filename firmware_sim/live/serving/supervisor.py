@@ -64,8 +64,7 @@ class Hub:
         if isinstance(message, bytes):
             self._latest[PICTURE] = (self._count, message)
         elif message["type"] == "periods":
-            columns = message["columns"]
-            self._periods.extend(zip(*(columns[name] for name in PERIOD_COLUMNS), strict=True))
+            self._periods.extend(zip(*(message["columns"][name] for name in PERIOD_COLUMNS), strict=True))
         elif message["type"] == "events":
             self._events.extend(message["items"])
         else:

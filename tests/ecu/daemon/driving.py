@@ -27,8 +27,7 @@ class Vehicle:
     """Samples and drives every period while it is asked to."""
 
     def __init__(self, config: Config, bus: PythonCanBus, authentication: Authentication | None = None) -> None:
-        names = ("upper_39", "lower_39", "base_0", "base_9")
-        self.node = VehicleNode(names, config, authentication=authentication)
+        self.node = VehicleNode(("upper_39", "lower_39", "base_0", "base_9"), config, authentication=authentication)
         self._bus, self._period_s, self._messages = bus, config.period_ns / 1e9, message_set(config.bus)
         self._due = time.monotonic()
         self._phase = 0

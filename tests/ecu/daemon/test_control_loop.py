@@ -49,8 +49,7 @@ def test_steps_come_to_lie_the_offset_behind_the_pressures(rig_of, phase_ms):
     behind = [(due - START_NS - phase_ms * MS) % PERIOD for due in rig.column(EcuStage.SCHEDULED)]
     assert behind[-1] == 4 * MS
     # Never by leaps: between two steps there is a period, but for a 32nd.
-    gaps = np.diff(rig.column(EcuStage.SCHEDULED))
-    assert np.abs(gaps - PERIOD).max() <= PERIOD // 32
+    assert np.abs(np.diff(rig.column(EcuStage.SCHEDULED)) - PERIOD).max() <= PERIOD // 32
 
 
 @pytest.mark.parametrize("behind_ms", [1, 10])

@@ -157,8 +157,7 @@ class AtTheOtherEnd:
 @contextmanager
 def served(tmp_path: Path, backing_of=FolderBacking) -> Iterator[tuple[FlashableEcu, AtTheOtherEnd]]:
     provision(tmp_path / "ecu", image("first"))
-    rig = Rig(tmp_path / "ecu", CONFIG)
-    ecu = FlashableEcu(backing_of(tmp_path / "ecu"), CONFIG, rig.equipment)
+    ecu = FlashableEcu(backing_of(tmp_path / "ecu"), CONFIG, Rig(tmp_path / "ecu", CONFIG).equipment)
     tester = AtTheOtherEnd(ecu)
     with tester.thread:
         yield ecu, tester

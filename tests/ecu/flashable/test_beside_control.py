@@ -73,8 +73,7 @@ def test_a_flood_of_requests_does_not_stop_long_work(rig: Rig) -> None:
     rig.extra = [Frame(frame_id=REQUEST_ID, data=b"\x02\x3e\x00" + bytes(5))]
     before = len(rig.answers)
     rig.run(2000)
-    answers = rig.answers[before:]
-    assert any(answer[:4] == b"\x71\x01\xff\x01" for answer in answers)
+    assert any(answer[:4] == b"\x71\x01\xff\x01" for answer in rig.answers[before:])
 
 
 def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
@@ -162,8 +161,7 @@ def test_a_fault_is_entered_with_its_moment_kept_over_power_and_cleared_while_th
     assert rig.statuses[-1].reason is Reason.STREAM_LOST
     rig.power_on()
     assert rig.ask(CONFIRMED) == b"\x59\x02\x7f" + LOST + b"\x6c"
-    moment = rig.ask(b"\x19\x04" + LOST + b"\x01")
-    time_ms, mode, missed, overruns, *cp = struct.unpack(">8x2xI2xB2xH2xH2x4f", moment)
+    time_ms, mode, missed, overruns, *cp = struct.unpack(">8x2xI2xB2xH2xH2x4f", rig.ask(b"\x19\x04" + LOST + b"\x01"))
     assert (mode, overruns) == (Mode.DECAY, 0)
     assert missed - missed_before == rig.config.ecu.hold_periods + rig.config.ecu.decay_periods + 1
     assert 0 <= time_ms * 1_000_000 - began_ns < 1_000_000_000
@@ -182,8 +180,7 @@ def test_silence_is_for_a_bench_and_never_for_jets_that_can_run(rig):
     assert (len(rig.statuses), len(rig.commands)) == heard
     rig.into_control()
     assert rig.statuses[-1].state is Mode.CONTROL
-    drives = {Mode.CONTROL, Mode.HOLD, Mode.DECAY}
-    assert {status.state for status in rig.statuses[heard[0] :]} <= drives
+    assert {status.state for status in rig.statuses[heard[0] :]} <= {Mode.CONTROL, Mode.HOLD, Mode.DECAY}
     assert rig.ask(b"\x28\x01\x01") in (b"\x7f\x28\x22", b"\x7f\x28\x7f")
 
 

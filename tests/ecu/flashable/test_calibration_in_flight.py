@@ -87,8 +87,7 @@ def good_xcp(rig: Rig, command: bytes) -> bytes:
 
 def connect(rig: Rig) -> None:
     good_xcp(rig, b"\xff\x00")
-    seed = good_xcp(rig, b"\xf8\x00\x01")[2:] + good_xcp(rig, b"\xf8\x01\x01")[2:]
-    key = KEY.answer(Level.CALIBRATION, seed)
+    key = KEY.answer(Level.CALIBRATION, good_xcp(rig, b"\xf8\x00\x01")[2:] + good_xcp(rig, b"\xf8\x01\x01")[2:])
     for begin in range(0, len(key), 6):
         good_xcp(rig, bytes([0xF7, len(key) - begin]) + key[begin : begin + 6])
 

@@ -106,8 +106,7 @@ class Rig(FlashingSteps):
             commanded = self.ecu.control(self.now_ns, frames)
             self.controls.append((self.now_ns, frames, commanded))
             self.take(commanded)
-        to_ecu = [*self.extra, *self.tester.poll(self.now_ns)]
-        self.take(self.ecu.service(self.now_ns, to_ecu))
+        self.take(self.ecu.service(self.now_ns, [*self.extra, *self.tester.poll(self.now_ns)]))
         self.now_ns += MS
 
     def take(self, frames: Sequence[Frame]) -> None:

@@ -193,8 +193,7 @@ def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, pyth
     for now_ns, frames in Feed().periods(INTO_CONTROL + 4, lost=(3, INTO_CONTROL + 1)):
         place = ffi.new("sw_frame[]", max(2, len(frames)))
         ffi.memmove(place, c.structs.frames(frames), len(frames) * ffi.sizeof("sw_frame"))
-        came = place if frames else ffi.NULL
-        assert c.lib.sw_ecu_step(c.ecu, now_ns, came, len(frames), place) == 2
+        assert c.lib.sw_ecu_step(c.ecu, now_ns, place if frames else ffi.NULL, len(frames), place) == 2
         assert [c.structs.frame(item) for item in place[0:2]] == python.step(now_ns, frames)
     assert c.trace.mode is Mode.CONTROL
 

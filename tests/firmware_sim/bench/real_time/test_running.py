@@ -40,8 +40,7 @@ def replay() -> Replay:
     from contract.recording.dataset import Dataset
 
     still = episode("still", "train", 50, 0.0)
-    series = {**still.series, "Cp": np.zeros_like(still.series["Cp"])}
-    return Replay(Dataset(episodes=(replace(still, series=series),)))
+    return Replay(Dataset(episodes=(replace(still, series={**still.series, "Cp": np.zeros_like(still.series["Cp"])}),)))
 
 
 @contextmanager

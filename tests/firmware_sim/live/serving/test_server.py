@@ -285,11 +285,9 @@ async def test_a_loop_that_ends_reports_why_and_starts_again() -> None:
             stream, control = await place.connect("/stream"), await place.connect("/control")
             await heard(stream, type="hello")
             await control.write_message(json.dumps({"id": 1, "set": {"order": order}}))
-            starting = await heard(stream, type="loop", state="starting")
-            assert reason in starting["text"]
+            assert reason in (await heard(stream, type="loop", state="starting"))["text"]
             await heard(stream, type="hello")
-            events = await heard(stream, type="events")
-            assert reason in events["items"][-1]["text"]
+            assert reason in (await heard(stream, type="events"))["items"][-1]["text"]
             while 0.0 not in (await heard(stream, type="periods"))["columns"]["k"]:
                 pass
 
