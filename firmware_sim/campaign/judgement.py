@@ -151,8 +151,8 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Return whether an outcome is useful, marginal or of no use, from the reductions of wall drag in percent in this
-    scenario and without disturbance, and from mean |Cl| as a share of its value without control."""
+    """Judge an outcome by the reductions of wall drag in percent in this scenario and without disturbance, and by mean
+    |Cl| as a share of its value without control."""
     share = reduction / undisturbed if undisturbed > 0 else nan
     # A comparison with NaN is false, so an unknown outcome is not useful.
     if share >= criteria.useful and side_force <= criteria.abs_Cl:

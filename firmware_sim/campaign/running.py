@@ -36,20 +36,13 @@ _SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds",
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2
-"""Number of periods without control that a run needs beyond the length of the controller's window, because the first
-frame only starts the end-to-end check."""
+"""Number of periods without control that a run needs beyond the controller's window: the first frame adds no row."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunTask:
-    """The data of one run.
-
-    Attributes:
-        name: name of the run's file.
-        controlled: whether control is requested; otherwise the flow runs without the loop.
-        config: settings, with the plant's body, which may differ from the body of the release.
-        phase: index of the starting phase.
-    """
+    """The data of one run, with the name of its file. Without `controlled` the flow runs without the loop. `config` has
+    the plant's body, which may differ from the body of the release; `phase` is the index of the starting phase."""
 
     name: str
     disturb: tuple[str, ...]
@@ -85,8 +78,8 @@ def plant_of(config: Config) -> PlantKey:
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """Return the campaign's settings with those of the scenario and the body of its plant. Raises ConfigError, which
-    states the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
+    """Return the campaign's settings with those of the scenario and its plant's body. Raises ConfigError, which states
+    the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)

@@ -1,6 +1,6 @@
 """The description files in an FMU: `modelDescription.xml` (FMI 3.0 and 2.0), the bus terminal, the bus manifest."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
@@ -22,8 +22,7 @@ _add = ElementTree.SubElement
 def model_description(
     variables: Sequence[Variable], token: str, bundle: Bundle, config: Config, kind: FmuKind
 ) -> ElementTree.Element:
-    """Return `modelDescription.xml` in FMI 3.0. It contains no date, so that equal releases and vehicles give equal
-    bytes."""
+    """Return `modelDescription.xml` in FMI 3.0, without a date: equal releases and vehicles give equal bytes."""
     name, period = bundle.manifest.name, repr(config.period_ns / 1e9)
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -76,8 +75,7 @@ def model_description(
 
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
-    """Add the terminal's clocks and binary variables to the list. Returns their value references by name; these
-    references follow the references of the variables in the table."""
+    """Add the terminal's clocks and binary variables to the list. Returns their value references, from `first` on."""
     names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # same order as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 
@@ -151,7 +149,7 @@ def as_fmi2(about: ElementTree.Element, sources: Sequence[str] = ()) -> ElementT
         _add(_add(variables, "ScalarVariable", facts), _TYPES_2.get(item.tag, item.tag), own)
     structure = _add(root, "ModelStructure")
     for title, old in (("Outputs", "Output"), ("InitialUnknowns", "InitialUnknown")):
-        if unknowns := [*_indices(about, old, places)]:
+        if unknowns := [places[item.get("valueReference", "")] for item in about.findall(f"ModelStructure/{old}")]:
             section = _add(structure, title)
             for index in unknowns:
                 _add(section, "Unknown", {"dependencies": ""} if old == "InitialUnknown" else {}, index=index)
@@ -164,11 +162,6 @@ def _copied(root: ElementTree.Element, about: ElementTree.Element, title: str) -
     copy = _add(root, title, {} if found is None else dict(found.attrib))
     copy.extend([] if found is None else found)
     return copy
-
-
-def _indices(about: ElementTree.Element, title: str, places: Mapping[str, str]) -> Iterator[str]:
-    for item in about.findall(f"ModelStructure/{title}"):
-        yield places[item.get("valueReference", "")]
 
 
 def xml_bytes(root: ElementTree.Element) -> bytes:

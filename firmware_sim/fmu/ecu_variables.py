@@ -81,10 +81,7 @@ class Variable(NamedTuple):
 
 def ecu_variables(sensors: Sequence[str], config: Config, *, bus: bool = False) -> list[Variable]:
     """Return all variables in the order of their value references; `sensors` is in the order of the Pressure message.
-
-    An output is left out if the message set lacks its signal. With `bus`, the FMU receives frames, so the parameters of
-    the bus replace the inputs.
-    """
+    Outputs whose signal the message set lacks are left out. With `bus`, parameters replace the inputs."""
     starts = {
         "vehicle_speed": config.operating_point.speed,
         "step_offset": config.ecu.step_offset_ms / 1e3,
@@ -133,8 +130,8 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value reference of each input and parameter by its name. For an input that exists for each sensor,
-    return the value reference of the first sensor's input under the common part of the name."""
+    """Return the value reference of each input and parameter by its name; of those for each sensor, the first one's by
+    the common part of the name."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 

@@ -12,8 +12,7 @@ from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
 COUNTS: Final = ("misses", "misses_ours")
-"""Names of the counts over a whole run that a budget may limit: missed commands, and the number by which they exceed
-the idle loop's misses."""
+"""Counts over a whole run that a budget may limit: missed commands, and by how many they exceed the idle loop's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +47,8 @@ class KeptLimit(NamedTuple):
 
 
 def read_budget(path: Path) -> dict[str, float]:
-    """Read the limit of each figure, such as `misses_ours` or `all.p99_ms`, from a file. Raises ConfigError if the file
-    cannot be read, has no limit, or an invalid limit."""
+    """Read the limit of each figure, such as `misses_ours` or `all.p99_ms`. Raises ConfigError if the file cannot be
+    read, has no limit, or an invalid one."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)

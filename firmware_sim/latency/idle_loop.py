@@ -37,8 +37,7 @@ class IdleStage(IntEnum):
 
 
 def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> StageTimes:
-    """Sleep from deadline to deadline until stopped, or for `longest` periods; return the table with the columns
-    `IdleStage`."""
+    """Sleep from deadline to deadline until stopped, or for `longest` periods; return the table of `IdleStage`."""
     table = StageTimes(IdleStage, longest)
     deadlines = Deadlines(period_ns=period_ns, due_ns=now_ns() + period_ns)
     for _ in range(longest):

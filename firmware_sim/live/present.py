@@ -79,18 +79,15 @@ def hello(
 
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
-    """Return the message about the new periods, with a list of values for each name in `PERIOD_COLUMNS`. `base` has the
-    indices of the base sensors."""
+    """Return the message about the new periods. `base` has the indices of the base sensors."""
     return periods_message(run, ([_number(value) for value in _values(period, base)] for period in new))
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Return the message about the latest period. `losses` is the number of latest periods over which lost frames are
-    counted."""
+    """Return the message about the latest period. Lost frames are counted over the latest `losses` periods."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
-    # The plan's first action acts during the latest period, so its effect shows in the sample at the end of this
-    # period, whose number is k + 1.
+    # The plan's first action acts during the latest period, and shows in the sample at its end, number k + 1.
     return {
         "type": "now",
         "run": run.number,

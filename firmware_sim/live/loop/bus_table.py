@@ -19,8 +19,7 @@ ROWS: Final = 64
 _UNKNOWN: Final = "unknown"
 """Name shown for a message that is not in the message set of the bus."""
 _BABBLER: Final = "babbler"
-"""Sender shown for a message that neither node defines but a node's port sends. The message comes from a babbling node,
-which is simulated at this port."""
+"""Sender shown for a message that neither node defines but a node's port sends, at which a babbling is simulated."""
 _NS: Final = 10**9
 
 
@@ -75,8 +74,8 @@ class BusTable:
     def message(
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
     ) -> LiveMessage:
-        """Return the message for viewers about the bus traffic in the latest second of virtual time. `pressures` and
-        `commands` are the states of the receivers in the ECU and in the vehicle."""
+        """Return the message about the bus in the latest second of virtual time. `pressures` and `commands` are the
+        states of the receivers in the ECU and in the vehicle."""
         first, last = self._activity[0], self._activity[-1]
         receivers = {
             self._messages.pressure.spec.frame_id: pressures,

@@ -1,12 +1,10 @@
 """Disturbances that are switched on and off while the loop runs, each at the start of a control period.
 
-A disturbance that is switched on acts as in a run with the same disturbance from the same time on. Each disturbance is
-an item with a separate `firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after those of
-all earlier items. The items of the transducers, and the items of each node's port, are in the order of the settings.
-When one item changes, all items after it end and start again.
-
-An item in a port that has ended passes all frames on unchanged. It is removed `LINGER_S` later, so that frames that it
-still delays reach the node in order.
+A disturbance that is switched on acts as in a run with it from the same time on: each is an item with a
+`firmware_sim.bench.disturbing.Disturbing` of its own, whose random sequences are numbered after those of all earlier
+items. The items of the transducers, and of each node's port, are in the order of the settings; when one changes, all
+after it end and start again. An ended item in a port passes all frames on unchanged. It is removed `LINGER_S` later, so
+that frames that it still delays reach the node in order.
 """
 
 from collections import Counter
@@ -60,8 +58,7 @@ class SwitchedPort(WrappedBus):
         return plug
 
     def take_out(self, plug: Plug) -> None:
-        """Remove the layer above this plug; frames that this layer still delays are lost. Raises ValueError if the plug
-        is not in this port."""
+        """Remove the layer above this plug; frames that it still delays are lost."""
         place = self._plugs.index(plug)
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
         above.beneath = plug.beneath
@@ -85,18 +82,10 @@ class _Item:
 
 
 class SwitchedDisturbances:
-    """The disturbances of one run of the loop; an implementation of `firmware_sim.bench.wiring.Disturbs`.
+    """The disturbances of one run of the loop; an implementation of `firmware_sim.bench.wiring.Disturbs`. `read` has
+    the latest readings of the S sensors, shape (S,); NaN before the first."""
 
-    Args:
-        sensors: names of the sensors, in the order of the readings.
-
-    Attributes:
-        read: latest readings of the S transducers, shape (S,); NaN before the first readings.
-    """
-
-    corrupts = None
-    """No setting of a viewer causes bit errors on the bus."""
-    mishears = None
+    corrupts = mishears = None  # no setting of a viewer causes bit errors on the bus
 
     def __init__(self, config: Config, sensors: Sequence[str], seed: int) -> None:
         self._config, self._sensors, self._seed = config, tuple(sensors), seed
@@ -127,8 +116,7 @@ class SwitchedDisturbances:
 
     def set(self, texts: Sequence[str], k: int) -> bool:
         """Apply only these disturbances, given as texts without times, from control period k on, which must not have
-        started on the bus. Returns whether a disturbance starts. Raises ConfigError for a text that describes no
-        disturbance."""
+        started on the bus. Returns whether one starts. Raises ConfigError for a text that describes none."""
         assert self._bus is not None
         new: list[tuple[str, str]] = []
         for group in ("sensors", *NODES):
