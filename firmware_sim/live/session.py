@@ -1,10 +1,6 @@
-"""The live loop as an object, whose caller lets it compute period by period, passes viewers' requests to it, and
-fetches new messages.
-
-The object has no socket, process or thread, and its clock is an argument, so its caller decides when a period is
-computed. The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives
-the same rows as that run.
-"""
+"""The live loop as an object without socket, process or thread, whose caller lets it compute period by period, passes
+viewers' requests to it, and fetches new messages. It is the loop of a run (`firmware_sim.bench.simulation`), whose rows
+it gives with unchanged settings."""
 
 import time
 from collections import deque
@@ -47,11 +43,8 @@ class LiveSession(NeverCopied):
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
         wake: function from the plant's name to a plant in its initial state.
         ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
-        ahead: function from the controller's name to a function that prepares the ECU, if the preparation takes
-            seconds; otherwise to None.
-        controllers, plants: the choices; a choice that is not available states the reason.
-        settings: initial settings; their request for control is ignored, because control is requested after `lead_in`.
-        lead_in: time in t_c from the start of a run to the automatic request for control.
+        ahead: function from the controller's name to one that prepares the ECU, if that takes seconds, or None.
+        settings: initial settings, but for their request: control is requested after `lead_in` in t_c of each run.
         kept: number of latest periods that a page should store, and that are stored here until `messages` is called.
         clock: wall clock in s.
     """
@@ -119,8 +112,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function, for a thread, that prepares the requested ECU; None if the ECU is ready or cannot be
-        chosen."""
+        """Return a function, for a thread, that prepares the requested ECU; None if there is nothing to be prepared."""
         try:
             action, value = asked(request)
             if action != "set":
@@ -168,9 +160,13 @@ class LiveSession(NeverCopied):
             case "clear":
                 answer["note"] = self._clear()
             case "power_cycle":
-                self._power_cycle()
+                if self._settings.controller == OFF:
+                    raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
+                self._run.power_on()
+                self._note("set", "the ECU's supply is cut for a moment")
             case "pause":
-                self._pause(request.value)
+                self._paused, self._now_due = request.value, True
+                self._ticks.clear()
             case "restart":
                 self._start(self._settings)
                 self._note("set", "the plant starts again")
@@ -179,8 +175,7 @@ class LiveSession(NeverCopied):
         return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
-        """Apply new settings from the next period on. Raises StillwakeError if this is impossible; then nothing
-        changes."""
+        """Apply new settings from the next period on, or raise StillwakeError and change nothing."""
         before, run = self._settings, self._run
         self._check_choices(after)
         if after.plant != before.plant:
@@ -210,8 +205,7 @@ class LiveSession(NeverCopied):
             run.power_on()
 
     def _clear(self) -> str:
-        """Reset all settings except the request, the controller and the plant, and clear latched faults with a new
-        request; return a note."""
+        """Do the action `clear` (`firmware_sim.live.settings.ACTIONS`); return a note."""
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
@@ -221,21 +215,10 @@ class LiveSession(NeverCopied):
         self._note("set", text)
         return text
 
-    def _power_cycle(self) -> None:
-        if self._settings.controller == OFF:
-            raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
-        self._run.power_on()
-        self._note("set", "the ECU's supply is cut for a moment")
-
-    def _pause(self, value: bool) -> None:
-        self._paused, self._now_due = value, True
-        self._ticks.clear()
-
     # The following methods start the plant.
 
     def _start(self, settings: LiveSettings) -> None:
-        """Start a run from the plant's initial state. Raises StillwakeError if this is impossible; then nothing
-        changes."""
+        """Start a run from the plant's initial state, or raise StillwakeError and change nothing."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
         # This check must come before `_ecu`, which may reset the running ECU.
@@ -265,8 +248,7 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """Return the ECU of this controller, with these settings' weights. This is the running ECU if it already
-        belongs to this controller."""
+        """Return the ECU of this controller, perhaps the running one, with these settings' weights."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state

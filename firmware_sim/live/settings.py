@@ -47,18 +47,12 @@ CONTROLLERS: Final = ("python", "c", "mcu", "off")
 """Names of the controllers: the ECU in Python with the release's ONNX graph; the ECU in C on this machine; the ECU in C
 on an emulated microcontroller; an ECU without supply."""
 PLANTS: Final = ("wake", "recording")
-"""Names of the plants: the flow solver, whose pressures respond to the jets, and recorded pressures, which do not
-respond."""
+"""Names of the plants: the flow solver, and recorded pressures, which do not respond to the jets."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Slider:
-    """Bounds and step of a number that a viewer sets with a slider.
-
-    Attributes:
-        least, greatest: smallest and largest accepted value.
-        step: step of the slider on the page; any value within the bounds is accepted.
-    """
+    """Bounds of a number that a viewer sets, and the step of its slider; any value within the bounds is accepted."""
 
     least: float
     greatest: float
@@ -110,14 +104,9 @@ class LiveSettings:
     def changed(
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
-        """Return settings with some values replaced. Raises ConfigError, which states the unknown, mistyped or
-        out-of-range value.
-
-        Args:
-            given: new values by attribute; weights as a mapping by name, or None for the weights of the release.
-            own: calibration of the release.
-            limits: bounds that the release sets for the weights.
-        """
+        """Return settings with some values replaced; weights are given by their names, or None for those of the
+        release, whose calibration is `own`. Raises ConfigError, which states the unknown, mistyped or out-of-range
+        value."""
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
             raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")
@@ -179,8 +168,7 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
 
 
 def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
-    """Yield a text for each changed setting. `own` has the weights of the release; `controllers` has the labels of the
-    controllers by their names."""
+    """Yield a text for each changed setting. `own`: weights of the release; `controllers`: labels by their names."""
     all_frames = "all pressure frames reach the ECU"
     percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
     bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))

@@ -138,8 +138,7 @@ class ServedPage:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie with the token. The name differs between servers, because a browser shares cookies between
-        the ports of a host."""
+        """Name of the cookie with the token, which differs between servers: a host's ports share its cookies."""
         return f"stillwake-{sha256((self.access.token or '').encode()).hexdigest()[:12]}"
 
 
@@ -214,12 +213,8 @@ class Socket(Guarded, WebSocketHandler):
         return getattr(self.ws_connection, "stream", None)
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message, and wait until the operating system has accepted it.
-
-        Raises:
-            WebSocketClosedError: the viewer has left, or its connection was closed because it accepted no message for
-                too long.
-        """
+        """Send a message, and wait until the operating system has accepted it. Raises WebSocketClosedError if the
+        viewer has left, or its connection was closed because it accepted no message for too long."""
         # `asyncio.timeout` is not used, because it would cancel the connection's write.
         sent = asyncio.ensure_future(self.write_message(message, binary=isinstance(message, bytes)))
         sent.add_done_callback(lambda done: done.cancelled() or done.exception())
@@ -273,8 +268,7 @@ class StreamSocket(Socket):
 
 
 class ControlSocket(Socket):
-    """The requests of one viewer, and their answers. While a viewer does not read its answers, the server reads no
-    requests."""
+    """The requests of one viewer, and their answers; while it does not read these, the server reads no requests."""
 
     def open(self, *_arguments: str) -> None:
         super().open()

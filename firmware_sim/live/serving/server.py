@@ -37,13 +37,11 @@ PING_S: Final = 20.0
 _IDLE_S: Final = 10.0
 """Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
-"""Largest number of connections: two for each viewer, and an equal number for loading files. This total is half of the
-smallest limit of file descriptors that systems set for a process."""
+"""Largest number of connections: four for each viewer, half of the smallest limit of a process's file descriptors."""
 
 
 def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float = STALLED_S) -> Application:
-    """Return the web application with its handlers. `stalled_s` is the longest time in s that a viewer may take to
-    accept a message."""
+    """Return the web application, in which a viewer may take `stalled_s` to accept a message."""
     served = ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
@@ -63,8 +61,7 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
 
 
 class BoundedServer(HTTPServer):
-    """A server that limits clients before they have sent a token: the number, duration and bytes of their
-    connections."""
+    """A server that bounds number, duration and bytes of connections, also before clients have sent a token."""
 
     def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(
@@ -105,7 +102,8 @@ async def serve(
     ready: Callable[[str], None],
     report: Callable[[str], None],
 ) -> None:
-    """Serve the page until it is stopped or the loop fails.
+    """Serve the page until it is stopped or the loop fails. Raises StillwakeError if the port or the address cannot be
+    used, or the loop fails shortly after its start.
 
     Args:
         address: address to listen on; if it is not this machine's loopback, requests need a token.
@@ -113,9 +111,6 @@ async def serve(
         fast: whether a period may take less time than on a vehicle.
         ready: called with the page's address as soon as the page can be opened.
         report: called, from any thread, with a line of text about any work for which viewers have to wait.
-
-    Raises:
-        StillwakeError: the port or the address cannot be used, or the loop fails shortly after its start.
     """
     sockets = _bound(address, port)
     access = PageAccess.to(address)
