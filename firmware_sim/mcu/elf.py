@@ -14,13 +14,8 @@ _BITS: Final = 32
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """A linked program.
-
-    Attributes:
-        segments: contents of the flash when the program starts, each as an address and the bytes there.
-        sections: size of each section in bytes, by the section's name.
-        symbols: address of each symbol, by the symbol's name.
-    """
+    """A linked program: the contents of the flash when it starts, each as an address and the bytes there, the sizes of
+    the sections in bytes, and the addresses of the symbols."""
 
     segments: tuple[tuple[int, bytes], ...]
     sections: dict[str, int]

@@ -60,8 +60,8 @@ class EmulatedCore(NeverCopied):
         self._core.mem_write(address, content)
 
     def call(self, function: str, *arguments: int) -> int:
-        """Run a function to its return, as a debugger does, and return its result. Raises McuError if the function does
-        something that is impossible for the core, such as an access outside its memories."""
+        """Run a function to its return, as a debugger does, and return its result. Raises McuError if the core stops,
+        for example at an access outside its memories."""
         kept = self._core.context_save()
         for number, value in enumerate(arguments):
             self._core.reg_write(arm_const.UC_ARM_REG_R0 + number, value)

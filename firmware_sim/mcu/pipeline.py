@@ -36,12 +36,8 @@ _FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
 
 
 class Pipeline:
-    """A disassembler that models the cycles of basic blocks.
-
-    Args:
-        code, origin: contents of a memory, and its address.
-        dual_issue: True for the pipeline of a Cortex-M7, False for the pipeline of a Cortex-M4.
-    """
+    """A disassembler that models the cycles of basic blocks in the contents `code` of a memory at `origin`, by the
+    pipeline of a Cortex-M7, or of a Cortex-M4 without `dual_issue`."""
 
     def __init__(self, code: bytes, origin: int, *, dual_issue: bool = True) -> None:
         self._code, self._origin = code, origin

@@ -40,8 +40,7 @@ working controller reaches about half of the limit."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
-    """Return (quantity, value without control, value under control) as text; if there are no averages, return one row
-    with the reason."""
+    """Return (quantity, value without control, value under control) as text, or one row why there are no averages."""
     if (drive := drive_totals(log)) is not None:
         return _drive_rows(drive)
     means = averages(log)

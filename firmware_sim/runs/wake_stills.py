@@ -1,9 +1,5 @@
 """The recorded wake of a run: a still picture of the flow every few control periods, small enough to be stored with
-every run.
-
-Stills are lossy WebP pictures in grey, which every browser can decode for the report's page. A pixel's grey value is
-the flow's level + 128.
-"""
+every run. Stills are lossy WebP pictures in grey, which every browser can decode."""
 
 import io
 import json
@@ -37,8 +33,8 @@ _SAME_TIME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """The data that all stills of a run share: x and y limits of the pictures in W, their width and height in pixels,
-    and x and y in W of all wall sensors by name."""
+    """What all stills of a run share: x and y limits in W, width and height in pixels, and x and y in W of all sensors
+    by name."""
 
     view: View
     size: tuple[int, int]
@@ -103,8 +99,7 @@ def save(path: Path, wake: WakeStills) -> None:
 
 
 def load(path: Path, log: RunLog) -> WakeStills:
-    """Read a file written by `save` for this run. Raises StillwakeError if the file is damaged or of another schema, or
-    if its times differ from the times of the run's series."""
+    """Read a file written by `save`. Raises StillwakeError if it is damaged, or of another schema or run."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())

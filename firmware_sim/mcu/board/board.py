@@ -52,14 +52,9 @@ class Board(EmulatedCore):
         firmware: program in the first bank of flash.
         bank: second bank of flash, changed in place; if None, an erased bank.
         now_ns: initial value of the counter in ns.
-        times: durations of flash operations.
         cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for never.
         seed: seed of the random numbers and of the contents of a partly programmed word.
         backup: initial contents of the battery-supplied SRAM.
-
-    Attributes:
-        counter, can, flash: peripherals of the board.
-        blocks: counts of instructions and cycles.
     """
 
     def __init__(
@@ -135,8 +130,7 @@ class Board(EmulatedCore):
             return 0
 
     def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
-        """Return the functions that Unicorn calls for a page of registers, whose first register is at offset
-        `shift`."""
+        """Return what Unicorn calls for a page of registers, the first of which is at offset `shift`."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:
@@ -177,11 +171,8 @@ class Board(EmulatedCore):
                 self._core.mem_write(BANK + page, bytes(bank.content[page : page + _PAGE]))
 
     def _exchange_pages(self) -> None:
-        """Map each page that contains an unreadable word to functions of this class, and every other page to memory.
-
-        Hooks on every read of the memory would slow down the emulator. The mapping does not change during a flash
-        operation.
-        """
+        """Map each page that contains an unreadable word to functions of this class, and every other page to memory,
+        unless a flash operation is in progress. Hooks on every read would slow down the emulator."""
         if self.flash.is_at_work:
             return
         self._open()

@@ -33,16 +33,13 @@ class BoardEcu(CEcuState):
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        clock_mhz: clock of the core in MHz.
-        bank: flash that is written in the field; if None, an erased bank.
+        bank, now_ns, times, cut_at: see `Board`.
         own: files that replace the board's files (`compile_board`).
         firmware: firmware compiled earlier from these sources.
-        times: durations of flash operations.
         secret: key of the bus, which production writes into a board; None without `bus.key`.
 
     Attributes:
         board: board of the present power cycle.
-        description: name of the board and its clock, as text for users.
         instructions, cycles: numbers of instructions and modelled cycles in the latest step.
         waited_ns: time in ns for which the latest step waited for pressures.
         resets: number of resets that the firmware requested.
@@ -80,8 +77,7 @@ class BoardEcu(CEcuState):
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
-        """Start a new power cycle, in which the battery-supplied SRAM keeps its contents. The supply fails in the flash
-        operation with the number `cut_at`, counted from 1; 0 for never."""
+        """Start a new power cycle, in which the battery-supplied SRAM keeps its contents."""
         before: Board | None = getattr(self, "board", None)
         self.board = Board(
             self.firmware,
@@ -135,8 +131,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
-        """Pass the frames to the CAN controller in groups that fit its FIFO, and run the firmware after each group; on
-        a real bus the core wakes before the FIFO is full."""
+        """Pass the frames to the CAN controller in groups that fit its FIFO; the firmware runs after each group."""
         waiting = list(frames)
         while True:
             board = self.board
@@ -174,8 +169,5 @@ class BoardEcu(CEcuState):
 
     def _load(self) -> None:
         """Copy the ECU's state, without its workspace, from the board's memory."""
-        self.structs.ffi.buffer(self._ecu, self._mirrored)[:] = self.board.peek(self._place, self._mirrored)
-
-    @property
-    def _mirrored(self) -> int:
-        return self.structs.size("sw_ecu")
+        size = self.structs.size("sw_ecu")
+        self.structs.ffi.buffer(self._ecu, size)[:] = self.board.peek(self._place, size)

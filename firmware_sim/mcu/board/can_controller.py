@@ -39,15 +39,9 @@ _EVER_NS: Final = 1 << 63
 
 
 class CanController:
-    """The registers and the message RAM of a CAN controller.
-
-    Args:
-        clock: function that returns the board's time in ns.
-
-    Attributes:
-        init_reads_late: number of reads of CCCR, after the firmware has cleared INIT, that still show INIT as set. In
-            the hardware the change must first pass to another clock domain.
-    """
+    """The registers and the message RAM of a CAN controller, whose `clock` returns the board's time in ns. After the
+    firmware has cleared INIT, `init_reads_late` reads of CCCR still show it: in the hardware the change must first pass
+    to another clock domain."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
@@ -80,8 +74,7 @@ class CanController:
 
     def receive(self, frame: Frame) -> None:
         """Receive a frame from the bus. Drop the frame if no filter accepts it or FIFO 0 is full."""
-        # INIT that was set by a bus-off does not prevent reception here, because the bus delivers frames only before
-        # the bus-off or after the recovery.
+        # INIT by a bus-off prevents no reception: the bus delivers no frames until the recovery.
         if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
         self._interrupts |= _RF0N
@@ -99,16 +92,14 @@ class CanController:
         self._level += 1
 
     def taken(self, until_ns: int) -> list[Frame]:
-        """Return the frames sent since the last call, up to `until_ns`, oldest first; each is stamped with the end of
-        its transmission."""
+        """Return the frames sent since the last call, up to `until_ns`, stamped with the ends of transmission."""
         self._sending.progress(until_ns)
         left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
         self._sending.left.clear()
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Return all waiting frames as sent, each stamped with the time when the firmware requested its transmission.
-        Use this if the bus is modelled elsewhere."""
+        """Return all waiting frames, stamped with the requests for transmission: the bus is modelled elsewhere."""
         self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
@@ -141,8 +132,7 @@ class CanController:
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register or a word of the message RAM; raises McuError for a register that is not modelled or is
-        protected."""
+        """Write a register or a word of the message RAM; raises McuError if it is not modelled, or protected."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
         elif offset == _CCCR:

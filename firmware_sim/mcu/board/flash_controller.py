@@ -30,8 +30,7 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""Time in ns that a read of SR2 takes during an operation. It is shorter than any operation, but long enough that
-polling a long operation takes few reads."""
+"""Time in ns that a read of SR2 takes during an operation, so that polling a long one takes few reads."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
@@ -78,19 +77,14 @@ class FlashBank:
 
 
 class FlashController:
-    """The registers of a flash bank's controller, and the bank.
+    """The registers of a flash bank's controller, and the bank, which is changed in place. `counter` advances during
+    operations; `cut_at` and `seed` are as in `firmware_sim.mcu.board.board.Board`.
 
     Args:
-        bank: the bank, changed in place.
         changed: called with the offset and the number of changed bytes.
-        counter: counter of the time, which advances during operations.
-        times: durations of the operations.
-        cut_at: number of the operation, counted from 1, in which the supply fails; 0 for never.
-        seed: seed of the contents of a partly programmed word.
 
     Attributes:
-        operations: number of operations so far; erasing a sector or programming a word is one.
-        erasures: number of times that a sector was erased so far.
+        operations, erasures: number of operations so far, of which programming a word is one, and of erased sectors.
         stalled_ns: total time in ns for which the core stalled in reads of the bank.
     """
 
@@ -123,8 +117,7 @@ class FlashController:
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register. Raises PowerCut if the supply fails; McuError for a register or an operation that is not
-        modelled."""
+        """Write a register. Raises PowerCut if the supply fails; McuError for what is not modelled."""
         if offset == 0x04:
             right = self._keys < len(_KEYS) and value == _KEYS[self._keys]
             # A wrong key locks the register until the next reset.

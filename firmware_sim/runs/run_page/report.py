@@ -101,11 +101,9 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
 
 
 def write_picture(folder: RunFolder, target: Path) -> None:
-    """Write the run as one picture: the wake before and under control, and drag and action over time.
-
-    The metadata of the picture contain the bundle's digest. Raises ConfigError if the target's suffix is not a picture
-    format; StillwakeError if the folder contains no run, or the target cannot be written.
-    """
+    """Write the run as one picture, whose metadata contain the bundle's digest: the wake before and under control, and
+    drag and action over time. Raises ConfigError if the target's suffix is not a picture format; StillwakeError if the
+    folder contains no run, or the target cannot be written."""
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()

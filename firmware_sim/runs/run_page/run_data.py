@@ -67,8 +67,7 @@ class RunEvent(NamedTuple):
 
 
 def events(log: RunLog) -> list[RunEvent]:
-    """Return at most `MOST_EVENTS` events in order of time. If there are more events, the last returned event states
-    the number of events left out."""
+    """Return at most `MOST_EVENTS` events in order of time; the last states the number of events left out."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST_EVENTS:
         return happened
