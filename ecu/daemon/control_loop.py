@@ -1,9 +1,5 @@
-"""Control steps at absolute deadlines. In each period the loop wakes, takes the received frames, computes a step, and
-sends the answers.
-
-The loop does not read the bus: a thread reads it and queues the frames. After each step an observer gets the counters.
-The deadlines follow the arrival times of the pressures that were used.
-"""
+"""Control steps at absolute deadlines, which follow the arrivals of the pressures that were used. In each period the
+loop wakes, takes the frames that another thread has read, computes a step, and sends the answers."""
 
 import gc
 import resource
@@ -39,14 +35,8 @@ Tell = Callable[..., None]
 
 
 class ControlLoop:
-    """The control loop of one ECU on one bus. Raises ConfigError if the step's offset is not shorter than the period.
-
-    Args:
-        tell: called with an event's name, its text, and its fields.
-        after_step: called with the time and the counters after each step.
-        stage_times: table in which the times of each period's stages are stored, or None.
-        now_ns, sleep_until: the clock of the loop, in ns, and a sleep until a time of this clock.
-    """
+    """The control loop of one ECU on one bus. `tell` is called with an event's name, its text, and its fields. Raises
+    ConfigError if the step's offset is not shorter than the period."""
 
     def __init__(
         self,
@@ -200,7 +190,6 @@ def check_offset(config: Config) -> int:
 
 def _usage() -> tuple[int, int, int, int]:
     """Return the numbers of the process's garbage collections, and of this thread's minor page faults, major page
-    faults and involuntary context switches."""
-    # Linux counts page faults and context switches for each thread; other systems count them for the process only.
+    faults and involuntary context switches; those of the process where the system is not Linux."""
     used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

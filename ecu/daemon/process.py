@@ -41,8 +41,7 @@ class ProcessOptions:
 
     Attributes:
         periods: number of periods after which the process ends; None for no limit.
-        stage_times, frames: files to which the times of each period's stages, and the frames that the ECU sent and
-            accepted, are written at the end.
+        stage_times, frames: files for the times of each period's stages, and for the sent and accepted frames.
         metrics: file to which the counters are written for Prometheus.
         freshness: file that stores freshness values over a power cycle, needed with `bus.key`.
     """
@@ -70,8 +69,8 @@ def freshness_file(options: ProcessOptions) -> Path:
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
-    """Return the freshness store and the node's authentication data for a new power cycle, or (None, None) without
-    `bus.key`. Raises KeyFileError if the key cannot be read; also the errors of `FreshnessStore.begin`."""
+    """Return store and authentication of a new power cycle, or (None, None) without `bus.key`. Raises KeyFileError if
+    the key cannot be read, and the errors of `FreshnessStore.begin`."""
     if not config.bus.key:
         return None, None
     key, store = read_key(Path(config.bus.key)), FreshnessStore(freshness_file(options))
@@ -83,9 +82,8 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU and the further parts of its process. The thread that reads the bus calls the functions in `hears` with
-    the frames of further identifiers; the context `beside` is active while the bus is open, in parallel with the
-    control."""
+    """An ECU and the further parts of its process: functions that the thread that reads the bus calls with the frames
+    of further identifiers, and a context that is active while the bus is open."""
 
     ecu: SteppedEcu
     times: PlanTimes

@@ -49,17 +49,13 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """A thread that writes the control loop's counters and log lines while its `with` block runs, and the remaining
-    lines at the end of the block.
+    """A thread that writes the counters, which the control loop sets after each step, and log lines while its `with`
+    block runs, and the remaining lines at its end.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.
-        bundle: name of the release in the file of counters.
-        metrics: file to which the counters are written; None for no file.
+        bundle: name of the release in the file of counters, `metrics`.
         keep: called with the counters once an interval to store freshness values; may raise StillwakeError.
-
-    Attributes:
-        counters: set by the control loop after each step.
     """
 
     def __init__(
