@@ -86,12 +86,10 @@ class SensorCheckState(ArrayValue):
         residual: residual in Cp of the latest period in which the sensors were judged; NaN before the first.
         fast, slow: running means of the residual over few and over many periods.
         noise: running variance of the residual's change from one period to the next, in Cp^2.
-        score: running mean of a ratio: the square of the fast mean, divided by the variance of the fast mean for
-            healthy sensors with this noise.
+        score: running mean of the fast mean's square, over its variance for healthy sensors with this noise.
         readings: (S,) latest readings; NaN before the first.
         flat: (S,) number of consecutive periods with unchanged readings.
-        estimates: (n, S) estimate of each sensor by all others, one row for each of the n periods of the controller's
-            window or past.
+        estimates: (n, S) estimate of each sensor by all others in the n periods of the controller's window or past.
         set_aside: index of the faulty sensor; None if there is none.
         doubt: number of periods in doubt minus the number of periods without doubt, at least 0.
         implausible: whether control must not use the pressures.
@@ -135,12 +133,11 @@ class ResidualLevels(NamedTuple):
     """The levels of evidence for each hypothesis, from mean squares of residuals, relative to those of healthy sensors.
 
     Attributes:
-        liar, bias: (S,) levels for the hypothesis that this sensor reads wrongly and the other sensors read correctly,
-            from the fast and from the slow means.
-        swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
+        liar, bias: (S,) that this sensor alone reads wrongly, from the fast and from the slow means.
+        swap: (P,) that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
-        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out. If
-            no sensor is set aside, the sensor is left out without which the others agree best.
+        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`, without the sensor that is set aside, or
+            without which the others agree best.
     """
 
     liar: Array
@@ -155,8 +152,7 @@ class SensorCheck:
     """The check of one bundle's pressures.
 
     Attributes:
-        fast, slow: (S + P, S) rms in Cp of the fast and slow means of healthy sensors' residuals, for each hypothesis
-            and sensor.
+        fast, slow: (S + P, S) rms in Cp of healthy sensors' mean residuals, for each hypothesis and sensor.
         sound: mean rms in Cp of the fast means, for the hypotheses that leave the sensor itself out.
     """
 
@@ -295,15 +291,14 @@ def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
 
 
 def _split(values: Array, sensors: int) -> tuple[Array, Array]:
-    """Return two parts of an array (S + P, S): the values (S,) of the sensors, each from the row that leaves this
-    sensor out; and the mean values (S,) of the other sensors in these rows."""
+    """Return, of (S + P, S), each sensor's value in the row that leaves it out, (S,), and the others' mean there."""
     own = values[:sensors].diagonal()
     return own, (values[:sensors].sum(axis=1) - own) / (sensors - 1)
 
 
 def _with_swaps(table: Array) -> Array:
-    """Return the table (S, S) with a row for each of the P exchanged pairs, (S + P, S). In these rows each sensor is
-    estimated by all others, so the values are those of the table's diagonal."""
+    """Return the table (S, S) with a row for each of the P exchanged pairs, (S + P, S): there, as on the diagonal, each
+    sensor is estimated by all others."""
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 

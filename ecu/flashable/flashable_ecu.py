@@ -1,10 +1,8 @@
 """The ECU in a vehicle: it boots a release from its store, controls, and can be flashed and calibrated.
 
-`step` runs a control period and one call of diagnosis; it is a function of time and received frames, like
-`ecu.ecu.Ecu.step`. A caller that has time between two periods calls `control` once a period and `service` any number of
-times in between, possibly in another thread. A reset has the effect of a power loss: the release is booted again and
-every counter begins at 0. Only freshness values continue, because a receiver refuses a value that it has received
-before.
+`step` runs a control period and one call of diagnosis. A caller that has time between two periods calls `control` once
+a period and `service` any number of times in between, possibly in another thread. A reset has the effect of a power
+loss: the release is booted again and every counter begins at 0. Only freshness values continue.
 """
 
 from collections.abc import Sequence
@@ -32,8 +30,7 @@ class FlashableEcu:
     `authentication` is given.
 
     Args:
-        boot_ns: time in ns after a reset in which the ECU neither receives nor sends. In real time, the boot itself
-            takes additional time.
+        boot_ns: time in ns after a reset, without that of the boot itself, in which the ECU is silent.
         serviced_apart: whether `step` is only a control period, and another thread calls `service`.
 
     Attributes:
@@ -115,9 +112,9 @@ class FlashableEcu:
         return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """Run one control period and, unless `serviced_apart`, one call of `service`; the arguments are as in
-        `Ecu.step`. Returns a JetCommand, an EcuStatus, and the frames of diagnosis. While the ECU boots, no frames are
-        returned. JetCommand and EcuStatus are not returned while a tester has silenced them and no jet can run."""
+        """Run one control period and, unless `serviced_apart`, one call of `service`. Returns a JetCommand and an
+        EcuStatus, unless a tester has silenced them and no jet can run, and the frames of diagnosis; while the ECU
+        boots, none."""
         if self._serviced_apart:
             return self.control(now_ns, frames, health)
         for_service = [frame for frame in frames if frame.identifier in self._heard]

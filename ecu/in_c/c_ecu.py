@@ -97,16 +97,14 @@ class CEcu(CEcuState):
     is no compiler, if the compiler rejects the files, or if the files contain no ECU.
 
     Args:
-        sources: the library's files by name, including `sw_ecu_settings.h`. The caller may replace or add files, such
-            as a stub controller or a deliberate error.
+        sources: the library's files by name, including `sw_ecu_settings.h`, some perhaps replaced or added.
         compiler: command that compiles C; None finds a compiler on this machine.
         library: file in which to store the compiled library; None uses a temporary file.
         secret: the bytes of the key if `bus.key` is set; the ECU is then in its first power cycle.
 
     Attributes:
         description: compiler and flags of the control step, in words.
-        lib: the loaded library, for functions and variables that do not belong to the ECU; see `Structs.ffi`.
-        ecu: the `sw_ecu` itself, without its workspace.
+        lib, ecu: the loaded library with its own functions (`Structs.ffi`), and the `sw_ecu` without its workspace.
     """
 
     def __init__(
@@ -180,8 +178,8 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
     """Return the sources of a library's ECU for a release, with the settings of this vehicle instead of the export's.
-    Raises LibraryError if the folder holds no library, a library of another program, or a library without an ECU;
-    StillwakeError if the ECU in C does not support a setting."""
+    Raises LibraryError if the folder holds no library, another program's, or one without an ECU; StillwakeError if the
+    ECU in C does not support a setting."""
     sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:

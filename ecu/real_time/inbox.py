@@ -9,13 +9,9 @@ from can_bridge.wire.frame import Frame
 
 
 class Inbox:
-    """A queue that stamps frames on arrival and returns them in order. Neither thread waits for the other longer than a
-    few instructions.
-
-    Args:
-        stamp: called in the reading thread with each frame; returns its arrival in ns of the loop's clock.
-        room: largest number of frames; if more arrive, the oldest are dropped.
-    """
+    """A queue that stamps frames on arrival and returns them in order; neither thread waits for the other. `stamp` is
+    called in the reading thread, and returns a frame's arrival in ns of the loop's clock. Of more than `room` frames
+    the oldest are dropped."""
 
     def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:
         self._stamp = stamp

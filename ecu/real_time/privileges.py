@@ -1,8 +1,5 @@
-"""Privileges that the operating system can grant to a process with deadlines; a privilege that is not granted is
-reported.
-
-A process without these privileges works, but is late more often.
-"""
+"""Privileges that the operating system can grant to a process with deadlines, which is late more often without them;
+one that is not granted is reported."""
 
 import ctypes
 import gc
@@ -45,10 +42,8 @@ class Wanted:
 
 @contextmanager
 def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
-    """Request privileges, yield the results, and give the privileges back at the end of the block.
-
-    The priority applies to this thread and to the threads that it starts afterwards.
-    """
+    """Request privileges, yield the results, and give the privileges back at the end of the block. The priority applies
+    to this thread and to the threads that it starts afterwards."""
     steps = (
         ("timer slack 1 ns", _timer_slack, True),
         ("no garbage collection", _no_collector, wanted.without_collector),
@@ -116,7 +111,7 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # If locked memory is limited, memory that is allocated later may exceed the limit, and its allocation fails.
+    # Under a limit, memory that is allocated later could exceed it, and its allocation fail.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 
