@@ -157,8 +157,7 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` during a test. The means since the jets were shut cover more cycles, because a wrong result by
-        chance would resume harmful control."""
+        """Compute `next` in a test, whose means cover more cycles: a wrong result would resume harmful control."""
         if cp is None:
             return state, None
         config = self.config

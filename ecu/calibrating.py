@@ -17,8 +17,7 @@ from contract.controller.interface import TERMS
 from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
-"""Smallest share to which `flow.action_limit` and `ecu.command_step` of the vehicle may be calibrated: a smaller one
-would in effect switch the control off."""
+"""Smallest share of the vehicle's `flow.action_limit` and `ecu.command_step`; a smaller one would end the control."""
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:

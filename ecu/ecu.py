@@ -118,8 +118,7 @@ class Ecu:
         self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force from the next step on, or raise ConfigError and change nothing if one is outside
-        the limits of this release and vehicle."""
+        """Put other values in force from the next step on; with one outside the limits, raise ConfigError instead."""
         self._calibration_limits.check(calibration)
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())

@@ -46,9 +46,8 @@ NOISE_ALLOWED: Final = 0.3
 the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
 
 MOVING: Final = 0.4
-"""Smallest median of the other sensors' ranges of readings at which a constant reading counts as stuck, in standard
-deviations of healthy sensors' residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least
-0.022."""
+"""Smallest median of the other sensors' ranges at which a constant reading counts as stuck, in standard deviations of
+healthy residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least 0.022."""
 
 ALIKE: Final = 0.1
 """Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
@@ -64,9 +63,8 @@ DRIFT_ALLOWED: Final = 4.0
 sensors' slow means reaches 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
-"""Factor by which the permitted disagreement of the sensors rises when one sensor is set aside, because an estimate
-from two other sensors is less accurate than from three. Healthy sensors then disagree by up to 28, in a gust that the
-speed on the bus does not show."""
+"""Factor by which the permitted disagreement rises when a sensor is set aside, since two others estimate less
+accurately than three. Healthy sensors then disagree by up to 28, in a gust that the speed on the bus does not show."""
 
 
 class EstimatorModel(Protocol):
@@ -297,8 +295,7 @@ def _split(values: Array, sensors: int) -> tuple[Array, Array]:
 
 
 def _with_swaps(table: Array) -> Array:
-    """Return the table (S, S) with a row for each of the P exchanged pairs, (S + P, S): there, as on the diagonal, each
-    sensor is estimated by all others."""
+    """Return a row for each of the P exchanged pairs, (S + P, S): in it, each sensor is estimated by all others."""
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 

@@ -43,8 +43,7 @@ def fmu_sources(*parts: str) -> dict[str, bytes]:
 
 
 def plant_fmu_sources(*parts: str) -> dict[str, bytes]:
-    """Return the sources of the wrapper around the plant's FMU, without `sw_plant_settings.h`
-    (`firmware_sim.fmu.plant_fmu`); `parts` is as in `fmu_sources`."""
+    """Return the sources around the plant's FMU, without `sw_plant_settings.h`; `parts` is as in `fmu_sources`."""
     shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c", "sw_fmu_no_events.c")
     others = {name: text for name, text in fmu_sources("signals").items() if name in shared}
     return sources_in("fmu/plant") | others | _in_parts(parts)

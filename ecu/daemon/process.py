@@ -58,8 +58,7 @@ class ProcessOptions:
 
 
 def freshness_file(options: ProcessOptions) -> Path:
-    """Return the file that stores freshness values over a power cycle. Raises ConfigError if there is neither the
-    option nor systemd's state directory."""
+    """Return the file of freshness values. Raises ConfigError with neither the option nor systemd's directory."""
     if options.freshness is not None:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]

@@ -38,8 +38,7 @@ def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
 
 
 class FrameReception:
-    """The received frames of the ECU's messages, for the control step. `heard` counts all frames on the bus since the
-    caller last replaced it."""
+    """Frames of the ECU's messages for the control step; `heard` counts all frames since it was last replaced."""
 
     def __init__(
         self,

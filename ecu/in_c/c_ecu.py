@@ -177,9 +177,8 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 
 
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
-    """Return the sources of a library's ECU for a release, with the settings of this vehicle instead of the export's.
-    Raises LibraryError if the folder holds no library, another program's, or one without an ECU; StillwakeError if the
-    ECU in C does not support a setting."""
+    """Return a library's sources for a release, with the settings of this vehicle. Raises LibraryError if the folder
+    holds no library, another program's, or one without an ECU; StillwakeError for a setting that C does not support."""
     sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:

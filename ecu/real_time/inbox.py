@@ -9,9 +9,8 @@ from can_bridge.wire.frame import Frame
 
 
 class Inbox:
-    """A queue that stamps frames on arrival and returns them in order; neither thread waits for the other. `stamp` is
-    called in the reading thread, and returns a frame's arrival in ns of the loop's clock. Of more than `room` frames
-    the oldest are dropped."""
+    """A queue that stamps frames on arrival and returns them in order; neither thread waits for the other. The reading
+    thread calls `stamp`, which returns the arrival in ns. Of more than `room` frames the oldest are dropped."""
 
     def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:
         self._stamp = stamp

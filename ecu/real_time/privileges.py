@@ -1,5 +1,4 @@
-"""Privileges that the operating system can grant to a process with deadlines, which is late more often without them;
-one that is not granted is reported."""
+"""Privileges that a process with deadlines asks the system for; one that is not granted is reported."""
 
 import ctypes
 import gc

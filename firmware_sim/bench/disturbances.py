@@ -83,8 +83,7 @@ class WrongClock(Span, section="clock"):
 
 @dataclass(frozen=True, kw_only=True)
 class NoRequest(Span, section="no_request"):
-    """A span in which the vehicle does not request control. When the vehicle then requests control again, a latched
-    fault of the ECU is cleared."""
+    """A span without a request for control; the new request after it clears a latched fault of the ECU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,9 +95,8 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body that differs from the release's body, for a whole run of the built-in solver; the fields are those of the
-    settings `body`, in W. The sensors keep their names and have positions on this body, of which the ECU has no
-    information."""
+    """A body other than the release's, for a whole run of the built-in solver; the fields are those of the settings
+    `body`, in W. The sensors keep their names and lie on this body, of which the ECU has no information."""
 
     length: Finite[float]
     leading_edge_radius: NonNegative[float] = 0.0
@@ -127,9 +125,8 @@ class GustyWind(Span, section="gust"):
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """A speed of the vehicle in m/s, or a density of the air in kg/m3, that differs from the ECU's settings; None is
-    the value of `operating_point`. It scales pressures in Pa and jet flow rates in m2/s, but not the control period in
-    t_c or the Reynolds number."""
+    """The vehicle's speed in m/s, or the air's density in kg/m3; None is the value of `operating_point`, the ECU's. It
+    scales pressures in Pa and jet flow rates in m2/s, but neither the control period in t_c nor the Reynolds number."""
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
     density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None

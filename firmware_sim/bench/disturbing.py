@@ -236,8 +236,7 @@ class Disturbing:
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
-        """Add the gusts to the plant's wind while the block runs; then restore the wind and the Reynolds number. The
-        plant must be at the start of the run."""
+        """Add the gusts to the wind of a plant at the start of the run; afterwards restore wind and Reynolds number."""
         if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return

@@ -17,9 +17,8 @@ from wake.plant.sample import Sample
 
 @contextmanager
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
-    """Make the plant's inflow follow the drive, whose time 0 is the plant's present time, while the block runs. The
-    developed wake is scaled to the first speed, to which it adapts in the time without control. Raises ConfigError if
-    the plant cannot change its speed."""
+    """Make the plant's inflow follow the drive, which begins now, while the block runs. The wake is scaled to the first
+    speed, to which it adapts in the time without control. Raises ConfigError if the plant cannot change its speed."""
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has a constant speed (`wake.plant.protocol.Drivable`)")
     wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed

@@ -1,5 +1,4 @@
-"""The ECU in C for a run, selected by name: compiled for this machine, or as the firmware of an emulated
-microcontroller."""
+"""The ECU in C for a run, by name: compiled for this machine, or as an emulated microcontroller's firmware."""
 
 from collections.abc import Mapping
 from importlib import import_module

@@ -1,5 +1,4 @@
-"""One run of a campaign: its data, from which any process can execute the run, and its execution: the loop under its
-disturbances, or the flow without control."""
+"""One run of a campaign: its data, from which any process can execute it, with the loop or without control."""
 
 import hashlib
 import json
@@ -99,8 +98,7 @@ def seed_of(seed: int, name: str, phase: int) -> int:
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run a task from a starting state. The outcome depends only on the arguments, and records an exception; the caller
-    must set its key."""
+    """Run a task from a starting state. The outcome, which the caller gives its key, records any exception."""
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
     except StillwakeError as error:

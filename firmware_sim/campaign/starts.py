@@ -1,5 +1,4 @@
-"""Initial states of runs: the developed wake at several shedding phases, so that no result depends on a single
-phase."""
+"""Initial states of runs: the wake at several shedding phases, so that no result depends on a single one."""
 
 import hashlib
 from collections.abc import Callable, Sequence

@@ -47,8 +47,7 @@ class KeptLimit(NamedTuple):
 
 
 def read_budget(path: Path) -> dict[str, float]:
-    """Read the limit of each figure, such as `misses_ours` or `all.p99_ms`. Raises ConfigError if the file cannot be
-    read, has no limit, or an invalid one."""
+    """Read each figure's limit, such as `all.p99_ms`. Raises ConfigError for a file without one, or an invalid one."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)

@@ -32,8 +32,7 @@ ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """The tables of one run (`VehicleStage`, `EcuStage`, `IdleStage`), the privileges of the idle loop as text, and the
-    line of the ECU's log on its last fault."""
+    """The tables of one run, the idle loop's privileges as text, and the line of the ECU's log on its last fault."""
 
     vehicle: Times
     ecu: Times

@@ -1,6 +1,5 @@
-"""The live loop as an object without socket, process or thread, whose caller lets it compute period by period, passes
-viewers' requests to it, and fetches new messages. It is the loop of a run (`firmware_sim.bench.simulation`), whose rows
-it gives with unchanged settings."""
+"""The live loop, without socket, process or thread: its caller lets it compute period by period, passes requests to it,
+and fetches messages. With unchanged settings its rows are those of a run (`firmware_sim.bench.simulation`)."""
 
 import time
 from collections import deque

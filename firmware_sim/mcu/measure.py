@@ -165,8 +165,7 @@ def _on_host(sources: Mapping[str, bytes], rows: ProgramRows) -> ProgramRows:
 
 
 def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[str, str]]:
-    """Yield pairs (label, text) for users: the control period in ms, and a verdict for each of
-    `Measurement.modelled_ms`."""
+    """Yield (label, text) for users: the control period in ms, and a verdict on each of `Measurement.modelled_ms`."""
     yield "control period", f"{period:g} ms (from the settings; it is not in the library)"
     for clock, needed in modelled_ms.items():
         share = needed / period

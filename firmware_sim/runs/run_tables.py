@@ -114,8 +114,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def headline(log: RunLog) -> str:
-    """Summarise the run. Problems are stated first. A reduction is stated without reservation only if the controller
-    was in control and the side force decreased."""
+    """Summarise the run, problems first. A reduction has no reservation only under control and with less side force."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
     if (drive := drive_totals(log)) is not None:

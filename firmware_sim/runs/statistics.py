@@ -43,8 +43,7 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """The averages of a run before and under control; `averaged` states whether each of the run's n control periods
-    contributes to `under`, shape (n,)."""
+    """Averages of a run before and under control, and whether each of its n periods contributes to `under`, (n,)."""
 
     before: Regime
     under: Regime

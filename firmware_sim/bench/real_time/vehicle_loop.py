@@ -27,8 +27,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 UNSENT_LIMIT: Final = 50
 """Number of consecutively refused frames at which the bus is considered lost: 50 periods of 20 ms are a second."""
 FAREWELL: Final = 3
-"""Number of frames without a request for control at the end of a run: one more than the number of lost frames that the
-ECU tolerates."""
+"""Number of frames without a request at the end of a run: one more than the ECU tolerates to be lost."""
 LONGEST_FAREWELL: Final = 10
 """Largest number of periods for these frames, because the live wake may have no pressures for some of the periods."""
 

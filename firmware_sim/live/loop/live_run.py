@@ -65,8 +65,7 @@ class ControlRequest:
         return self.rearming
 
     def begins(self, k: int) -> bool:
-        """End the lead-in, and request control, if it is over in period k; return whether it ended. Call this once per
-        period."""
+        """End the lead-in, and request control, if it is over in period k; return whether it ended. Once a period."""
         if not (self.waits and k >= self.lead_in):
             return False
         self.wanted, self.waits = True, False

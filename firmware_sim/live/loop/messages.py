@@ -34,8 +34,7 @@ PERIOD_COLUMNS: Final = (
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
-"""A viewer's request: an `id`, which is repeated in the answer, and an action from
-`firmware_sim.live.settings.ACTIONS`."""
+"""A viewer's request: an `id`, which the answer repeats, and an action of `firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
 """An answer to a request: it contains the request's `id`, the text `error` if the request changed nothing, and the text
 `note` if the change needs an explanation."""
@@ -51,8 +50,7 @@ def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMes
 
 
 class FieldPicture(NamedTuple):
-    """The flow at the start of period k, at time t in t_c. `levels` has the shape (height, width); see
-    `wake.pictures.level_picture.field_levels`."""
+    """The flow at the start of period k, at t in t_c, as `wake.pictures.level_picture.field_levels` (height, width)."""
 
     k: int
     t: float

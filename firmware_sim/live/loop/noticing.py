@@ -125,8 +125,7 @@ class EventLog:
         self._publish(kind, text, time_s, t)
 
     def pass_to(self, time_s: float, t: float) -> None:
-        """Advance the time. For each repeated event whose counting time has ended, add an event with the number of
-        repetitions."""
+        """Advance the time; for each event whose counting time has ended, add an event with its repetitions."""
         for text, repeated in list(self._repeated.items()):
             if time_s - repeated.since_s < repeated.quiet_s:
                 continue

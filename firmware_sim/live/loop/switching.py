@@ -39,8 +39,7 @@ class Plug:
 
 
 class SwitchedPort(WrappedBus):
-    """A node's port to which layers are added, and from which they are removed, while the bus runs. Frames from the bus
-    reach the first layer first."""
+    """A node's port whose layers change while the bus runs. Frames from the bus reach the first layer first."""
 
     def __init__(self, port: Bus) -> None:
         self._plugs: list[Plug] = []

@@ -226,8 +226,7 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class StreamSocket(Socket):
-    """The stream of the loop's messages to one viewer. A message is sent only when the previous message was accepted,
-    and contains the newest data at that time."""
+    """The stream of messages to one viewer: the newest data at the time when the previous message was accepted."""
 
     _sending: "asyncio.Task[None] | None" = None
 

@@ -39,9 +39,8 @@ _EVER_NS: Final = 1 << 63
 
 
 class CanController:
-    """The registers and the message RAM of a CAN controller, whose `clock` returns the board's time in ns. After the
-    firmware has cleared INIT, `init_reads_late` reads of CCCR still show it: in the hardware the change must first pass
-    to another clock domain."""
+    """The registers and message RAM of a CAN controller; `clock` returns the board's time in ns. When the firmware has
+    cleared INIT, `init_reads_late` reads of CCCR still show it: the change must first pass to another clock domain."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock

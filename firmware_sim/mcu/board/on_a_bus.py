@@ -25,8 +25,7 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
 
 
 LONGEST_UNSEEN_NS: Final = 20_000_000
-"""Longest time in ns by which the board's time advances between two reads of the bus; if the emulation takes longer,
-the board's time falls behind."""
+"""Longest advance in ns between two reads of the bus; the board's time falls behind a slower emulation."""
 
 
 def read_bank(path: Path) -> FlashBank:

@@ -52,8 +52,7 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return the folders' names, with as many parents as make them unique. Raises StillwakeError if there are too few
-    or too many folders, or one is given twice."""
+    """Return the folders' names, with parents until unique. Raises StillwakeError for a wrong number, or one twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")

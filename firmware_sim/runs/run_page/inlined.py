@@ -26,8 +26,7 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 
 class Inlined(NamedTuple):
-    """The scripts and styles of a page, and its content security policy, which permits only these scripts, and no
-    request to another address."""
+    """A page's scripts and styles, and a content security policy that permits only these and no other address."""
 
     policy: str
     styles: Markup

@@ -1,5 +1,4 @@
-"""The report of a run as one self-contained HTML page (verdict, tables, series, recorded wake, settings), and a run as
-one picture."""
+"""The report of a run as one HTML page (verdict, tables, series, recorded wake, settings), and as a picture."""
 
 import io
 from pathlib import Path
@@ -80,8 +79,7 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 
 
 def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
-    """Return a row for each identifier in the log of frames; no rows if the log is missing or too long. Raises
-    StillwakeError for a damaged log."""
+    """Return a row for each identifier in the log; none if it is missing or too long, StillwakeError if damaged."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     # These imports are inside the function, because they import all of python-can's readers, which takes a second.

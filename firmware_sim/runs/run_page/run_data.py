@@ -105,8 +105,7 @@ _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """Return the data for the scripts in `firmware_sim/runs/run_page/page`, as values for JSON without NaN. `wake` is
-    None if no stills were recorded."""
+    """Return the data for the scripts in `page/`, as JSON's values without NaN; `wake` is None without stills."""
     config, means = log.metadata.config, averages(log)
     return {
         "name": name,

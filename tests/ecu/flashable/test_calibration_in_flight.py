@@ -1,5 +1,4 @@
-"""The goal of an ECU that controls, changed by diagnosis and by a measurement tool (XCP): when it acts, what outlives
-power, and to which release it belongs."""
+"""The goal of a running ECU, changed by diagnosis and XCP: when it acts, what outlives power, and for which release."""
 
 import struct
 from dataclasses import replace

@@ -207,8 +207,7 @@ PLAIN, SMALL_AS_ZERO, ROUNDING_UP = 0x1F80, 0x9FC0, 0x5F80
 @pytest.mark.skipif(not X86, reason="modes of an x86 processor")
 @each("mode", [SMALL_AS_ZERO, ROUNDING_UP])
 def test_a_mode_of_the_processor_that_another_library_sets_shuts_the_jets(release, sources, tmp_path, mode):
-    """As a library that was linked with -ffast-math does where it is loaded. The control step alone answers with no
-    plan, and neither is opened."""
+    """As a library linked with -ffast-math does. The control step answers with no plan, and neither is opened."""
     library = tmp_path / f"{mode}.so"
     c = CEcu({**sources, "mode.c": MODE}, flags=FLAGS, library=library)
     set_mode, periods = ctypes.CDLL(str(library)).set_mode, Feed().periods(INTO_CONTROL + 8)
