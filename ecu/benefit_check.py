@@ -29,8 +29,6 @@ from contract.release.manifest import Manifest
 from contract.sensor_layout import SAME_PLACE
 from ecu.fit import positions_of
 
-_ON_BASE: Final = "base_"
-"""Prefix of the names of sensors on a body's base."""
 MOVED: Final = 0.1
 """Change of the speed, relative to the design speed, that ends a test: a test is valid for its own speed only."""
 PATIENCE: Final = 6
@@ -97,7 +95,7 @@ class BenefitCheck:
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
         """Return the check of a release; None if none of its sensors is on the base, or none is mirrored."""
-        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(_ON_BASE))
+        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith("base_"))
         pairs = mirrored_pairs(manifest)
         if not (config.enabled and base and pairs):
             return None

@@ -19,7 +19,6 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from ecu.real_time.privileges import step_back
 
-FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 """Longest pause in s between two attempts to open a bus again. Each pause is twice as long as the one before."""
 SEND_TIMEOUT_S: Final = 0.003
@@ -51,7 +50,7 @@ class Connection:
         open_bus: Callable[[], PythonCanBus],
         deliver: Callable[[Frame], None],
         *,
-        first_pause_s: float = FIRST_PAUSE_S,
+        first_pause_s: float = 0.1,
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
         self._bus: _Read | None = None

@@ -28,10 +28,6 @@ GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
 """Number of final periods, in which the ECU sends commands to shut the jets: more than one, as a frame may be lost."""
-_PASSING: Final = (Mode.HOLD, Mode.DECAY)
-"""Modes that last too briefly to be reported in the log."""
-
-Tell = Callable[..., None]
 
 
 class ControlLoop:
@@ -46,7 +42,7 @@ class ControlLoop:
         reception: FrameReception,
         config: Config,
         *,
-        tell: Tell,
+        tell: Callable[..., None],
         after_step: Callable[[int, Counters], None] = lambda now_ns, counters: None,
         stage_times: StageTimes | None = None,
         now_ns: Callable[[], int] = clock.now_ns,
@@ -135,7 +131,8 @@ class ControlLoop:
     def _tell_mode(self) -> None:
         state = self._ecu.state.fail_safe
         now = state.mode.on_wire, state.reason
-        if now != self._told and now[0] not in _PASSING:
+        # HOLD and DECAY last too briefly to be reported.
+        if now != self._told and now[0] not in (Mode.HOLD, Mode.DECAY):
             self._told = now
             mode, reason = now
             because = "" if reason is Reason.NONE else f", {reason.name}"

@@ -2,14 +2,12 @@
 
 import io
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from elftools.common.exceptions import ELFError
 from elftools.elf.elffile import ELFFile
 
 from contract.errors import McuError
-
-_BITS: Final = 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +25,7 @@ def read_elf(image: bytes) -> Firmware:
     try:
         # The type is Any because pyelftools has no type annotations.
         elf: Any = ELFFile(io.BytesIO(image))
-        if elf.elfclass != _BITS or not elf.little_endian:
+        if elf.elfclass != 32 or not elf.little_endian:
             order = "little" if elf.little_endian else "big"
             raise McuError(f"not a 32-bit little-endian ELF file: {elf.elfclass}-bit, {order}-endian")
         loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])

@@ -139,7 +139,6 @@ class DragMeans:
 
 BOOT_S: Final = 0.2
 """Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
-_FOR_GOOD_NS: Final = 10**18
 _AVERAGES_EVERY: Final = 5
 """Number of periods from one update of the averages to the next."""
 
@@ -251,7 +250,7 @@ class LiveRun:
 
     def cut_supply(self) -> None:
         """Cut the ECU's supply: it sends nothing until `power_on`. Its CAN transceiver still acknowledges frames."""
-        self._reset(_FOR_GOOD_NS)
+        self._reset(10**18)  # for good
         self.is_off = True
 
     def seen(self) -> SeenState:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from wake.pictures.level_picture import Levels
 
 LIVE_SCHEMA: Final = "stillwake-live/1"
-_FIELD: Final = struct.Struct("<IfHH")
 
 PERIOD_COLUMNS: Final = (
     "k", "t", "Cd", "Cl", "base_Cp", "action", "command", "predicted_Cd", "mode", "reason", "step_ms", "age_ms",
@@ -60,4 +59,4 @@ class FieldPicture(NamedTuple):
 def pack_field(picture: FieldPicture) -> bytes:
     """Pack a picture, little-endian: k (uint32), t (float32), width, height (uint16), then rows of levels (int8)."""
     height, width = picture.levels.shape
-    return _FIELD.pack(picture.k, picture.t, width, height) + picture.levels.tobytes()
+    return struct.pack("<IfHH", picture.k, picture.t, width, height) + picture.levels.tobytes()

@@ -25,8 +25,6 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage
 from firmware_sim.live.serving.supervisor import STREAMS, Supervisor, Viewer
 
-TOKEN_BYTES: Final = 24
-
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
@@ -37,7 +35,7 @@ class PageAccess:
     @classmethod
     def to(cls, address: str) -> Self:
         """Return the access rules of a server at this address, with a new token unless the address is loopback."""
-        return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
+        return cls(token=None if is_loopback(address) else token_urlsafe(24))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
         """Return the reason for refusing a request; None if the request is allowed. `origin` is None if the request has
@@ -124,7 +122,6 @@ _TYPES: Final = {
     ".png": "image/png",
     ".txt": "text/plain; charset=utf-8",
 }
-_log = logging.getLogger("tornado.application")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,7 +170,8 @@ class Guarded(RequestHandler):
         # This method replaces tornado's method, which would log the address with the token. Cancelled answers are
         # normal when the server ends.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
-            _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
+            log = logging.getLogger("tornado.application")
+            log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
 
 class PageFiles(Guarded, StaticFileHandler):

@@ -23,7 +23,6 @@ MOST_ROWS: Final = 500
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
 """Number of stored periods until a `hello` sets another number."""
-_OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:
@@ -70,7 +69,7 @@ class Hub:
         self._run = hello["run"]
         self._periods.restart(hello["kept"])
         self._events.restart(KEPT_EVENTS)
-        for stream in _OF_A_RUN:
+        for stream in ("now", "bus", PICTURE):
             self._latest.pop(stream, None)
 
 
