@@ -189,7 +189,8 @@ class SensorCheck:
         """
         length = len(window)
         # The window has a new row for each of these periods, so the estimates must get the same number of rows.
-        estimates = _appended(state.estimates, 1 + min(skipped, len(state.estimates)))
+        kept = state.estimates
+        estimates = np.concatenate([kept, np.tile(kept[-1], (1 + min(skipped, len(kept)), 1))])[-len(kept) :]
         if cp is None or rows == 0:
             return replace(state, estimates=estimates), Reason.IMPLAUSIBLE if state.implausible else None
         seen = window
@@ -301,8 +302,3 @@ def _with_swaps(table: Array) -> Array:
 
 def _mean(before: Array, value: Array, periods: int) -> Array:
     return before + (value - before) / periods
-
-
-def _appended(rows: Array, times: int) -> Array:
-    """Append the last row `times` times and drop the same number of the oldest rows."""
-    return np.concatenate([rows, np.tile(rows[-1], (times, 1))])[-len(rows) :]

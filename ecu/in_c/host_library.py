@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.controller.c_folder import PROGRAM_SETTINGS, ProgramSettings, library_sources, read_sources
@@ -78,7 +77,9 @@ class CController(NeverCopied):
             np.ctypeslib.as_array(getattr(self._input, name)) for name in ("window", "plan", "free", "weights")
         )
         self._default_weights, self._default_limit = self._weights.copy(), self._input.limit
-        self._workspace = _aligned(self._library.sw_workspace_bytes())
+        size = self._library.sw_workspace_bytes()
+        room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
+        self._workspace = room[-room.ctypes.data % _ALIGNMENT :][:size]
 
     @property
     def workspace_bytes(self) -> int:
@@ -135,12 +136,6 @@ class CController(NeverCopied):
 
 def _structure(name: str, **members: Any) -> Any:
     return type(name, (ctypes.Structure,), {"_fields_": list(members.items())})()
-
-
-def _aligned(size: int) -> npt.NDArray[np.uint8]:
-    room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
-    start = -room.ctypes.data % _ALIGNMENT
-    return room[start : start + size]
 
 
 def open_library(

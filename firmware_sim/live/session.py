@@ -271,11 +271,11 @@ class LiveSession(NeverCopied):
     # The following methods create the messages about the present state.
 
     def _present(self, latest: LivePeriod) -> list[LiveMessage | bytes]:
-        run = self._run
+        run, ticks = self._run, self._ticks
+        passed = float(ticks[-1] - ticks[0]) if len(ticks) > 1 else 0.0
+        fps, losses = (len(ticks) - 1) / passed if passed > 0.0 else 0.0, self._config.ecu.loss_window
         out: list[LiveMessage | bytes] = [
-            present.now(
-                run, latest, self._seen, fps=self._fps(), paused=self._paused, losses=self._config.ecu.loss_window
-            )
+            present.now(run, latest, self._seen, fps=fps, paused=self._paused, losses=losses)
         ]
         if latest.k % _SELDOM == 0 or self._paused:
             out.append(
@@ -289,11 +289,6 @@ class LiveSession(NeverCopied):
         if run.picture is not None:
             out.append(pack_field(run.picture))
         return out
-
-    def _fps(self) -> float:
-        ticks = self._ticks
-        passed = float(ticks[-1] - ticks[0]) if len(ticks) > 1 else 0.0
-        return (len(ticks) - 1) / passed if passed > 0.0 else 0.0
 
     def _note(self, kind: str, text: str) -> None:
         run = self._run

@@ -56,7 +56,8 @@ FIRST_SEEN: Final = SeenState(OperatingMode.INIT.name, Reason.NONE, (), False, I
 def noticed(before: SeenState, now: SeenState) -> Iterator[tuple[str, str]]:
     """Yield (kind, text) for each change."""
     if now.state != before.state:
-        yield "state", _transition(before, now)
+        because = f"{BECAUSE[now.reason]}; " if BECAUSE[now.reason] else ""
+        yield "state", f"{before.state} to {now.state}: {because}{_DOES[now.state]}"
     elif now.reason not in (before.reason, Reason.NONE):
         yield "state", f"{now.state}: {BECAUSE[now.reason]}"
     for name in now.set_aside:
@@ -85,11 +86,6 @@ _NODE: Final[Mapping[BusState, str]] = {
     BusState.ERROR_PASSIVE: "error-passive: it counts many errors, and may no longer stop others' frames",
     BusState.BUS_OFF: "bus-off: it takes no part until it has recovered",
 }
-
-
-def _transition(before: SeenState, now: SeenState) -> str:
-    because = BECAUSE[now.reason]
-    return f"{before.state} to {now.state}: {because + '; ' if because else ''}{_DOES[now.state]}"
 
 
 KEPT: Final = 500

@@ -125,7 +125,12 @@ class SwitchedDisturbances:
             same = len(list(takewhile(lambda pair: pair[0].text == pair[1], pairs)))
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
-                self._end(item, k)
+                item.end = k
+                # The span is frozen, but a running disturbance reads its end time from it.
+                object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
+                self._items.remove(item)
+                if item.plugs:
+                    self._lingering.append(item)
         # Bus events at the period's start come after the end of old disturbances and before the start of new ones.
         self._bus.advance_to(k * self._config.period_ns)
         for text, group in new:
@@ -155,14 +160,6 @@ class SwitchedDisturbances:
             around, port = work.connect(self._bus), self._ports[group]
             item.plugs = [(port, port.put(lambda plug: around(group, plug)))]
         self._items.append(item)
-
-    def _end(self, item: _Item, k: int) -> None:
-        item.end = k
-        # The span is frozen, but a running disturbance reads its end time from the span, so the end time is set here.
-        object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
-        self._items.remove(item)
-        if item.plugs:
-            self._lingering.append(item)
 
 
 def _group(text: str) -> str:

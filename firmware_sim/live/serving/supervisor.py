@@ -62,15 +62,12 @@ class Hub:
             self._events.extend(message["items"])
         else:
             if message["type"] == "hello":
-                self._begin(message)
+                self._run = message["run"]
+                self._periods.restart(message["kept"])
+                self._events.restart(KEPT_EVENTS)
+                for stream in ("now", "bus", PICTURE):
+                    self._latest.pop(stream, None)
             self._latest[message["type"]] = (self._count, message)
-
-    def _begin(self, hello: LiveMessage) -> None:
-        self._run = hello["run"]
-        self._periods.restart(hello["kept"])
-        self._events.restart(KEPT_EVENTS)
-        for stream in ("now", "bus", PICTURE):
-            self._latest.pop(stream, None)
 
 
 class Viewer:

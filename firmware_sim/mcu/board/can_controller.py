@@ -133,7 +133,12 @@ class CanController:
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
         elif offset == _CCCR:
-            self._configure(value)
+            begins = self._control & _INIT and not value & _INIT
+            self._control = value & ~_CCE if not value & _INIT else value
+            if begins:
+                self._late = self.init_reads_late
+                self._went_off = max(self._went_off - 1, 0)
+            self._go_off()
         elif offset in _PLAIN:
             if offset in _PROTECTED and self._control & (_INIT | _CCE) != _INIT | _CCE:
                 raise McuError(f"CAN controller: register {offset:#x} is written without INIT and CCE")
@@ -167,14 +172,6 @@ class CanController:
 
     def _switch(self) -> None:
         self._sending.switch(self._clock(), is_on=not (self._control & _INIT or self._is_off))
-
-    def _configure(self, value: int) -> None:
-        begins = self._control & _INIT and not value & _INIT
-        self._control = value & ~_CCE if not value & _INIT else value
-        if begins:
-            self._late = self.init_reads_late
-            self._went_off = max(self._went_off - 1, 0)
-        self._go_off()
 
     def _duration_ns(self, frame: Frame) -> int:
         nominal, data = self.bit_rates
