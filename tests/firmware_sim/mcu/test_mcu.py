@@ -34,14 +34,10 @@ ODD = random_program(
 )
 
 
-def windows_of(program: ControllerProgram, count: int) -> list[np.ndarray]:
+def sources_and_rows(program: ControllerProgram, precision: str, steps: int = 4) -> tuple[dict[str, bytes], np.ndarray]:
     rng = np.random.default_rng(0)
     series = np.concatenate([random_window(program, rng) for _ in range(2)])
-    return [series[i : i + program.window] for i in range(count)]
-
-
-def sources_and_rows(program: ControllerProgram, precision: str, steps: int = 4) -> tuple[dict[str, bytes], np.ndarray]:
-    windows = windows_of(program, steps)
+    windows = [series[i : i + program.window] for i in range(steps)]
     sources = c_library(program) if precision == "float32" else int8_library(program, windows)
     return sources, np.loadtxt(recorded_rows(windows).splitlines(), dtype=np.float32)
 

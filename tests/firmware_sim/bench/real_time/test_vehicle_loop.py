@@ -75,10 +75,7 @@ class MadeUpTime:
         self.loop = VehicleLoop(CONFIG, *parts, stage_times=stage_times, **clock)
 
     def sleep_until(self, due_ns: int) -> None:
-        self.pass_until(max(due_ns, self.now_ns) + next(self.lateness, 0))
-
-    def pass_until(self, until_ns: int) -> None:
-        """Let time pass, and what is on its way arrive."""
+        until_ns = max(due_ns, self.now_ns) + next(self.lateness, 0)
         self.arriving.sort(key=lambda item: item[0])
         while self.arriving and self.arriving[0][0] <= until_ns:
             self.now_ns, frame = self.arriving.pop(0)
