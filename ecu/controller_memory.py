@@ -238,7 +238,6 @@ class ControllerMemory(ArrayValue):
 
 
 def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
-    """Return a copy of a controller's output; raises ControllerError unless it has this shape and finite numbers."""
     if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or values.shape != shape:
         raise ControllerError(f"the controller's {name} is not an array of numbers of shape {shape}")
     if not np.isfinite(values).all():

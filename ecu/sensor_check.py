@@ -230,7 +230,6 @@ class SensorCheck:
         )
 
     def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Any]:
-        """Return the state's running means after one more residual."""
         before = np.where(np.isnan(state.residual), residual, state.residual)
         fast = _mean(state.fast, residual, FAST_PERIODS)
         noise = _mean(state.noise, np.square(residual - before) / 2.0, SCORE_PERIODS)

@@ -232,7 +232,6 @@ def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str
 
 
 def _calibration(values: Calibration) -> str:
-    """Return the initialiser of an `sw_calibration`."""
     *weights, action_limit, command_step = (
         f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values.values[:-1]
     )

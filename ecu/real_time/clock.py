@@ -43,7 +43,6 @@ def _sleep_by_duration(until_ns: int) -> None:
 
 
 def _absolute_sleep() -> Callable[[int], None]:
-    """Return the function with which this system sleeps until an instant."""
     if sys.platform != "linux":
         return _sleep_by_duration
     try:

@@ -127,7 +127,6 @@ def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
 
 
 def _draw(axes: Axes, label: str, points: Sequence[tuple[float, Spread]], colour: str, mark: str) -> None:
-    """Draw the means as marks, with bars from the minimum to the maximum over the starting phases."""
     known = [(x, value) for x, value in points if isfinite(value.mean)]
     x = [place for place, _ in known]
     low, mean, high = (np.array([getattr(value, part) for _, value in known]) for part in ("least", "mean", "most"))

@@ -193,7 +193,6 @@ class LiveSession(NeverCopied):
             self._note("set", text)
 
     def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:
-        """Replace the ECU, change its weights, or cut its supply, as the difference of the settings requires."""
         run = self._run
         if after.controller == OFF:
             if before.controller != OFF:
@@ -204,7 +203,6 @@ class LiveSession(NeverCopied):
             run.power_on()
 
     def _clear(self) -> str:
-        """Do the action `clear` (`firmware_sim.live.settings.ACTIONS`); return a note."""
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
@@ -258,7 +256,6 @@ class LiveSession(NeverCopied):
         return ecu
 
     def _check_choices(self, settings: LiveSettings) -> None:
-        """Check controller, plant and disturbances; raises ConfigError if a choice is not possible in this session."""
         Disturbances.parse(settings.disturbances).check(self._config, self._bundle.manifest.sensors, duration_s=inf)
         for name, choices in self._choices.items():
             wanted = getattr(settings, name)

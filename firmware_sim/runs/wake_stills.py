@@ -116,7 +116,6 @@ def load(path: Path, log: RunLog) -> WakeStills:
 
 
 def _check(wake: WakeStills, total: int, log: RunLog) -> None:
-    """Raise ValueError if the stills are inconsistent with each other or with the run's series."""
     count = len(wake.stills)
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
         raise ValueError(f"{count} stills at {len(wake.k)} periods")

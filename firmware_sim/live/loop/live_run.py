@@ -140,7 +140,6 @@ class DragMeans:
 BOOT_S: Final = 0.2
 """Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
 _AVERAGES_EVERY: Final = 5
-"""Number of periods from one update of the averages to the next."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -111,7 +111,6 @@ def write_picture(folder: RunFolder, target: Path) -> None:
 
 
 def _overview_figure(run: ReadRun) -> Figure:
-    """Plot the wake before and under control above the time series of drag and action, with a legend."""
     s, t = run.log.series, run.log.series["t"]
     figure = Figure(figsize=(10.0, 9.7), dpi=100, layout="constrained")
     axes = figure.subplots(4, 1, height_ratios=(3.1, 3.1, 1.6, 1.6))

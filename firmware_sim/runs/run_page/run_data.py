@@ -156,7 +156,6 @@ def _latency(log: RunLog) -> dict[str, Any]:
 
 
 def _numbers(values: Array) -> list[Any]:
-    """Return an array as nested lists, with None for NaN."""
     rounded = np.round(values, 5).astype(object)  # further decimals would not be visible on any screen
     rounded[~np.isfinite(np.asarray(values, dtype=float))] = None
     return list(rounded.tolist())
