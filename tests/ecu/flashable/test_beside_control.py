@@ -87,8 +87,7 @@ def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
     assert rig.ask(PRECONDITIONS)[2] == NOT_NOW
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
     # The pressures end: the jets shut, but whether the request is still set is unknown for a second.
-    rig.request = None
-    rig.run(500)
+    rig.run_asking(None, 500)
     assert not rig.commands[-1].enable
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
     rig.run(600)
@@ -99,16 +98,13 @@ def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
 
 def test_no_programming_while_the_vehicle_asks_for_control_and_does_not_get_it(rig: Rig) -> None:
     # From power-on: the request is set and has not risen, so the jets stay shut.
-    rig.request = True
-    rig.run(1000)
+    rig.run_asking(True, 1000)
     assert rig.statuses[-1].reason is Reason.NOT_ARMED
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
-    rig.request = False
-    rig.run(1100)
+    rig.run_asking(False, 1100)
     rig.programming()
     # One between session and announcement counts as well.
-    rig.request = True
-    rig.run(2000)
+    rig.run_asking(True, 2000)
     assert rig.statuses[-1].state is Mode.CONTROL
     assert rig.ask(b"\x31\x01\xff\x00" + bytes(36))[2] == NOT_NOW
     rig.run(40)
@@ -116,12 +112,10 @@ def test_no_programming_while_the_vehicle_asks_for_control_and_does_not_get_it(r
 
 
 def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
-    rig.request = False
-    rig.run(100)
+    rig.run_asking(False, 100)
     rig.programming()
     rig.announce(image("second"))
-    rig.request = True
-    rig.run(1000)
+    rig.run_asking(True, 1000)
     assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
     assert not any(command.enable for command in rig.commands)
     # It is allowed though control is asked for.
@@ -130,11 +124,9 @@ def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
 
 
 def test_a_reset_shuts_jets_that_run(rig: Rig) -> None:
-    rig.request = False
-    rig.run(100)
+    rig.run_asking(False, 100)
     rig.programming()
-    rig.request = True
-    rig.run(2000)
+    rig.run_asking(True, 2000)
     assert rig.commands[-1].enable
     # A tester's is refused by now; one that was answered before the request came is not.
     rig.ecu._ask_for_reset()

@@ -133,8 +133,7 @@ def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> 
     good_xcp(rig, XCP_STORE)
     rig.run(500)
     assert STORED_EVENT not in packets(rig)
-    rig.request = False
-    rig.run(1200)
+    rig.run_asking(False, 1200)
     assert packets(rig).count(STORED_EVENT) == 1
     rig.power_on()
     assert (values(rig)["lift"], rig.good(READ_STORED)[3:]) == (0.5, b"\x01")

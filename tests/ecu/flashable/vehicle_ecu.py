@@ -128,11 +128,13 @@ class Rig(FlashingSteps):
         for _ in range(milliseconds):
             self.millisecond()
 
+    def run_asking(self, request: bool | None, milliseconds: int) -> None:
+        self.request = request
+        self.run(milliseconds)
+
     def into_control(self) -> None:
-        self.request = False
-        self.run(100)
-        self.request = True
-        self.run(1300)
+        self.run_asking(False, 100)
+        self.run_asking(True, 1300)
         assert self.statuses[-1].state is Mode.CONTROL
 
     def pressure(self, enable: bool) -> Frame:
