@@ -143,8 +143,7 @@ class ControllerMemory(ArrayValue):
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Return the memory after a period without pressures: the last ones are repeated. A gap of more than
-        `longest_gap` periods empties the window."""
+        """Repeat the last pressures for a period without any; a gap over `longest_gap` periods empties the window."""
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
             return replace(self.emptied(), gap=gap)

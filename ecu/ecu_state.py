@@ -1,5 +1,4 @@
-"""The complete state of an ECU from one control period to the next, as one value, with which another ECU with equal
-bundle and settings continues bit for bit as the first would have."""
+"""The state of an ECU as one value, with which another, equal ECU continues bit for bit as the first would."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial

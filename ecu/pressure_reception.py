@@ -49,8 +49,7 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PressureReception:
-    """The reception of pressure frames, with the dynamic pressure in Pa at the design speed (Cp = 1) and the largest
-    age in ns of pressures that the controller may use."""
+    """The reception of pressure frames: dynamic pressure in Pa at the design speed, largest usable age in ns."""
 
     message: Message[Pressure]
     key: Key | None

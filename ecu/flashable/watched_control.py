@@ -19,8 +19,7 @@ REMEMBERED_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleRequest:
-    """The vehicle's request for control: the time in ns of the latest step with usable pressures and a request, None
-    before the first, and whether the jets could run after the latest step."""
+    """The time in ns of the latest step with a request for control, or None, and whether the jets may run after it."""
 
     asked_ns: int | None = None
     drives_jets: bool = False

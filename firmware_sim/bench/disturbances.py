@@ -55,8 +55,7 @@ class WireNoise(Span, section="wire_errors"):
     """Probability that a bit is wrong, independent for each bit."""
     node: Literal["all", "vehicle", "ecu"] = "all"
     at: Literal["send", "receive"] = "send"
-    """Where the errors occur: send for errors that all nodes see in the frames of `node`, receive for errors that only
-    `node` sees."""
+    """Where errors occur: send for what all nodes see of `node`'s frames, receive for what only `node` sees."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -90,8 +90,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Checks of the flow rates that an ECU commands. `bus_bounds` is reported in two parts here: `bus_shut` is its part
-    about modes that do not drive the jets and about `Enable`."""
+    """Checks of the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` on modes and `Enable`."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale

@@ -38,8 +38,7 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Number of control steps with zeros as inputs that are executed before the run, because ONNX Runtime allocates memory
-on first use. A real ECU would do this at boot."""
+"""Control steps on zeros before the run, as a real ECU's at boot: ONNX Runtime allocates memory on first use."""
 
 
 class Simulation:

@@ -1,5 +1,4 @@
-"""The classification of a campaign's outcomes, one row per scenario: whether the scenario is safe, the benefit of
-control, and the spread over the starting phases."""
+"""The judgement of a campaign, a row a scenario: safety, benefit of control, spread over the starting phases."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

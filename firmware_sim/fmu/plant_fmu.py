@@ -1,5 +1,4 @@
-"""The plant as an FMU. It contains settings, a script for `pythonfmu3` that runs in the importing tool's Python, and a
-binary that checks each call before the script receives it."""
+"""The plant as an FMU: settings, a script that `pythonfmu3` runs, and a binary that checks each call before."""
 
 import json
 import shutil

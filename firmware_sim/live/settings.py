@@ -44,8 +44,7 @@ def asked(request: object) -> Asked:
 
 
 CONTROLLERS: Final = ("python", "c", "mcu", "off")
-"""Names of the controllers: the ECU in Python with the release's ONNX graph; the ECU in C on this machine; the ECU in C
-on an emulated microcontroller; an ECU without supply."""
+"""The ECU in Python with the ONNX graph, in C here, in C on an emulated microcontroller, and without supply."""
 PLANTS: Final = ("wake", "recording")
 """Names of the plants: the flow solver, and recorded pressures, which do not respond to the jets."""
 

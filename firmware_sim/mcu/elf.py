@@ -12,8 +12,7 @@ from contract.errors import McuError
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """A linked program: the contents of the flash when it starts, each as an address and the bytes there, the sizes of
-    the sections in bytes, and the addresses of the symbols."""
+    """A linked program: the flash as (address, bytes), sizes of sections in bytes, and addresses of symbols."""
 
     segments: tuple[tuple[int, bytes], ...]
     sections: dict[str, int]

@@ -59,8 +59,7 @@ class EmulatedCore(NeverCopied):
         self._core.mem_write(address, content)
 
     def call(self, function: str, *arguments: int) -> int:
-        """Run a function to its return, as a debugger does, and return its result. Raises McuError if the core stops,
-        for example at an access outside its memories."""
+        """Run a function to its return, as a debugger does; return its result. Raises McuError if the core stops."""
         kept = self._core.context_save()
         for number, value in enumerate(arguments):
             self._core.reg_write(arm_const.UC_ARM_REG_R0 + number, value)

@@ -1,5 +1,4 @@
-"""The measurement of a library. The library runs with the same rows on an emulated Cortex-M7 and on this host; the time
-and memory that the core needs are determined."""
+"""The measurement of a library on an emulated Cortex-M7: time and memory, and the answers of this host."""
 
 import subprocess
 import tempfile

@@ -34,8 +34,7 @@ _FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
 
 
 class Pipeline:
-    """A disassembler that models the cycles of basic blocks in the contents `code` of a memory at `origin`, by the
-    pipeline of a Cortex-M7, or of a Cortex-M4 without `dual_issue`."""
+    """A model of the cycles of `code` at `origin` on a Cortex-M7, or on a Cortex-M4 without `dual_issue`."""
 
     def __init__(self, code: bytes, origin: int, *, dual_issue: bool = True) -> None:
         self._code, self._origin = code, origin

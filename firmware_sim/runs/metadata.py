@@ -38,8 +38,7 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance of a run, and how often it acted: as a fault in a port counts itself; for bit errors, in attempts
-    to send; for any other, in periods."""
+    """A disturbance and how often it acted: as a port's fault counts; for bit errors, attempts; else periods."""
 
     text: str
     acted: int

@@ -35,8 +35,7 @@ _ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in 
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
 _STILL: Final = 0.01
-"""Root mean square of the action, as a share of the action limit, below which the jets are considered not moving. A
-working controller reaches about half of the limit."""
+"""Rms action, as a share of the limit, below which the jets do not move; a working controller reaches a half."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:

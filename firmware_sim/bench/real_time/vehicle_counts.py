@@ -27,8 +27,7 @@ class Durations:
         self._total += 1
 
     def quantile_ms(self, share: float) -> float:
-        """Return the nearest-rank quantile in ms, rounded down to 10 us: the smallest counted time that the given share
-        of the times does not exceed; NaN if there are no times."""
+        """Return the nearest-rank quantile in ms, rounded down to 10 us; NaN if there are no times."""
         if self._total == 0:
             return nan
         # In binary, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 in place of 7.

@@ -35,11 +35,9 @@ LiveMessage = dict[str, Any]
 Request = dict[str, Any]
 """A viewer's request: an `id`, which the answer repeats, and an action of `firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
-"""An answer to a request: it contains the request's `id`, the text `error` if the request changed nothing, and the text
-`note` if the change needs an explanation."""
+"""An answer: the request's `id`, `error` if it changed nothing, and `note` if the change needs an explanation."""
 Choice = dict[str, Any]
-"""A controller or plant that a viewer may choose: `name`, `label`, and `missing`, which is null or one line on why it
-cannot be chosen."""
+"""A controller or plant to choose: `name`, `label`, and `missing`, null or one line on why it cannot be chosen."""
 
 
 def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMessage:

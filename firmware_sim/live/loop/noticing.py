@@ -91,8 +91,7 @@ _NODE: Final[Mapping[BusState, str]] = {
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Virtual time in s in which repetitions of an event are only counted. After this time one event states the number of
-repetitions, and the time is doubled for this event."""
+"""Time in s in which repetitions of an event are only counted; then one event states them, and the time doubles."""
 _LONGEST_S: Final = 16.0
 
 

@@ -38,8 +38,7 @@ class PageAccess:
         return cls(token=None if is_loopback(address) else token_urlsafe(24))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return the reason for refusing a request; None if the request is allowed. `origin` is None if the request has
-        no Origin, as in a request from a program that is not a browser."""
+        """Return why a request is refused, or None; `origin` is None in a request of a program that is no browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():

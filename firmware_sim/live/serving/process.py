@@ -1,5 +1,4 @@
-"""The loop in a separate process, which handles requests between two periods. It does not wait for the server, of which
-a thread receives the loop's messages at any time."""
+"""The loop in another process, with requests between two periods; it never waits for the server's threads."""
 
 import json
 import multiprocessing
@@ -122,8 +121,7 @@ class Requests:
 
 
 class Outbox:
-    """A sender of messages to the server, for use from any thread. If the server has ended, messages are dropped; the
-    loop detects the end when it reads the pipe."""
+    """A sender of messages, for any thread; dropped if the server has ended, which the loop finds at its pipe."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()

@@ -100,8 +100,7 @@ class BoardEcu(CEcuState):
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
-        """Run one control period, like `Ecu.step`; values in `around` are refused, because the firmware determines them
-        itself. Raises McuError if the core stopped."""
+        """Run one control period like `Ecu.step`; `around` must be empty. Raises McuError if the core stopped."""
         if any(around.values()):
             raise McuError("a fault or an update from outside: the board's firmware detects them itself")
         self.board.blocks.start()
@@ -120,8 +119,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Receive these frames now, advance the time to `until_ns`, and return the frames that were sent meanwhile.
-        Raises McuError if the core stopped; PowerCut if the supply failed."""
+        """Receive frames, advance to `until_ns`, return what was sent. Raises McuError for a stopped core; PowerCut."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)

@@ -112,8 +112,7 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
 
 
 def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
-    """Write the page and return its path. Raises StillwakeError if the runs cannot be compared, a folder contains no
-    run, or the page cannot be written."""
+    """Write the page; return its path. Raises StillwakeError if runs cannot be compared, or files read or written."""
     names = names_of([folder.path for folder in folders])
     runs = [read_run(folder) for folder in folders]
     logs = [run.log for run in runs]

@@ -110,8 +110,7 @@ class Traffic:
             self.look()
 
     def read(self, periods: int) -> Counter[tuple[bytes, int]]:
-        """So many control periods, in which the tester asks as soon as it has its answer, or its patience ends: answers
-        by request and length."""
+        """So many periods, in which the tester asks again as soon as it may: answers by request and length."""
         began_ns, until_ns, asked, answers = self.now_ns, 0, 0, Counter[tuple[bytes, int]]()
         while self.now_ns < began_ns + periods * CONFIG.period_ns:
             if self.now_ns >= until_ns:
