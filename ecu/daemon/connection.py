@@ -46,11 +46,7 @@ class Connection:
     """
 
     def __init__(
-        self,
-        open_bus: Callable[[], PythonCanBus],
-        deliver: Callable[[Frame], None],
-        *,
-        first_pause_s: float = 0.1,
+        self, open_bus: Callable[[], PythonCanBus], deliver: Callable[[Frame], None], *, first_pause_s: float = 0.1
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
         self._bus: _Read | None = None
