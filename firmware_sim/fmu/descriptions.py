@@ -145,8 +145,8 @@ def as_fmi2(about: ElementTree.Element, sources: Sequence[str] = ()) -> ElementT
         places[item.get("valueReference", "")] = str(place)
         own = {name: value for name, value in item.attrib.items() if name in ("start", "unit", "declaredType")}
         facts = {name: value for name, value in item.attrib.items() if name not in own}
-        kind = {"Float64": "Real", "UInt32": "Integer"}.get(item.tag, item.tag)
-        _add(_add(variables, "ScalarVariable", facts), kind, own)
+        tag = {"Float64": "Real", "UInt32": "Integer"}.get(item.tag, item.tag)
+        _add(_add(variables, "ScalarVariable", facts), tag, own)
     structure = _add(root, "ModelStructure")
     for title, old in (("Outputs", "Output"), ("InitialUnknowns", "InitialUnknown")):
         if unknowns := [places[item.get("valueReference", "")] for item in about.findall(f"ModelStructure/{old}")]:
