@@ -1,2 +1,1 @@
-"""The software that a vehicle installs: the ECU, its fail-safe, the controller's window and the release runtime. It
-does not need the package `wake`."""
+"""The software that a vehicle installs: ECU, fail-safe, window and release runtime, without the package `wake`."""

@@ -12,9 +12,8 @@ release's value.
 
 If control does not help for a shedding cycle, this is only a suspicion, because the comparison is with an earlier time,
 and the speed may be wrong. So the ECU begins a test: it shuts the jets and measures the wake without control at this
-speed. Control continues if the wake without control is worse, and also if the speed changes, because the test is valid
-for its own speed only. Otherwise the fault latches when the tests together have taken `BenefitCheck.patience` periods.
-A new request for control ends the fault.
+speed. Control continues if that wake is worse, or if the speed changes. Otherwise the fault latches when the tests
+together have taken `BenefitCheck.patience` periods. A new request for control ends the fault.
 """
 
 from dataclasses import dataclass, replace
@@ -30,16 +29,13 @@ from contract.release.manifest import Manifest
 from contract.sensor_layout import SAME_PLACE
 from ecu.fit import positions_of
 
-_ON_BASE: Final = "base_"
-"""Prefix of the names of sensors on a body's base."""
 MOVED: Final = 0.1
 """Change of the speed, relative to the design speed, that ends a test: a test is valid for its own speed only."""
 PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
 the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""Values for `BenefitCheck.resting`, in Cp, if a release states none: smaller than in any wake, so the measured values
-are always the larger ones."""
+"""`BenefitCheck.resting` in Cp if a release states none: smaller than in any wake, so the measured values count."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +44,7 @@ class BenefitCheckState:
     the pressure differences between mirrored sensors.
 
     Attributes:
-        waking: number of periods for which the jets must still be shut until the wake has recovered from control; 0 at
-            power-on.
+        waking: periods for which the jets must still be shut until the wake has recovered from control.
         rested: number of periods in the means without control, up to `BenefitCheck.proven`.
         resting_suction, resting_swing: mean suction on the base and mean swing without control, divided by the values
             of the release's own wake without jets.
@@ -57,8 +52,7 @@ class BenefitCheckState:
         suction, swing: the same means under control.
         doubt: number of periods in which control did not help minus the number in which it helped, at least 0.
         tested_at: ratio of the speed at which the present test began to the design speed; 0 if there is no test.
-        spent: number of periods in tests minus the number of periods in which control helped, 0 to
-            `BenefitCheck.patience`.
+        spent: periods in tests minus those in which control helped, 0 to `BenefitCheck.patience`.
     """
 
     waking: int = 0
@@ -101,7 +95,7 @@ class BenefitCheck:
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
         """Return the check of a release; None if none of its sensors is on the base, or none is mirrored."""
-        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(_ON_BASE))
+        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith("base_"))
         pairs = mirrored_pairs(manifest)
         if not (config.enabled and base and pairs):
             return None
@@ -134,8 +128,8 @@ class BenefitCheck:
         waking = max(0, state.waking - 1)
         after = replace(state, waking=waking, **_NOT_DRIVEN)
         if cp is not None and not waking:
-            rested = min(state.rested + 1, self.proven)
-            after = self._rested(replace(after, rested=rested), cp, speed, min(rested, self.config.mean_periods))
+            after = replace(after, rested=min(state.rested + 1, self.proven))
+            after = self._rested(after, cp, speed, min(after.rested, self.config.mean_periods))
         return after, None
 
     def _driven(self, state: BenefitCheckState, cp: Array | None, speed: float) -> BenefitCheckState:
@@ -161,8 +155,7 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` during a test: compare the means under control with the means since the jets were shut, which
-        cover more cycles, because a wrong result by chance would resume harmful control."""
+        """Compute `next` in a test, whose means cover more cycles: a wrong result would resume harmful control."""
         if cp is None:
             return state, None
         config = self.config
@@ -186,8 +179,7 @@ class BenefitCheck:
         suction, swing = state.resting_suction, state.resting_swing
         if state.rested < self.proven:
             suction, swing = max(suction, 1.0), max(swing, 1.0)
-        gained = suction - state.suction
-        return gained >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
+        return suction - state.suction >= config.least_gain * abs(suction) and state.swing <= config.most_swing * swing
 
     def _rested(self, state: BenefitCheckState, cp: Array, speed: float, over: int) -> BenefitCheckState:
         """Add this period's values to the means without control; a value has the weight 1 / `over` in its mean."""
@@ -199,8 +191,7 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Return the suction on the base and the swing, both divided by the values of the release's wake at this speed.
-        The sums are computed in a fixed order, as in C."""
+        """Return suction and swing, divided by those of the release's wake at this speed. The sums are as in C."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])
@@ -210,8 +201,7 @@ class BenefitCheck:
         return base / len(self.base) / resting_base, swing / len(self.pairs) / resting_swing
 
     def _stated(self, speed: float) -> tuple[float, float]:
-        """Return the base pressure and the swing in Cp of the release's wake without jets at this speed,
-        interpolated."""
+        """Return base pressure and swing in Cp of the release's wake without jets, interpolated to this speed."""
         before = self.resting[0]
         for after in self.resting:
             if speed < after[0]:
@@ -222,7 +212,7 @@ class BenefitCheck:
 
 
 def resting_of(manifest: Manifest) -> tuple[tuple[float, float, float], ...]:
-    """Return the release's wake without jets at each stated speed, in the form of `BenefitCheck.resting`."""
+    """Return `BenefitCheck.resting` of a release."""
     stated = manifest.resting
     return UNSTATED if stated is None else tuple(zip(stated.speeds, stated.base, stated.swing, strict=True))
 

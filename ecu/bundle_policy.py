@@ -15,13 +15,8 @@ from ecu.fit import check_sensors
 class BundlePolicy:
     """A `wake.recording.episode_job.Policy`: its action is zero until the window is full, then the first action of each
     plan. The graph shifts the plan in the memory by one step, so that its first action, which exploration has changed,
-    is not used again. Raises BundleError if the model does not load, or if the plant does not have a sensor that the
-    model reads, or has it at another position.
-
-    Args:
-        controller: runs the bundle's `controller.onnx`; default: ONNX Runtime on one thread.
-        layout: layout of the plant's sensors, whose pressures are the columns of Cp in each step.
-    """
+    is not used again. `layout` has the columns of Cp in each step. Raises BundleError if the model does not load, or if
+    the plant does not have a sensor that the model reads, or has it at another position."""
 
     def __init__(self, bundle: Bundle, controller: Controller | None = None, layout: SensorLayout = TRUCK) -> None:
         manifest = bundle.manifest
@@ -37,8 +32,7 @@ class BundlePolicy:
         return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Return command and new memory. Raises ControllerError if the controller fails or answers no finite
-        numbers."""
+        """Return command and new memory. Raises ControllerError if the controller fails or answers no finite number."""
         before = ControllerMemory(
             window=memory[1 : -self._horizon].reshape(self._shape),
             rows=int(memory[0]),

@@ -17,8 +17,7 @@ from contract.controller.interface import TERMS
 from contract.release.checks import Bundle
 
 LEAST_SHARE: Final = 0.05
-"""Smallest share to which `flow.action_limit` and `ecu.command_step` of the vehicle may be calibrated. A smaller share
-would in effect switch the control off, which is the task of the enable request."""
+"""Smallest share of the vehicle's `flow.action_limit` and `ecu.command_step`; a smaller one would end the control."""
 
 
 def release_calibration(bundle: Bundle, config: Config) -> Calibration:
@@ -46,12 +45,9 @@ def limits_of(bundle: Bundle, config: Config) -> CalibrationLimits:
 
 
 def with_calibration(config: Config, calibration: Calibration) -> Config:
-    """Return the vehicle's settings with a calibration's bounds on the jets and delay of the actuator. The
-    calibration's weights are no settings, but an input of the controller.
-
-    A bound that equals the vehicle's setting rounded to float32 becomes the setting with all of its digits, so that a
-    calibration to the vehicle's own values changes no bit of the results. Any other bound is used as float32, as in C.
-    """
+    """Return the vehicle's settings with a calibration's bounds on the jets and delay of the actuator. A bound is used
+    as float32, as in C, unless it equals the vehicle's setting rounded to float32: a calibration to the vehicle's own
+    values changes no bit of the results."""
 
     def bound(value: float, own: float) -> float:
         return own if value == as_float32(own) else float(np.float32(value))

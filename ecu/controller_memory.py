@@ -53,11 +53,10 @@ class DelayLine:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Past(ArrayValue):
-    """The rows of the latest N control periods with their speeds; an immutable value with read-only arrays.
+    """The rows of the latest N control periods; an immutable value with read-only arrays.
 
     Attributes:
-        rows: (N, S + 1) rows as in the window, with S sensors, each made dimensionless with the speed of its period;
-            zero before the first row.
+        rows: (N, S + 1) rows as in the window, each made dimensionless with the speed of its period; zero at first.
         speeds: (N,) speed of each period, as a ratio to the design speed.
         count: number of rows with data, up to N.
     """
@@ -114,8 +113,7 @@ class ControllerMemory(ArrayValue):
     @staticmethod
     def empty(*, length: int, sensors: int, horizon: int, delay: int, past: int = 0) -> "ControllerMemory":
         """Return a memory without rows, with a plan of zeros and no jet action: L = `length`, S = `sensors`, H =
-        `horizon`; `delay` of the actuator in control periods. `past` is the number of stored periods for a release with
-        a range of speeds, and 0 for other releases."""
+        `horizon`, N = `past` for a release with a range of speeds, otherwise 0; `delay` in control periods."""
         return ControllerMemory(
             window=np.zeros((length, sensors + 1)),
             rows=0,
@@ -145,8 +143,7 @@ class ControllerMemory(ArrayValue):
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Return the memory after a period without pressures: the last pressures are repeated, if there is a row. A gap
-        of more than `longest_gap` periods empties the window."""
+        """Repeat the last pressures for a period without any; a gap over `longest_gap` periods empties the window."""
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
             return replace(self.emptied(), gap=gap)
@@ -160,8 +157,7 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """Return the memory with the pressures of one sensor replaced by `values` in the rows with data: (L,), or (N,)
-        if there is a past of N periods."""
+        """Return the memory with one sensor's pressures in the rows with data replaced: (L,), or (N,) with a past."""
         rows = self.window if self.past is None else self.past.rows
         count = self.rows if self.past is None else self.past.count
         changed, first = rows.copy(), len(rows) - count
@@ -178,9 +174,8 @@ class ControllerMemory(ArrayValue):
     def with_delay(self, delay: int) -> "ControllerMemory":
         """Return the memory for another delay of the actuator, less than the horizon; call this between two periods.
 
-        The sent actions stay, but take effect at other times: the latest `delay` actions are under way, and each row of
-        the window gets the action that would have been in force with the new delay. Actions older than the window are
-        unknown; the action of the window's oldest row is used for them. The plan is shifted by the change of the delay,
+        The latest `delay` of the sent actions are under way, and each row of the window gets the action that would have
+        been in force with the new delay; for those older than the window, that of its oldest row. The plan is shifted,
         so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
@@ -209,14 +204,9 @@ class ControllerMemory(ArrayValue):
     def planned(
         self, controller: Controller, weights: Array | None = None, limit: float | None = None
     ) -> tuple["ControllerMemory", ControlStep]:
-        """Do one control step on a full window; return the memory with the new plan, and the controller's answer.
-        Raises ControllerError if the controller fails in any way, or its answer is not a control step of this horizon
-        with finite numbers.
-
-        Args:
-            weights: weights of the cost, (8,) in the order of `CostWeights`; by default those of the graph.
-            limit: bound on |a| in U_inf W, at any speed; by default the bound of the graph.
-        """
+        """Do one control step on a full window, with weights (8,) in the order of `CostWeights` and a bound on |a| in
+        U_inf W at any speed; by default those of the graph. Raises ControllerError if the controller fails in any way,
+        or its answer is not a control step of this horizon with finite numbers."""
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
         # The graph shifts the plan by one step. The first actions of the shifted plan must be the actions that were
@@ -247,7 +237,6 @@ class ControllerMemory(ArrayValue):
 
 
 def _checked(name: str, values: object, shape: tuple[int, ...]) -> Array:
-    """Return a copy of a controller's output; raises ControllerError unless it has this shape and finite numbers."""
     if not isinstance(values, np.ndarray) or values.dtype.kind != "f" or values.shape != shape:
         raise ControllerError(f"the controller's {name} is not an array of numbers of shape {shape}")
     if not np.isfinite(values).all():

@@ -1,11 +1,8 @@
 """The ECU: a function of state, time and received frames, without clock, socket or thread.
 
 Once a control period the ECU does the end-to-end check of the pressure frames, updates the fail-safe, extends the
-window, plans, and sends the plan's first action that was not sent before, limited by the command gate. Row k of the
-window is (Cp_k, a_{k-1}). The action a_{k-1} is stored as it was sent. If the actuator has a known delay, an action is
-stored in the row of the period in which it takes effect.
-
-Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
+window (`ecu.controller_memory`), plans, and sends the plan's first action that was not sent before, limited by the
+command gate. Neither frames, nor the time, nor the controller's answer can make it raise an exception.
 """
 
 from collections.abc import Sequence
@@ -48,9 +45,8 @@ class StepOutcome(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """The request to the command gate in one period: the memory with the new plan, or without a plan; the action in
-    U_inf W; the predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and the reason why the controller gave no
-    action in a period that needed one."""
+    """The request to the command gate in one period: the memory with or without a plan; the action in U_inf W; the
+    predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and why there is no action where one was needed."""
 
     memory: ControllerMemory
     action: float
@@ -62,11 +58,6 @@ class Ecu:
     """An ECU with one controller of one bundle. `next` computes a control period from a state; `step` also stores the
     new state. Raises BundleError if the bundle was made for another vehicle, or for another number of sensors than the
     bus carries; ConfigError if only one of `bus.key` and `authentication` is given.
-
-    Args:
-        controller: runs the bundle's `controller.onnx`.
-        config: bus, E2E and fail-safe settings; operating point and control period must be the bundle's.
-        authentication: the ECU's data for authenticated frames, needed with `bus.key`.
 
     Attributes:
         calibration: the calibrated values in force; at power-on those of the release and the vehicle.
@@ -106,8 +97,7 @@ class Ecu:
         ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
-        # The graph has the cost weights of its export. The manifest of a renewed bundle states new weights, so the
-        # manifest's weights are put in force here.
+        # The graph has the cost weights of its export; the manifest of a renewed bundle states new ones.
         self.calibrate(release_calibration(bundle, config))
 
     @property
@@ -116,8 +106,8 @@ class Ecu:
         return self._state
 
     def restore(self, state: EcuState) -> None:
-        """Continue from a state of this ECU, or of another ECU with equal bundle, settings and calibration. Raises
-        ValueError if the state's window, number of sensors, horizon or delay is not that of this ECU."""
+        """Continue from a state of an ECU with equal bundle, settings and calibration. Raises ValueError if the state's
+        window, number of sensors, horizon or delay is not that of this ECU."""
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
@@ -128,16 +118,14 @@ class Ecu:
         self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force; all of them take effect from the next step on, also a narrower range of commands.
-        Raises ConfigError if a value is outside the limits of this release and vehicle; then no value changes."""
+        """Put other values in force from the next step on; with one outside the limits, raise ConfigError instead."""
         self._calibration_limits.check(calibration)
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())
         self._config = with_calibration(self._own_config, calibration)
         # No bound may be wider than in the vehicle's settings, even if the check of the limits were wrong.
         self._limits = GateLimits.from_config(self._config).narrowed(self._own_limits)
-        memory = self._state.memory.with_delay(self._config.ecu.frozen_actions)
-        self._state = replace(self._state, memory=memory)
+        self._state = replace(self._state, memory=self._state.memory.with_delay(self._config.ecu.frozen_actions))
 
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
@@ -204,8 +192,7 @@ class Ecu:
             frames, now_ns, verifier=state.verifier, receiver=state.pressures, dynamic_pressure=dynamic_pressure
         )
         usable = received.cp is not None
-        heard = heard_of_another_ecu(frames, self._messages, self._key)
-        other_ecu = state.other_ecu.next(heard, timing.step_ns or 0)
+        other_ecu = state.other_ecu.next(heard_of_another_ecu(frames, self._messages, self._key), timing.step_ns or 0)
         memory = self._after_silence(state.memory, timing)
         if speed_state.is_off:
             # The window is emptied: pressures at a speed outside the range must not be used for control within it.
@@ -276,8 +263,7 @@ class Ecu:
     def _checked(
         self, state: SensorCheckState, memory: ControllerMemory, received: Received, skipped: int
     ) -> tuple[SensorCheckState, ControllerMemory, Reason | None]:
-        """Return the state of the sensor check, the memory with estimates of a faulty sensor, and a reason to shut the
-        jets."""
+        """Return the check's state, the memory with estimates of a faulty sensor, and a reason to shut the jets."""
         if self._sensor_check is None:
             return state, memory, None
         after, fault = self._sensor_check.next(
@@ -290,8 +276,7 @@ class Ecu:
     def _judged(
         self, state: EcuState, memory: ControllerMemory, speed: float, *, usable: bool
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Return the state of the benefit check, and the reason to shut the jets, or None. The check uses the estimate
-        instead of a faulty sensor's reading."""
+        """Return the check's state, and a reason to shut the jets. A faulty sensor's estimate counts as its reading."""
         if self._benefit_check is None:
             return state.benefit, None
         cp = memory.window[-1, :-1] if usable else None
@@ -317,8 +302,7 @@ class Ecu:
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
     """Return BUS_OFF during bus-off and in the first step after it, because no node received the frames."""
-    off = now.state is BusState.BUS_OFF or now.bus_off > before.bus_off
-    return Reason.BUS_OFF if off else None
+    return Reason.BUS_OFF if now.state is BusState.BUS_OFF or now.bus_off > before.bus_off else None
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:

@@ -1,8 +1,4 @@
-"""The complete state of an ECU from one control period to the next, as one value.
-
-It can be compared, pickled, copied, and given to another ECU with equal bundle and settings, which then continues bit
-for bit as the first ECU would have continued.
-"""
+"""The state of an ECU as one value, with which another, equal ECU continues bit for bit as the first would."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -30,7 +26,7 @@ from ecu.timing import StepTiming
 
 class Surroundings(TypedDict, total=False):
     """External conditions of an ECU in a control period: a reason for which it must switch itself off, and whether a
-    release is being written. If so, it switches itself off as soon as no jet may run, and stays off until a reset."""
+    release is being written, for which it does so as soon as no jet may run, until a reset."""
 
     fault: Reason | None
     updating: bool
@@ -124,8 +120,7 @@ def answers(
     key: Key | None,
     bundle_hash: int,
 ) -> list[Frame]:
-    """Return the two frames of a period. Their counters and freshness values come from the state before the period; the
-    contents of the status come from the state after the period."""
+    """Return the two frames of a period, with counters and freshness of the state before it, and the status after."""
     contents = (
         (before.commands, messages.command.spec, messages.command.emit(command)),
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),
@@ -139,8 +134,8 @@ def answers(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """Results of the latest step for observers; no part of the ECU reads them. `action` was sent, in U_inf W; `forces`
-    are the predicted (Cd, Cl) over the H steps of the horizon, (H, 2), in units of the design speed, or None."""
+    """Results of the latest step for observers: `action` was sent, in U_inf W; `forces` are the predicted (Cd, Cl) over
+    the H steps of the horizon, (H, 2), in units of the design speed, or None."""
 
     mode: Mode
     action: float

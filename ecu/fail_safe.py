@@ -48,7 +48,6 @@ class OperatingMode(Enum):
 
     @property
     def drives_jets(self) -> bool:
-        """Whether the jets may run."""
         return self in DRIVES_JETS
 
 
@@ -68,9 +67,8 @@ class PeriodInputs:
     """The inputs of one control period.
 
     Attributes:
-        usable: whether pressures arrived that the controller may use.
+        usable: whether pressures arrived that the controller may use; otherwise `unusable_because` counts.
         enable_request: enable request of the vehicle, from a trusted frame of this period; None if there is none.
-        unusable_because: reason why the pressures are not usable; ignored if they are usable.
         off_speed: whether the vehicle is slower or faster than the range of speeds of the release.
         tests: whether the jets must be shut to measure the wake without control.
         fault: reason for which the ECU must switch itself off in this period, even if good frames arrived.
@@ -87,16 +85,8 @@ class PeriodInputs:
 
 
 class Period(NamedTuple):
-    """The data from which conditions are evaluated: the inputs of one period, and the counts of `FailSafe` up to and
-    including it.
-
-    Attributes:
-        request: the vehicle's request for control, as last received.
-        rises: whether the request was low before this period and is high now.
-        lost: number of periods without usable pressures among the latest `loss_window` periods in which control was
-            requested.
-        kept: the reason that was reported before this period.
-    """
+    """The data from which conditions are evaluated: the inputs of one period, the request as last received, whether it
+    rises, the counts of `FailSafe` with this period, and the reason that was reported before it."""
 
     inputs: PeriodInputs
     request: bool
@@ -190,8 +180,7 @@ class Transition:
     """One row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
 
     Attributes:
-        within: number of periods from the first period with the cause to the period in which the ECU reacts, both
-            included. It is a number, or a formula of the ECU's settings.
+        within: number of periods from the first with the cause to the ECU's reaction, or a formula of its settings.
     """
 
     start: frozenset[OperatingMode]
@@ -220,8 +209,7 @@ TRANSITIONS: Final = (
     _row("INIT", STANDING, _S.STANDBY, _STANDS),
     _row(f"STANDBY ARMED {_WANTED}", LOW, _S.ARMED, _QUIET),
     _row("STANDBY", ALWAYS, _S.STANDBY, _STANDS),
-    # A step in INIT or ARMED reaches these rows only if the request rises. In the other states, the request is high and
-    # the ECU has accepted it before.
+    # The request rises, or is high and has been accepted before.
     _row(f"INIT ARMED {_WANTED}", INVALID, _S.FAULT, _MISSING),
     _row(f"INIT ARMED {_WANTED}", TOO_LONG, _S.FAULT, _MISSING, "hold_periods + decay_periods + 1"),
     _row(f"INIT ARMED {_WANTED}", TOO_MANY, _S.FAULT, _MISSING, "loss_limit"),
@@ -280,18 +268,13 @@ class FailSafe:
         # Good frames before the latest fault of the ECU itself do not count for the end of a fault.
         good = (self.good + 1 if inputs.fault is None else 1) if usable else 0
         lost = 0
-        if (
-            request
-            and inputs.fault is None
-            and self.mode not in _COUNTS_NO_LOSS
-            and (rises or self.mode not in _UNWANTED)
-        ):
+        is_wanted = request and (rises or self.mode not in _UNWANTED)
+        if is_wanted and inputs.fault is None and self.mode not in _COUNTS_NO_LOSS:
             lost = (self.lost << 1 | (not usable)) & ((1 << config.loss_window) - 1)
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
-            # The fault may end only if the request rises, and for this the ECU must receive a low request first, as
-            # after power-on. Otherwise a rise of the request that the ECU missed would end the fault.
+            # As after power-on, the ECU must receive a low request first: a rise that it missed ends no fault.
             request = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request

@@ -6,7 +6,6 @@ import numpy as np
 
 from can_bridge.wire.messages import SENSORS
 from contract.arrays import Array
-from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import BundleError, ConfigError
@@ -27,7 +26,10 @@ def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None
 def check_vehicle(bundle: Bundle, config: Config) -> None:
     """Raise BundleError if the controller was built for another vehicle, bus or delay of the actuator."""
     manifest = bundle.manifest
-    points = (_values(point) for point in (manifest.operating_point, config.operating_point))
+    points = (
+        ", ".join(f"{field.name} {getattr(point, field.name)}" for field in fields(point))
+        for point in (manifest.operating_point, config.operating_point)
+    )
     _check_equal(bundle, "operating point", *points, owner="vehicle")
     check_flow(bundle, config.flow, owner="vehicle")
     if len(manifest.sensors) != SENSORS:
@@ -66,10 +68,6 @@ def positions_of(manifest: Manifest) -> Array | None:
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)
     return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None
-
-
-def _values(point: OperatingPoint) -> str:
-    return ", ".join(f"{field.name} {getattr(point, field.name)}" for field in fields(point))
 
 
 def _check_equal(bundle: Bundle, name: str, built_for: object, here: object, *, owner: str, remedy: str = "") -> None:

@@ -32,11 +32,9 @@ class Received(NamedTuple):
 
     Attributes:
         verifier, receiver: states of the authentication and of the E2E receiver after these frames.
-        cp: (S,) usable pressures at the S sensors, as Cp; None if there are none.
-        reading: (S,) the same pressures divided by the dynamic pressure at the design speed, so that the reading of a
-            stuck sensor is constant at any vehicle speed.
+        cp: (S,) usable pressures at the S sensors, as Cp, sampled at `sampled_ns`; None if there are none.
+        reading: (S,) the same at the design speed's dynamic pressure: a stuck sensor's is constant at any speed.
         enable_request: enable request of the vehicle; None if no trusted frame states it.
-        sampled_ns: sampling time of the usable pressures, in ns.
     """
 
     verifier: VerifierState
@@ -51,12 +49,7 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PressureReception:
-    """The reception of pressure frames.
-
-    Attributes:
-        dynamic_pressure: dynamic pressure in Pa at the design speed (Cp = 1).
-        fresh_age_ns: largest age in ns of pressures that the controller may use.
-    """
+    """The reception of pressure frames: dynamic pressure in Pa at the design speed, largest usable age in ns."""
 
     message: Message[Pressure]
     key: Key | None

@@ -46,9 +46,8 @@ NOISE_ALLOWED: Final = 0.3
 the fast average, 1 / (2 FAST_PERIODS - 1), because the estimate of the noise's variance is noisy, too."""
 
 MOVING: Final = 0.4
-"""Smallest median of the other sensors' ranges of readings at which a constant reading counts as stuck, in standard
-deviations of healthy sensors' residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least
-0.022."""
+"""Smallest median of the other sensors' ranges at which a constant reading counts as stuck, in standard deviations of
+healthy residuals: 0.015 in Cp. In the shipped recording the median in ten periods is at least 0.022."""
 
 ALIKE: Final = 0.1
 """Largest rms difference of two sensors' readings over a window at which one may be a copy of the other, in standard
@@ -64,9 +63,8 @@ DRIFT_ALLOWED: Final = 4.0
 sensors' slow means reaches 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
-"""Factor by which the permitted disagreement of the sensors rises when one sensor is set aside, because an estimate
-from two other sensors is less accurate than from three. Healthy sensors then disagree by up to 28, in a gust that the
-speed on the bus does not show."""
+"""Factor by which the permitted disagreement rises when a sensor is set aside, since two others estimate less
+accurately than three. Healthy sensors then disagree by up to 28, in a gust that the speed on the bus does not show."""
 
 
 class EstimatorModel(Protocol):
@@ -86,12 +84,10 @@ class SensorCheckState(ArrayValue):
         residual: residual in Cp of the latest period in which the sensors were judged; NaN before the first.
         fast, slow: running means of the residual over few and over many periods.
         noise: running variance of the residual's change from one period to the next, in Cp^2.
-        score: running mean of a ratio: the square of the fast mean, divided by the variance of the fast mean for
-            healthy sensors with this noise.
+        score: running mean of the fast mean's square, over its variance for healthy sensors with this noise.
         readings: (S,) latest readings; NaN before the first.
         flat: (S,) number of consecutive periods with unchanged readings.
-        estimates: (n, S) estimate of each sensor by all others, one row for each of the n periods of the controller's
-            window or past.
+        estimates: (n, S) estimate of each sensor by all others in the n periods of the controller's window or past.
         set_aside: index of the faulty sensor; None if there is none.
         doubt: number of periods in doubt minus the number of periods without doubt, at least 0.
         implausible: whether control must not use the pressures.
@@ -135,12 +131,11 @@ class ResidualLevels(NamedTuple):
     """The levels of evidence for each hypothesis, from mean squares of residuals, relative to those of healthy sensors.
 
     Attributes:
-        liar, bias: (S,) levels for the hypothesis that this sensor reads wrongly and the other sensors read correctly,
-            from the fast and from the slow means.
-        swap: (P,) level for the hypothesis that the two sensors of this pair are exchanged.
+        liar, bias: (S,) that this sensor alone reads wrongly, from the fast and from the slow means.
+        swap: (P,) that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
-        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`. The sensor that is set aside is left out. If
-            no sensor is set aside, the sensor is left out without which the others agree best.
+        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`, without the sensor that is set aside, or
+            without which the others agree best.
     """
 
     liar: Array
@@ -155,8 +150,7 @@ class SensorCheck:
     """The check of one bundle's pressures.
 
     Attributes:
-        fast, slow: (S + P, S) rms in Cp of the fast and slow means of healthy sensors' residuals, for each hypothesis
-            and sensor.
+        fast, slow: (S + P, S) rms in Cp of healthy sensors' mean residuals, for each hypothesis and sensor.
         sound: mean rms in Cp of the fast means, for the hypotheses that leave the sensor itself out.
     """
 
@@ -195,7 +189,8 @@ class SensorCheck:
         """
         length = len(window)
         # The window has a new row for each of these periods, so the estimates must get the same number of rows.
-        estimates = _appended(state.estimates, 1 + min(skipped, len(state.estimates)))
+        kept = state.estimates
+        estimates = np.concatenate([kept, np.tile(kept[-1], (1 + min(skipped, len(kept)), 1))])[-len(kept) :]
         if cp is None or rows == 0:
             return replace(state, estimates=estimates), Reason.IMPLAUSIBLE if state.implausible else None
         seen = window
@@ -235,7 +230,6 @@ class SensorCheck:
         )
 
     def _averaged(self, state: SensorCheckState, residual: Array) -> dict[str, Any]:
-        """Return the state's running means after one more residual."""
         before = np.where(np.isnan(state.residual), residual, state.residual)
         fast = _mean(state.fast, residual, FAST_PERIODS)
         noise = _mean(state.noise, np.square(residual - before) / 2.0, SCORE_PERIODS)
@@ -295,23 +289,15 @@ def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
 
 
 def _split(values: Array, sensors: int) -> tuple[Array, Array]:
-    """Return two parts of an array (S + P, S): the values (S,) of the sensors, each from the row that leaves this
-    sensor out; and the mean values (S,) of the other sensors in these rows."""
+    """Return, of (S + P, S), each sensor's value in the row that leaves it out, (S,), and the others' mean there."""
     own = values[:sensors].diagonal()
     return own, (values[:sensors].sum(axis=1) - own) / (sensors - 1)
 
 
 def _with_swaps(table: Array) -> Array:
-    """Return the table (S, S) with a row for each of the P exchanged pairs, (S + P, S). In these rows each sensor is
-    estimated by all others, so the values are those of the table's diagonal."""
-    sensors = len(table)
-    return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(sensors)), 1))])
+    """Return a row for each of the P exchanged pairs, (S + P, S): in it, each sensor is estimated by all others."""
+    return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 
 def _mean(before: Array, value: Array, periods: int) -> Array:
     return before + (value - before) / periods
-
-
-def _appended(rows: Array, times: int) -> Array:
-    """Append the last row `times` times and drop the same number of the oldest rows."""
-    return np.concatenate([rows, np.tile(rows[-1], (times, 1))])[-len(rows) :]

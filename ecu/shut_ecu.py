@@ -33,12 +33,10 @@ class ShutEcu:
 
     @property
     def state(self) -> EcuState:
-        """The state after the latest step."""
         return self._state
 
     @property
     def trace(self) -> Trace:
-        """The results of the latest step."""
         mode = self._state.fail_safe.mode.on_wire
         return Trace(mode=mode, action=0.0, forces=None, interventions=Intervention.NOT_ENABLED)
 

@@ -47,8 +47,7 @@ class SpeedState:
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedReception:
-    """The reception of speed frames. `design` and `speeds` are the release's operating point and its range of speeds,
-    as ratios to the design speed."""
+    """The reception of speed frames at the release's operating point `design`; `speeds` are ratios to its speed."""
 
     message: Message[VehicleSpeed]
     key: Key | None

@@ -59,8 +59,7 @@ class LoopEcu:
     Attributes:
         kind: python, c or mcu.
         computed_by: description of the code that computes the control step, in words.
-        step_ns: returns the duration in ns of the latest step, in virtual time; if None, the loop uses
-            `ecu.compute_time_ms`.
+        step_ns: returns the duration in ns of the latest step, in virtual time; by default `ecu.compute_time_ms`.
         clock_mhz: clock frequency in MHz of the core to which `step_ns` refers.
     """
 

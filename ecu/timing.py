@@ -23,8 +23,7 @@ class StepTiming:
     """The timing after a control step.
 
     Attributes:
-        step_ns: time of the step in ns; None before the first. -1 replaces a negative time, `LATEST_NS` replaces a
-            later time.
+        step_ns: time of the step in ns, in -1..`LATEST_NS`; None before the first.
         lag_ns: accumulated lateness in ns, without the periods left out; negative if early.
         off_time: one bit for each of the latest `ecu.deadline_window` steps, the lowest bit for the newest: 1 if the
             accumulated lateness or earliness reached half a period.

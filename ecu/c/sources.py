@@ -7,8 +7,7 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of Monocypher in `store/vendor`. Monocypher's published release states this version where the files of its
-repository have the placeholder `__git__`."""
+"""Version of Monocypher in `store/vendor`, whose repository has the placeholder `__git__` where releases state it."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
@@ -23,8 +22,7 @@ def control_sources() -> dict[str, bytes]:
 
 def firmware_sources() -> dict[str, bytes]:
     """Return the sources of the ECU around a control step, and in `board/` and `loader/` those of the firmware around
-    the ECU. They are the same for every program and vehicle; the generated `sw_ecu_settings.h`
-    (`ecu.in_c.c_settings`) is not included."""
+    the ECU, without the generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
     around = {f"board/{name}": text for name, text in sources_in("board").items()}
     return control_sources() | around | {f"loader/{name}": text for name, text in loader_sources().items()}
 
@@ -39,15 +37,13 @@ def loader_sources() -> dict[str, bytes]:
 
 
 def fmu_sources(*parts: str) -> dict[str, bytes]:
-    """Return the sources of the FMU around the ECU, including the folders `parts` of `fmu/`: `signals` or `bus`, and
-    `fmi2`. The header `sw_fmu_settings.h`, generated for a release (`firmware_sim.fmu.ecu_variables`), is not included.
-    """
+    """Return the sources of the FMU around the ECU, with the folders `parts` of `fmu/`: `signals` or `bus`, and `fmi2`;
+    without the generated `sw_fmu_settings.h` (`firmware_sim.fmu.ecu_variables`)."""
     return sources_in("fmu") | _in_parts(parts)
 
 
 def plant_fmu_sources(*parts: str) -> dict[str, bytes]:
-    """Return the sources of the wrapper around the plant's FMU, without `sw_plant_settings.h`
-    (`firmware_sim.fmu.plant_fmu`); `parts` is as in `fmu_sources`."""
+    """Return the sources around the plant's FMU, without `sw_plant_settings.h`; `parts` is as in `fmu_sources`."""
     shared = ("sw_fmi3.h", "sw_fmi3_calls.h", "sw_fmu_other.c", "sw_fmu_no_events.c")
     others = {name: text for name, text in fmu_sources("signals").items() if name in shared}
     return sources_in("fmu/plant") | others | _in_parts(parts)
@@ -58,6 +54,5 @@ def _in_parts(parts: Sequence[str]) -> dict[str, bytes]:
 
 
 def example_sources() -> dict[str, bytes]:
-    """Return the example programs around the ECU by their paths in a library's folder, without the header with the
-    frames of an example, which `ecu.in_c.c_examples` generates."""
+    """Return the example programs by their paths in a library's folder, without what `ecu.in_c.c_examples` makes."""
     return {f"examples/{name}": content for name, content in sources_in("examples").items()}

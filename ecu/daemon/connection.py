@@ -1,5 +1,4 @@
-"""The ECU's connection to a bus that may be lost and return, for example because an adapter is unplugged or an
-interface is switched off.
+"""The ECU's connection to a bus that may be lost and return, such as an adapter that is unplugged.
 
 A thread opens the bus, because this can take seconds with a serial adapter. Meanwhile the control steps continue and
 report BUS_OFF, which is a fault. So when the bus is back, control starts only after the enable request has risen again.
@@ -20,7 +19,6 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from ecu.real_time.privileges import step_back
 
-FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 """Longest pause in s between two attempts to open a bus again. Each pause is twice as long as the one before."""
 SEND_TIMEOUT_S: Final = 0.003
@@ -44,16 +42,11 @@ class Connection:
     The thread that reads the bus calls `deliver` with every received frame.
 
     Attributes:
-        not_sent: number of frames that the bus refused, including the frames while the bus was lost.
-        why_not_sent: reason why the latest frame was not sent; empty if it was sent.
+        not_sent, why_not_sent: number of refused frames, also by a lost bus, and the reason for the latest, or empty.
     """
 
     def __init__(
-        self,
-        open_bus: Callable[[], PythonCanBus],
-        deliver: Callable[[Frame], None],
-        *,
-        first_pause_s: float = FIRST_PAUSE_S,
+        self, open_bus: Callable[[], PythonCanBus], deliver: Callable[[Frame], None], *, first_pause_s: float = 0.1
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
         self._bus: _Read | None = None
@@ -83,8 +76,7 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """Return whether the bus was lost or has returned since the last call. Call this once a period; it never
-        waits."""
+        """Return whether the bus was lost or has returned since the last call, once a period. It never waits."""
         if self._bus is None:
             if not self._opened:
                 return None
@@ -105,8 +97,7 @@ class Connection:
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus accepted all. Frames of two threads that send at the same time may
-        alternate."""
+        """Send frames; return whether the bus accepted all. Frames of two threads may alternate."""
         sent = True
         for frame in frames:
             with self._sending:
@@ -156,6 +147,5 @@ class _Read:
         self.receiver = ReceiveThread(bus, deliver).__enter__()
 
     def close(self) -> None:
-        """End the thread, then close the bus."""
         self.receiver.__exit__(None, None, None)
         self.bus.close()

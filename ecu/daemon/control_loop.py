@@ -1,9 +1,5 @@
-"""Control steps at absolute deadlines. In each period the loop wakes, takes the received frames, computes a step, and
-sends the answers.
-
-The loop does not read the bus: a thread reads it and queues the frames. After each step an observer gets the counters.
-The deadlines follow the arrival times of the pressures that were used.
-"""
+"""Control steps at absolute deadlines, which follow the arrivals of the pressures that were used. In each period the
+loop wakes, takes the frames that another thread has read, computes a step, and sends the answers."""
 
 import gc
 import resource
@@ -32,21 +28,11 @@ GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
 """Number of final periods, in which the ECU sends commands to shut the jets: more than one, as a frame may be lost."""
-_PASSING: Final = (Mode.HOLD, Mode.DECAY)
-"""Modes that last too briefly to be reported in the log."""
-
-Tell = Callable[..., None]
 
 
 class ControlLoop:
-    """The control loop of one ECU on one bus. Raises ConfigError if the step's offset is not shorter than the period.
-
-    Args:
-        tell: called with an event's name, its text, and its fields.
-        after_step: called with the time and the counters after each step.
-        stage_times: table in which the times of each period's stages are stored, or None.
-        now_ns, sleep_until: the clock of the loop, in ns, and a sleep until a time of this clock.
-    """
+    """The control loop of one ECU on one bus. `tell` is called with an event's name, its text, and its fields. Raises
+    ConfigError if the step's offset is not shorter than the period."""
 
     def __init__(
         self,
@@ -56,7 +42,7 @@ class ControlLoop:
         reception: FrameReception,
         config: Config,
         *,
-        tell: Tell,
+        tell: Callable[..., None],
         after_step: Callable[[int, Counters], None] = lambda now_ns, counters: None,
         stage_times: StageTimes | None = None,
         now_ns: Callable[[], int] = clock.now_ns,
@@ -79,7 +65,6 @@ class ControlLoop:
         self.counters = Counters(state=ecu.state)
 
     def run(self, is_stopped: Callable[[], bool], periods: int | None = None) -> None:
-        """Run control periods until `is_stopped` returns True, or until their number is `periods`."""
         while not is_stopped() and (periods is None or self.counters.steps < periods):
             self.period()
 
@@ -146,7 +131,8 @@ class ControlLoop:
     def _tell_mode(self) -> None:
         state = self._ecu.state.fail_safe
         now = state.mode.on_wire, state.reason
-        if now != self._told and now[0] not in _PASSING:
+        # HOLD and DECAY last too briefly to be reported.
+        if now != self._told and now[0] not in (Mode.HOLD, Mode.DECAY):
             self._told = now
             mode, reason = now
             because = "" if reason is Reason.NONE else f", {reason.name}"
@@ -201,7 +187,6 @@ def check_offset(config: Config) -> int:
 
 def _usage() -> tuple[int, int, int, int]:
     """Return the numbers of the process's garbage collections, and of this thread's minor page faults, major page
-    faults and involuntary context switches."""
-    # Linux counts page faults and context switches for each thread; other systems count them for the process only.
+    faults and involuntary context switches; those of the process where the system is not Linux."""
     used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

@@ -6,7 +6,6 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.freshness_store import FreshnessStore
@@ -31,9 +30,6 @@ from ecu.real_time.privileges import Wanted, in_words, taken
 from ecu.real_time.stage_times import USUAL_PERIODS, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
 
-FRESHNESS: Final = "freshness.json"
-"""Name of the file with the freshness values, in the state directory that systemd gives to a service."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessOptions:
@@ -41,8 +37,7 @@ class ProcessOptions:
 
     Attributes:
         periods: number of periods after which the process ends; None for no limit.
-        stage_times, frames: files to which the times of each period's stages, and the frames that the ECU sent and
-            accepted, are written at the end.
+        stage_times, frames: files for the times of each period's stages, and for the sent and accepted frames.
         metrics: file to which the counters are written for Prometheus.
         freshness: file that stores freshness values over a power cycle, needed with `bus.key`.
     """
@@ -59,19 +54,18 @@ class ProcessOptions:
 
 
 def freshness_file(options: ProcessOptions) -> Path:
-    """Return the file that stores freshness values over a power cycle. Raises ConfigError if there is neither the
-    option nor systemd's state directory."""
+    """Return the file of freshness values. Raises ConfigError with neither the option nor systemd's directory."""
     if options.freshness is not None:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
     if not folder:
         raise ConfigError("bus.key: name a file that stores the freshness values with --freshness FILE")
-    return Path(folder) / FRESHNESS
+    return Path(folder) / "freshness.json"
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:
-    """Return the freshness store and the node's authentication data for a new power cycle, or (None, None) without
-    `bus.key`. Raises KeyFileError if the key cannot be read; also the errors of `FreshnessStore.begin`."""
+    """Return store and authentication of a new power cycle, or (None, None) without `bus.key`. Raises KeyFileError if
+    the key cannot be read, and the errors of `FreshnessStore.begin`."""
     if not config.bus.key:
         return None, None
     key, store = read_key(Path(config.bus.key)), FreshnessStore(freshness_file(options))
@@ -83,9 +77,8 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU and the further parts of its process. The thread that reads the bus calls the functions in `hears` with
-    the frames of further identifiers; the context `beside` is active while the bus is open, in parallel with the
-    control."""
+    """An ECU and the further parts of its process: functions that the thread that reads the bus calls with the frames
+    of further identifiers, and a context that is active while the bus is open."""
 
     ecu: SteppedEcu
     times: PlanTimes

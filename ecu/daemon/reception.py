@@ -20,8 +20,7 @@ STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"}
 """Interfaces that stamp a received frame with the computer's date. A `virtual` bus has the sender's stamp, and vendors'
 drivers have clocks of their own; on these interfaces a frame counts as received when it is read."""
 ROOM: Final = 256
-"""Largest number of frames that are stored for a step. A period has one pressure frame, but a node that floods the bus
-may send more frames with the same identifier. Checking this number of frames takes 2 ms."""
+"""Largest number of frames that are stored for a step, which a flood may reach. Checking these takes 2 ms."""
 
 
 class Taken(NamedTuple):
@@ -39,8 +38,7 @@ def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
 
 
 class FrameReception:
-    """The received frames of the ECU's messages, for the control step. `heard` counts all frames on the bus since the
-    caller last replaced `heard`; the counts serve to report a bus without usable frames."""
+    """Frames of the ECU's messages for the control step; `heard` counts all frames since it was last replaced."""
 
     def __init__(
         self,
@@ -75,7 +73,6 @@ class FrameReception:
             self._others.put(frame)
 
     def take(self) -> Taken:
-        """Remove and return all frames."""
         return Taken(self._pressures.take(), self._others.take())
 
     def _stamp(self, frame: Frame) -> int:

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Final, NamedTuple, Self
+from typing import NamedTuple, Self
 
 from contract.atomic import replacing
 from contract.errors import StillwakeError
@@ -44,22 +44,14 @@ def _moment(event: DatedEvent) -> datetime:
     return datetime.fromtimestamp(event.date_ns // 1_000_000_000, UTC)
 
 
-INTERVAL_S: Final = 1.0
-"""Time in s between two updates of the file of counters."""
-
-
 class Reporter:
-    """A thread that writes the control loop's counters and log lines while its `with` block runs, and the remaining
-    lines at the end of the block.
+    """A thread that writes the counters, which the control loop sets after each step, and log lines while its `with`
+    block runs, and the remaining lines at its end.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.
-        bundle: name of the release in the file of counters.
-        metrics: file to which the counters are written; None for no file.
+        bundle: name of the release in the file of counters, `metrics`.
         keep: called with the counters once an interval to store freshness values; may raise StillwakeError.
-
-    Attributes:
-        counters: set by the control loop after each step.
     """
 
     def __init__(
@@ -70,7 +62,7 @@ class Reporter:
         bundle: str,
         metrics: Path | None = None,
         keep: Callable[[Counters], None] = lambda counters: None,
-        interval_s: float = INTERVAL_S,
+        interval_s: float = 1.0,
     ) -> None:
         self._write, self._as_line = write, as_line
         self._metrics, self._keep, self._interval_s = metrics, keep, interval_s

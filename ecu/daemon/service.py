@@ -29,14 +29,9 @@ def serve(
     signature: str,
     calibration: Calibration | None = None,
 ) -> Counters:
-    """Run the ECU until it is stopped. Its last frames shut the jets, whatever the cause of the end. Raises
-    StillwakeError if the release does not fit the vehicle, the bus cannot be opened, or a file cannot be written.
-
-    Args:
-        config: settings of the vehicle; the bus in them is a real bus.
-        signature: description of who signed the release.
-        calibration: values for the ECU before its first step; the release's own values by default.
-    """
+    """Run the ECU on a real bus until it is stopped. Its last frames shut the jets, whatever the cause of the end.
+    `signature` says who signed the release; `calibration` holds from the first step on. Raises StillwakeError if the
+    release does not fit the vehicle, the bus cannot be opened, or a file cannot be written."""
     check_vehicle(release, config)
     check(config, options)
     freshness, authentication = authentication_of(config, options)

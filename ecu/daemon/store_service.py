@@ -1,9 +1,8 @@
-"""The process of an ECU with a store of releases. It has the control loop, and a thread that serves a tester.
+"""The process of an ECU with a store of releases. It has the control loop, and a thread that serves a tester, so that
+slow disks and long checks do not delay a control period.
 
-Because of the thread, slow disks and long checks do not delay a control period. The thread processes the frames of
-diagnosis, does one part of a long operation, and sends the frames that are due. During a long operation it repeats this
-every ms; otherwise it waits for a frame. The thread also boots after a reset; the control loop then runs the booted
-release from the next period on.
+The thread processes the frames of diagnosis, does one part of a long operation, and sends the frames that are due,
+every ms during a long operation. It also boots after a reset; the control loop then runs the booted release.
 """
 
 import secrets
@@ -33,9 +32,6 @@ from ecu.real_time.inbox import Inbox
 from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
-_ROOM: Final = 1024
-"""Largest number of waiting frames: seven requests of the largest length on CAN FD. If more arrive, the oldest are
-dropped."""
 PAUSE_S: Final = 0.05
 """Largest time in s between two calls of `service` if no frame arrives, and so the longest delay of a timeout."""
 SENDING_S: Final = 0.001
@@ -43,8 +39,7 @@ SENDING_S: Final = 0.001
 
 
 class DiagnosisThread:
-    """A thread that serves the tester of an ECU while its `with` block runs; an error that ends it is given to
-    `failed`."""
+    """A thread that serves the tester while its `with` block runs; an error that ends it is given to `failed`."""
 
     def __init__(
         self,
@@ -55,7 +50,7 @@ class DiagnosisThread:
         failed: Callable[[BaseException], None],
     ) -> None:
         self._ecu, self._send, self._now_ns, self._failed = ecu, send, now_ns, failed
-        self._inbox = Inbox(lambda frame: now_ns(), room=_ROOM)
+        self._inbox = Inbox(lambda frame: now_ns(), room=1024)  # seven requests of the largest length on CAN FD
         self._wakes, self._stop = Event(), Event()
         self._thread = Thread(target=self._run, name="diagnosis", daemon=True)
 

@@ -43,7 +43,6 @@ class Notifier:
             self._tell("WATCHDOG=1")
 
     def stopping(self) -> None:
-        """Report that the process is about to end."""
         self._tell("STOPPING=1")
 
     def close(self) -> None:

@@ -46,13 +46,8 @@ class EcuFolder:
 
 
 def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
-    """Read an ECU's folder. Raises ConfigError if the folder is not an ECU's; KeyFileError if the root key cannot be
-    read.
-
-    Args:
-        root: file of a root key to use instead of the folder's own copy.
-        hardware: name of the hardware to use instead of the provisioned name.
-    """
+    """Read an ECU's folder, with another root key or hardware's name if given. Raises ConfigError if the folder is not
+    an ECU's; KeyFileError if the root key cannot be read."""
     try:
         raw = (folder / IDENTITY).read_bytes()
     except OSError as error:
@@ -78,19 +73,10 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
 def provision(
     folder: Path, *, root: Path, keys: bytes, image: bytes | None, hardware: str, serial: str, fits: Fits
 ) -> EcuFolder:
-    """Create the folder of a new ECU, completely or not at all.
-
-    Args:
-        folder: folder to create; an empty folder may exist.
-        root: file of the public root key.
-        keys: signed key list.
-        image: image of the release that runs from the start; None if the first release is to be flashed.
-
-    Raises:
-        OutputError: the folder exists and is not empty.
-        ConfigError: the image fails a check, or a name is not allowed.
-        KeyFileError: the root key cannot be read, or did not sign the list.
-    """
+    """Create the folder of a new ECU, completely or not at all. `root` is the file of the public root key, which signed
+    the key list; without an image the first release is to be flashed. Raises OutputError if the folder exists and is
+    not empty; ConfigError if the image fails a check, or a name is not allowed; KeyFileError if the root key cannot be
+    read, or did not sign the list."""
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         raise OutputError(f"{folder}: exists already; an ECU's memory is never overwritten, name another folder")
     public = signing.read_public_key(root)

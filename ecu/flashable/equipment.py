@@ -29,7 +29,6 @@ class Equipment:
         random_bytes: returns the given number of unpredictable bytes.
         hardware: name of the hardware, which a bundle may require.
         controller_of: creates a bundle's controller; raises BundleError if it does not run on this computer.
-        ecu_of: creates the ECU around the controller, with its authentication for `bus.key`.
     """
 
     root: PublicKey

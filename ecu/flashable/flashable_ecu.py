@@ -1,10 +1,8 @@
 """The ECU in a vehicle: it boots a release from its store, controls, and can be flashed and calibrated.
 
-`step` runs a control period and one call of diagnosis; it is a function of time and received frames, like
-`ecu.ecu.Ecu.step`. A caller that has time between two periods calls `control` once a period and `service` any number of
-times in between, possibly in another thread. A reset has the effect of a power loss: the release is booted again and
-every counter begins at 0. Only freshness values continue, because a receiver refuses a value that it has received
-before.
+`step` runs a control period and one call of diagnosis. A caller that has time between two periods calls `control` once
+a period and `service` any number of times in between, possibly in another thread. A reset has the effect of a power
+loss: the release is booted again and every counter begins at 0. Only freshness values continue.
 """
 
 from collections.abc import Sequence
@@ -32,8 +30,7 @@ class FlashableEcu:
     `authentication` is given.
 
     Args:
-        boot_ns: time in ns after a reset in which the ECU neither receives nor sends. In real time, the boot itself
-            takes additional time.
+        boot_ns: time in ns after a reset, without that of the boot itself, in which the ECU is silent.
         serviced_apart: whether `step` is only a control period, and another thread calls `service`.
 
     Attributes:
@@ -67,22 +64,18 @@ class FlashableEcu:
 
     @property
     def state(self) -> EcuState:
-        """The state after the latest step."""
         return self._ecu.state
 
     @property
     def trace(self) -> Trace:
-        """Trace of the latest step."""
         return self._ecu.trace
 
     @property
     def frames_rejected(self) -> int:
-        """Number of received pressure frames that were not accepted."""
         return self._ecu.frames_rejected
 
     @property
     def boot(self) -> Boot:
-        """The result of the latest boot."""
         return self._serviced.boot
 
     @property
@@ -92,7 +85,6 @@ class FlashableEcu:
 
     @property
     def access(self) -> TesterAccess:
-        """The session, the unlocked security level and the wrong keys of the tester."""
         return self._serviced.access
 
     @property
@@ -117,13 +109,11 @@ class FlashableEcu:
         self._ecu.restore(state)
 
     def status(self) -> EcuStatus:
-        """Health counters as of the latest step."""
         return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """Run one control period and, unless `serviced_apart`, one call of `service`; the arguments are as in
-        `Ecu.step`. Returns a JetCommand, an EcuStatus, and the frames of diagnosis. While the ECU boots, no frames are
-        returned. JetCommand and EcuStatus are not returned while a tester has silenced them and no jet can run."""
+        """Run one control period and, unless `serviced_apart`, one call of `service`. Returns JetCommand and EcuStatus,
+        unless a tester has silenced them and no jet can run, and frames of diagnosis; none while booting."""
         if self._serviced_apart:
             return self.control(now_ns, frames, health)
         for_service = [frame for frame in frames if frame.identifier in self._heard]

@@ -26,11 +26,10 @@ from ecu.flashable.equipment import Equipment
 from ecu.stepped import CalibratedEcu
 
 XCP_PLACES: Final = 4
-"""Largest number of packets that wait to be sent to a tool. A tool waits for each answer before its next command. A
-command is lost if no place is free for its answer."""
+"""Largest number of packets that wait to be sent to a tool; a command without a place for its answer is lost."""
 MOST_FRAMES: Final = 128
-"""Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, a CAN FD
-bus at 2 Mbit/s carries at most a third of this number."""
+"""Largest number of frames that the ECU processes in one call; further ones are lost. In one control period, a CAN FD
+bus at 2 Mbit/s carries at most a third of these."""
 
 
 def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettings:
@@ -56,7 +55,6 @@ class DiagnosticLink:
 
     @property
     def is_working(self) -> bool:
-        """Whether a request is being processed."""
         return self._server.is_busy
 
     @property
@@ -74,14 +72,12 @@ class DiagnosticLink:
         self._server.look(now_ns, in_transit=self._endpoint.is_receiving or self._endpoint.is_sending)
         was_busy, requests = self._server.is_busy, 0
         for request, is_functional in self._requests(now_ns, frames):
-            # A request is lost if too many have arrived, and no place is free for its answer.
+            # Further requests are lost.
             if requests < self._settings.queue and not self._endpoint.is_full:
                 is_occupied = self._endpoint.occupied > BESIDE
-                answers = self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied)
-                self._send(answers)
+                self._send(self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied))
             requests += 1
-        # A request that begins a long operation has already executed its first part in this call. A request that
-        # arrives during a long operation executes no part of the operation.
+        # A request that begins a long operation has executed its first part; one during the operation executes none.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -106,8 +102,8 @@ class DiagnosticLink:
 
 
 class CalibrationLink:
-    """The calibration of an ECU, in Python or in C; it is created at the boot of a release. `refusal` returns the
-    reason why values may not be stored now, or None; values in force can always be changed."""
+    """The calibration of an ECU from the boot of a release on. `refusal` returns the reason why values may not be
+    stored now, or None; values in force can always be changed."""
 
     def __init__(
         self,
@@ -129,10 +125,7 @@ class CalibrationLink:
         self._waiting = list[bytes]()
         self.is_sending = False
         self.service = CalibrationService(
-            self._segment,
-            kept=lambda: store.calibration(bundle.digest),
-            keep=store.keep_calibration,
-            refusal=refusal,
+            self._segment, kept=lambda: store.calibration(bundle.digest), keep=store.keep_calibration, refusal=refusal
         )
         if (error := self.service.restore()) is not None:
             equipment.log("calibration_dropped", f"stored calibration not used: {error}")
@@ -162,9 +155,8 @@ class CalibrationLink:
         self._xcp.daq.sample(measured)
 
     def xcp(self, now_ns: int, frames: Sequence[Frame], *, room: int, may_store: bool) -> list[Frame]:
-        """Process the tool's frames and return at most `room` frames to the tool. The tool's request to store values
-        waits in three cases: `may_store` is False because UDS is working, the jets may run, or no place is free for the
-        answer."""
+        """Process the tool's frames and return at most `room` frames to it. Its request to store values waits while UDS
+        works, and so not `may_store`, while the jets may run, or no place is free for the answer."""
         if self._xcp is None:
             return []
         self._xcp.daq.look()
@@ -177,7 +169,7 @@ class CalibrationLink:
                 self.service.store(calibration)
             except Refused as refused:
                 if refused.code is not Nrc.CONDITIONS_NOT_CORRECT:
-                    # The request ends here: if the memory fails, an attempt in every period would wear the memory out.
+                    # An attempt in every period would wear out a memory that fails.
                     self._xcp.not_stored()
             else:
                 self._waiting += self._xcp.stored()

@@ -33,7 +33,6 @@ class TesterAccess(NamedTuple):
 
 
 def log_boot(log: Log, boot: Boot) -> None:
-    """Log the booted release, and the verdicts on the slots."""
     verdicts = {f"slot_{slot.name.lower()}": verdict.in_words for slot, verdict in boot.verdicts.items()}
     if boot.bundle is None or boot.slot is None:
         log("no_release", "every release is damaged or missing: jets shut, waiting to be flashed", **verdicts)
@@ -68,18 +67,14 @@ def log_access(log: Log, before: TesterAccess, after: TesterAccess) -> None:
 
 
 class PowerCycle:
-    """The parts of an ECU from one boot to the next reset. Raises ConfigError if only one of `bus.key` and
+    """The parts of an ECU from one boot to the next reset: the control, which keeps the jets shut without a release,
+    and the links to the tester and, with a release, a calibration tool. Raises ConfigError if only one of `bus.key` and
     `authentication` is given.
 
     Args:
         request: returns the vehicle's latest request for control.
         now_ns: returns the time of the current call of the service, in ns.
         on_reset: called when the reset that a tester requested is due.
-
-    Attributes:
-        ecu: the control, just powered on; without a release, an ECU that keeps the jets shut.
-        calibration: link to a calibration tool; None without a release.
-        link: link to the tester.
     """
 
     def __init__(
@@ -142,6 +137,5 @@ class PowerCycle:
 
     @property
     def access(self) -> TesterAccess:
-        """The session, the unlocked security level and the wrong keys of the tester."""
         attempts = {level: self.store.state.failed_attempts[level] for level in Level}
         return TesterAccess(self._server.session, self._server.unlocked, attempts)

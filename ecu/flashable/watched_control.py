@@ -19,26 +19,19 @@ REMEMBERED_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleRequest:
-    """The vehicle's request for control: the time in ns of the latest step with usable pressures and a request, None
-    before the first, and whether the jets could run after the latest step."""
+    """The time in ns of the latest step with a request for control, or None, and whether the jets may run after it."""
 
     asked_ns: int | None = None
     drives_jets: bool = False
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> Self:
-        """Return the request after one more control step."""
-        usable = after.missed == before.missed
-        asks = usable and after.fail_safe.enable_request
+        asks = after.missed == before.missed and after.fail_safe.enable_request
         return replace(self, asked_ns=now_ns if asks else self.asked_ns, drives_jets=after.fail_safe.mode.drives_jets)
 
     def refusal(self, now_ns: int) -> Nrc | None:
         """Return CONDITIONS_NOT_CORRECT while the jets may run, or until `REMEMBERED_NS` after a request."""
         asks = self.asked_ns is not None and now_ns - self.asked_ns < REMEMBERED_NS
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
-
-
-_NUMBERS: Final = struct.Struct(">IBHH")
-_MOST_MS: Final = 0xFFFF_FFFF
 
 
 class FaultWatch:
@@ -49,7 +42,6 @@ class FaultWatch:
         self._power_on_ns: int | None = None
 
     def seen(self, before: EcuState, after: EcuState, now_ns: int) -> None:
-        """Examine one more control period."""
         is_first, now_ns = self._power_on_ns is None, max(0, now_ns)
         self._power_on_ns = now_ns if self._power_on_ns is None else self._power_on_ns
         was, now = before.fail_safe.mode, after.fail_safe.mode
@@ -64,8 +56,9 @@ class FaultWatch:
 def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:
     """Return the snapshot of the state in which a fault was found, in the order of `SNAPSHOT_FORMATS`."""
     return (
-        _NUMBERS.pack(
-            min(max(0, since_power_on_ns) // 1_000_000, _MOST_MS),
+        struct.pack(
+            ">IBHH",
+            min(max(0, since_power_on_ns) // 1_000_000, 0xFFFF_FFFF),
             before.fail_safe.mode.on_wire,
             min(after.missed, COUNT_LIMIT),
             min(after.overruns, COUNT_LIMIT),

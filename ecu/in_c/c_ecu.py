@@ -28,11 +28,8 @@ from ecu.in_c.compiler import EXACT, compile_c, compiler_version, host_compiler
 from ecu.in_c.host_library import check_program
 
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
-_UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
 _Answer = Callable[[Any], int]
-_ESTIMATOR: Final = "sw_estimator_settings.h"
-"""Name of the header that is generated for a release with a sensor estimator."""
 
 
 class CEcuState(NeverCopied):
@@ -52,27 +49,22 @@ class CEcuState(NeverCopied):
 
     @property
     def state(self) -> EcuState:
-        """The state after the latest step."""
         return self.structs.state(self._ecu.state)
 
     @property
     def trace(self) -> Trace:
-        """Trace of the latest step."""
         return self.structs.trace(self._ecu)
 
     @property
     def frames_rejected(self) -> int:
-        """Number of received pressure frames that were not authentic or failed their end-to-end check."""
         state = self.state
         return state.verifier.refused + state.pressures.frames_rejected
 
     def status(self) -> EcuStatus:
-        """Health counters as of the latest step."""
         return self.state.status(self._bundle_hash)
 
     @property
     def calibration(self) -> Calibration:
-        """The calibration in force."""
         return Calibration.unpack(bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.calibration))))
 
     def calibrate(self, calibration: Calibration) -> None:
@@ -102,16 +94,14 @@ class CEcu(CEcuState):
     is no compiler, if the compiler rejects the files, or if the files contain no ECU.
 
     Args:
-        sources: the library's files by name, including `sw_ecu_settings.h`. The caller may replace or add files, such
-            as a stub controller or a deliberate error.
+        sources: the library's files by name, including `sw_ecu_settings.h`, some perhaps replaced or added.
         compiler: command that compiles C; None finds a compiler on this machine.
         library: file in which to store the compiled library; None uses a temporary file.
         secret: the bytes of the key if `bus.key` is set; the ECU is then in its first power cycle.
 
     Attributes:
         description: compiler and flags of the control step, in words.
-        lib: the loaded library, for functions and variables that do not belong to the ECU; see `Structs.ffi`.
-        ecu: the `sw_ecu` itself, without its workspace.
+        lib, ecu: the loaded library with its own functions (`Structs.ffi`), and the `sw_ecu` without its workspace.
     """
 
     def __init__(
@@ -164,16 +154,14 @@ class CEcu(CEcuState):
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
-        """Run one control period like `Ecu.step`."""
         self.structs.surround(self._ecu.surroundings, health, **around)
-        received = self.structs.frames(frames)
-        count = self._run(self._ecu, c_time(now_ns), received, len(frames), self._answers)
+        count = self._run(self._ecu, c_time(now_ns), self.structs.frames(frames), len(frames), self._answers)
         return [self.structs.frame(self._answers[i]) for i in range(count)]
 
 
 def _why(error: Exception) -> str:
     """Return the cause in one line; cffi's own message has the file twice and every path that was searched."""
-    symbol = _UNDEFINED.search(str(error))
+    symbol = re.search(r"undefined symbol: (\w+)", str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 
 
@@ -186,9 +174,8 @@ def bundle_hash_of(sources: Mapping[str, bytes]) -> int:
 
 
 def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes]:
-    """Return the sources of a library's ECU for a release, with the settings of this vehicle instead of the export's.
-    Raises LibraryError if the folder holds no library, a library of another program, or a library without an ECU;
-    StillwakeError if the ECU in C does not support a setting."""
+    """Return a library's sources for a release, with the settings of this vehicle. Raises LibraryError if the folder
+    holds no library, another program's, or one without an ECU; StillwakeError for a setting that C does not support."""
     sources = read_sources(folder, board=True)
     check_program(folder, sources, bundle)
     if c_settings.HEADER not in sources:
@@ -197,6 +184,6 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
     if bundle.manifest.sensor_estimator is None and check.enabled:
         # If the release has no estimator, the ECU in Python does not do this check either.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
-    elif check.enabled and _ESTIMATOR not in sources:
+    elif check.enabled and "sw_estimator_settings.h" not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")
     return with_layout(sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)})

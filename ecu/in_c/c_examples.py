@@ -21,13 +21,8 @@ ASKED_FROM: Final = 5
 
 
 def played_pressures(rows: Array, config: Config) -> bytes:
-    """Return `pressures.h`: for each of the first `MOST_PERIODS` rows, a protected frame with the pressures, and a
-    protected frame with the design speed.
-
-    Args:
-        rows: (n, S + any) recorded pressures Cp of n periods at the S sensors of the bus, followed by other columns.
-            The pressures are limited to the range of the message.
-    """
+    """Return `pressures.h`: for each of the first `MOST_PERIODS` rows (n, S + any) of recorded Cp at the S sensors of
+    the bus, and other columns, a protected frame with the pressures, in their range, and one with the design speed."""
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure

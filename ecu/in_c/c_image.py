@@ -34,10 +34,9 @@ def read_packed(folder: Path) -> dict[str, bytes]:
 def controller_image(
     files: Mapping[str, bytes], bundle: Bundle, config: Config, key: Ed25519PrivateKey | None
 ) -> bytes:
-    """Return the image of a verified release, signed if there is a key. `files` has the library with its ECU, and its
-    weights and estimator in packed form. Raises LibraryError if the library has no ECU, belongs to another program, or
-    is too old to have packed numbers; BundleContainerError if an image has no space for the release's name, or if no
-    ECU accepts one of the release's numbers."""
+    """Return the image of a verified release, signed if there is a key. `files` has the library with its ECU and packed
+    numbers. Raises LibraryError if the library lacks these, or belongs to another program; BundleContainerError if an
+    image has no space for the release's name, or if no ECU accepts one of the release's numbers."""
     manifest = bundle.manifest
     for name in (WEIGHTS_PART, ECU_SETTINGS):
         if name not in files:

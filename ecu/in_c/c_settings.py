@@ -55,13 +55,9 @@ _LONGEST_PERIOD_NS: Final = 2**53
 
 
 def ecu_settings(bundle: Bundle, config: Config) -> bytes:
-    """Return `sw_ecu_settings.h` for a verified release in a vehicle.
-
-    Raises:
-        BundleError: the bundle is for another vehicle, or for another number of sensors than the bus has.
-        ConfigError: the C ECU does not support a setting.
-        LibraryError: the settings ask for the sensor check, and the release has no sensor estimator.
-    """
+    """Return `sw_ecu_settings.h` for a verified release in a vehicle. Raises BundleError if it does not fit the vehicle
+    (`ecu.fit.check_vehicle`); ConfigError if the C ECU does not support a setting; LibraryError if the settings ask for
+    the sensor check, and the release has no sensor estimator."""
     check_vehicle(bundle, config)
     check_settings(config)
     values = _definitions(bundle, config).items()
@@ -151,8 +147,7 @@ def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | s
 
 
 def release_numbers(bundle: Bundle, config: Config) -> Numbers:
-    """Return the `sw_release` of a verified release: those of its parameters that do not depend on the vehicle's
-    settings. A parameter that the release lacks is zero."""
+    """Return the `sw_release` of a verified release: what the vehicle's settings do not change. Missing ones are 0."""
     manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
     check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
     nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point
@@ -237,7 +232,6 @@ def _of_benefit_check(check: BenefitCheck | None) -> dict[str, int | float | str
 
 
 def _calibration(values: Calibration) -> str:
-    """Return the initialiser of an `sw_calibration`."""
     *weights, action_limit, command_step = (
         f"{np.format_float_scientific(np.float32(value), trim='0')}f" for value in values.values[:-1]
     )

@@ -46,16 +46,11 @@ _STANDING_IN: Final = {
 _MODES: Final = tuple(OperatingMode)
 _STREAMS: Final = tuple(StreamState)
 _SENSOR_ARRAYS: Final = ("fast", "slow", "noise", "score", "estimates")
-_HEALTH_COUNTS: Final = ("tx_errors", "rx_errors", "bus_off")
 
 
 class Structs:
-    """The structs of one library. `ffi` has their types and the functions of `sw_ecu.h`. Raises LibraryError if the
-    sources contain no ECU, or if the compiler rejects the header.
-
-    Args:
-        header: the header to read; a header that includes the ECU's header gives access to more types.
-    """
+    """The structs of one library. `ffi` has the types and functions of the header, `sw_ecu.h` or one that includes it.
+    Raises LibraryError if the sources contain no ECU, or if the compiler rejects the header."""
 
     def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = _HEADER) -> None:
         if _HEADER not in sources:
@@ -98,13 +93,11 @@ class Structs:
     def surround(
         self, surroundings: Any, health: BusHealth, *, fault: Reason | None = None, updating: bool = False
     ) -> None:
-        """Fill in a `sw_surroundings`."""
         self._set_health(surroundings.health, health)
         surroundings.fault = Reason.NONE if fault is None else fault
         surroundings.updating = updating
 
     def trace(self, ecu: Any) -> Trace:
-        """Return the trace of a `sw_ecu`."""
         forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
         if forces is not None and self._serves_speeds:
             # The plan's forces are in units of the newest row's speed; the trace is in units of the design speed.
@@ -175,8 +168,7 @@ class Structs:
         )
 
     def set_state(self, state: Any, value: EcuState) -> None:
-        """Fill in a `sw_ecu_state`; counts saturate at their largest value in C. In a library without a key there are
-        no members for the state of authentication, which is then left out."""
+        """Fill in a `sw_ecu_state`; counts saturate, and a library without a key has no state of authentication."""
         self.ffi.buffer(state)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
         self._set_memory(state.memory, value.memory)
         self._set_sensors(state.sensors, value.sensors)
@@ -239,7 +231,7 @@ class Structs:
     @staticmethod
     def _set_health(health: Any, value: BusHealth) -> None:
         health.is_bus_off = value.state is BusState.BUS_OFF
-        for name in _HEALTH_COUNTS:
+        for name in ("tx_errors", "rx_errors", "bus_off"):
             setattr(health, name, _count(getattr(value, name)))
 
     def _array(self, member: Any, dtype: Any = np.float64) -> Array:
@@ -324,8 +316,7 @@ def flattened(value: object, name: str = "") -> dict[str, Any]:
 
 
 def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
-    """Return a state field by field, as far as C stores it: counts saturate at their largest value in C, and the state
-    of authentication is included only with a key."""
+    """Return a state field by field, as far as C stores it: counts saturate, and authentication is only with a key."""
     left_out = () if is_keyed else _OF_KEY
     found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(left_out)}
     found["health.state"] = found["health.state"] is BusState.BUS_OFF
@@ -345,8 +336,7 @@ _COUNTED: Final = (
 
 
 def differing(one: EcuState, other: EcuState, *, is_keyed: bool = False) -> list[str]:
-    """Return the names of the fields in which two states differ, bit for bit, as far as C stores the fields with or
-    without `bus.key`. NaN counts as equal to NaN."""
+    """Return the names of the fields that differ bit for bit, as far as C stores them; any two NaN are equal."""
     first, second = as_c_has_it(one, is_keyed=is_keyed), as_c_has_it(other, is_keyed=is_keyed)
     return [name for name, value in first.items() if not _same(value, second[name])]
 

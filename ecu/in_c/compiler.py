@@ -54,8 +54,7 @@ def compile_c(contents: Mapping[str, bytes], output: Path, *, compiler: Sequence
 
 
 def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str]) -> str:
-    """Return a header or source after preprocessing, without line markers. Raises LibraryError with the preprocessor's
-    first error message if it rejects the file."""
+    """Return a header or source after preprocessing. Raises LibraryError with the first error message if it fails."""
     # The option `-x c` makes the compiler treat a header as C in spite of its file extension.
     return _checked([*compiler, "-E", "-P", *flags, "-x", "c", str(source)], None)
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.controller.c_folder import PROGRAM_SETTINGS, ProgramSettings, library_sources, read_sources
@@ -26,16 +25,13 @@ _ALIGNMENT: Final = 64
 
 
 class CController(NeverCopied):
-    """A compiled and loaded library, with the structures and the scratch memory that a caller has to provide. Raises
-    LibraryError if there is no compiler, or if the compiler rejects the files.
+    """A compiled and loaded library, with the structures and the scratch memory that a caller has to provide, and a
+    description of compiler and flags. Raises LibraryError if there is no compiler, or if it rejects the files.
 
     Args:
         contents: the library's files by name.
         sizes: sizes in the library's header, which give the layout of the structures.
         compiler: command that compiles C; None finds a compiler on this machine.
-
-    Attributes:
-        description: compiler and flags of the control step, in words.
     """
 
     INSTEAD: ClassVar = "it is a loaded library; build another library of the same sources"
@@ -81,7 +77,9 @@ class CController(NeverCopied):
             np.ctypeslib.as_array(getattr(self._input, name)) for name in ("window", "plan", "free", "weights")
         )
         self._default_weights, self._default_limit = self._weights.copy(), self._input.limit
-        self._workspace = _aligned(self._library.sw_workspace_bytes())
+        size = self._library.sw_workspace_bytes()
+        room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
+        self._workspace = room[-room.ctypes.data % _ALIGNMENT :][:size]
 
     @property
     def workspace_bytes(self) -> int:
@@ -117,9 +115,8 @@ class CController(NeverCopied):
         return ControlStep(**arrays, cost=float(found.cost))
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the first action and the cost of the control step in `sw_known_answer.c`. They are computed by a
-        second build of the sources, without fused operations. Raises ControllerError if an input or a result is not
-        finite; LibraryError if the sources do not compile."""
+        """Return the first action and the cost of the control step in `sw_known_answer.c`, by a second build of the
+        sources, without fused operations. Raises ControllerError and LibraryError as a step and a build do."""
         contents, sizes, command = self._made_of
         exact = CController(contents, sizes, compiler=command, flags=EXACT)
         workspace, given, found = exact._workspace.ctypes.data, exact._input, exact._output
@@ -141,25 +138,14 @@ def _structure(name: str, **members: Any) -> Any:
     return type(name, (ctypes.Structure,), {"_fields_": list(members.items())})()
 
 
-def _aligned(size: int) -> npt.NDArray[np.uint8]:
-    room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
-    start = -room.ctypes.data % _ALIGNMENT
-    return room[start : start + size]
-
-
 def open_library(
     folder: Path, bundle: Bundle, *, compiler: Sequence[str] | None = None, flags: Sequence[str] = OPTIMISED
 ) -> CController:
     """Compile a folder that `stillwake export --c` wrote; the result runs instead of the bundle's `controller.onnx`.
 
-    A hash in the library's header states the program from which the folder was generated. The hash protects against
-    mix-ups, not against attacks: the sources are unsigned, and are compiled and run as they are. Raises LibraryError if
-    the folder holds no library or another program's library, if there is no compiler, or if the compiler rejects the
-    sources.
-
-    Args:
-        bundle: verified release; the library must be generated from the release's program.
-        compiler, flags: as of `CController`.
+    A hash of the verified release's program in the library's header protects against mix-ups, not against attacks: the
+    sources are unsigned, and are compiled and run as they are. Raises LibraryError if the folder holds no library or
+    another program's, if there is no compiler, or if the compiler rejects the sources.
     """
     sources = read_sources(folder)
     precision = check_program(folder, sources, bundle)
@@ -177,8 +163,7 @@ def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> st
     try:
         header = ProgramSettings.of(sources)
         program, precision = header.text("SW_PROGRAM_SHA256"), header.text("SW_PRECISION")
-        # The hash covers the program's sizes, but not those in the header, which the caller's structures use. So an
-        # edited header must be rejected.
+        # The hash does not cover the sizes in the header, which the caller's structures use.
         sizes = [header.text(name) for name in ("SW_WINDOW", "SW_HORIZON", "SW_SENSOR_NAMES", "SW_SENSORS")]
         dbc = header.text("SW_DBC_SHA256")
     except (LibraryError, UnicodeDecodeError) as error:

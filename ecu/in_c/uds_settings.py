@@ -54,6 +54,7 @@ def uds_settings() -> bytes:
         **_of_xcp(),
         **{f"{kind}_{item.name}": item.value for kind, items in _NUMBERED.items() for item in items},
     }
+    commands = (f"{{{one:#x}u, {one.shortest}u, {int(one in xcp.PROTECTED)}u}}" for one in xcp.Command)
     texts = {
         "ISOTP_BURST": _ISOTP.burst,
         "ISOTP_WAIT_NS": f"INT64_C({_ISOTP.wait_ns})",
@@ -61,7 +62,8 @@ def uds_settings() -> bytes:
         "REMEMBERED_NS": f"INT64_C({REMEMBERED_NS})",
         "FAULT_CODES": _pairs(fault_codes.CODES),
         "SNAPSHOT_PARTS": _pairs({one: calcsize(form) for one, form in fault_codes.SNAPSHOT_FORMATS.items()}),
-        "XCP_COMMANDS": "{" + ", ".join(map(_command, xcp.Command)) + "}",
+        # Rows of number, least length in bytes, and whether a key is needed.
+        "XCP_COMMANDS": "{" + ", ".join(commands) + "}",
         "XCP_IDLE_NS": f"INT64_C({xcp_slave.IDLE_NS})",
         "XCP_A2L_NAME": f'"{xcp_slave.A2L_NAME.decode()}"',
         "XCP_EVENT_NAME": f'"{daq.EVENT_NAME.decode()}"',
@@ -100,11 +102,6 @@ def _of_xcp() -> dict[str, int]:
         "EVENT_PROPERTIES": daq.OF_DAQ,
     }
     return {f"XCP_{name}": number for name, number in numbers.items()}
-
-
-def _command(one: xcp.Command) -> str:
-    """Return a row of the C table: the command's number, its least length in bytes, and whether it needs a key."""
-    return f"{{{one:#x}u, {one.shortest}u, {int(one in xcp.PROTECTED)}u}}"
 
 
 def _pairs(numbers: Mapping[Any, int]) -> str:

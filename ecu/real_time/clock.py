@@ -23,15 +23,13 @@ class _Timespec(ctypes.Structure):
 
 
 def now_ns() -> int:
-    """Return the time of CLOCK_MONOTONIC in ns, which began before the process and which no setting of the date
-    changes."""
+    """Return the time of CLOCK_MONOTONIC in ns."""
     return time.monotonic_ns()
 
 
 def sleep_until(due_ns: int, *, spin_ns: int = 0) -> None:
     """Wait until `now_ns` reaches `due_ns`; return immediately if this time has passed. During the last `spin_ns` the
-    process polls the clock. Polling is more precise than a wake-up by the operating system, but it uses the processor,
-    and the other threads of the process have to wait."""
+    process polls the clock, which is more precise than a wake-up, but the process's other threads have to wait."""
     until_ns = due_ns - spin_ns
     if until_ns > now_ns():
         _sleep(until_ns)
@@ -45,7 +43,6 @@ def _sleep_by_duration(until_ns: int) -> None:
 
 
 def _absolute_sleep() -> Callable[[int], None]:
-    """Return the function with which this system sleeps until an instant."""
     if sys.platform != "linux":
         return _sleep_by_duration
     try:

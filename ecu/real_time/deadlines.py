@@ -10,9 +10,8 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""Divisor of the period: a deadline moves by at most a period / LARGEST_SLEW. This is half of the repeated lateness
-from which `ecu.timing` counts periods as left out. The largest phase error, half a period, is corrected in 16 periods.
-"""
+"""Divisor of the period: a deadline moves by at most a period / LARGEST_SLEW, half of the repeated lateness from which
+`ecu.timing` counts periods as left out. The largest phase error, half a period, takes 16 periods."""
 REMEMBERED: Final = 15
 """Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
 middle arrival is 7 periods old; in 7 periods of 20 ms, clocks whose rates differ by 100 ppm drift apart by 14 us."""
@@ -23,9 +22,7 @@ class Deadlines:
     """The next period and its deadline; times are in ns of one clock that never goes back.
 
     Attributes:
-        due_ns: deadline at which the period begins.
-        number: number of the period; omitted periods are counted too.
-        left_out: number of periods so far that were omitted, because the work of an earlier period took too long.
+        due_ns, number: deadline and number of the period; `left_out` omitted ones are counted too.
         grace_ns: largest time from a deadline to the start of its period; a period that would start later is omitted.
     """
 
@@ -54,8 +51,7 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Return the deadline moved towards the phase of `target_ns`, in the direction of the smaller phase difference,
-        by at most a period / LARGEST_SLEW."""
+        """Return the deadline moved the shorter way to the phase of `target_ns`, at most a period / LARGEST_SLEW."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))
@@ -69,7 +65,6 @@ class Arrivals:
     latest_ns: tuple[int, ...] = ()
 
     def seen(self, arrival_ns: int) -> Self:
-        """Add an arrival."""
         return replace(self, latest_ns=(*self.latest_ns, arrival_ns)[-REMEMBERED:])
 
     def forgotten(self) -> Self:

@@ -9,13 +9,8 @@ from can_bridge.wire.frame import Frame
 
 
 class Inbox:
-    """A queue that stamps frames on arrival and returns them in order. Neither thread waits for the other longer than a
-    few instructions.
-
-    Args:
-        stamp: called in the reading thread with each frame; returns its arrival in ns of the loop's clock.
-        room: largest number of frames; if more arrive, the oldest are dropped.
-    """
+    """A queue that stamps frames on arrival and returns them in order; neither thread waits for the other. The reading
+    thread calls `stamp`, which returns the arrival in ns. Of more than `room` frames the oldest are dropped."""
 
     def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:
         self._stamp = stamp
@@ -25,7 +20,6 @@ class Inbox:
         self.received = self.dropped = 0
 
     def put(self, frame: Frame) -> None:
-        """Add a frame."""
         stamped = replace(frame, timestamp_ns=self._stamp(frame))
         with self._lock:
             self.received += 1

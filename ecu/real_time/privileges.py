@@ -1,8 +1,4 @@
-"""Privileges that the operating system can grant to a process with deadlines; a privilege that is not granted is
-reported.
-
-A process without these privileges works, but is late more often.
-"""
+"""Privileges that a process with deadlines asks the system for; one that is not granted is reported."""
 
 import ctypes
 import gc
@@ -18,7 +14,6 @@ from typing import Any, Final, NamedTuple
 PRIORITY: Final = 50
 """Priority under SCHED_FIFO, 1 to 99. It is above every ordinary process, and equal to that of most of the kernel's
 interrupt threads (50), so that the threads of the CAN driver still run."""
-LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
 """Timer slack in ns. By default, Linux wakes ordinary processes up to 50 us late, to wake several of them together."""
 
@@ -45,10 +40,8 @@ class Wanted:
 
 @contextmanager
 def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
-    """Request privileges, yield the results, and give the privileges back at the end of the block.
-
-    The priority applies to this thread and to the threads that it starts afterwards.
-    """
+    """Request privileges, yield the results, and give the privileges back at the end of the block. The priority applies
+    to this thread and to the threads that it starts afterwards."""
     steps = (
         ("timer slack 1 ns", _timer_slack, True),
         ("no garbage collection", _no_collector, wanted.without_collector),
@@ -76,7 +69,7 @@ def step_back() -> None:
     """Give this thread the lowest real-time priority, if its starting thread has a real-time priority. Any process
     could interrupt an ordinary thread that holds the interpreter's lock, and the control loop would have to wait."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))  # the lowest priority
 
 
 def _attempt(what: str, ask: Callable[[ExitStack], None], undo: ExitStack) -> Privilege:
@@ -116,7 +109,7 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # If locked memory is limited, memory that is allocated later may exceed the limit, and its allocation fails.
+    # Under a limit, memory that is allocated later could exceed it, and its allocation fail.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 

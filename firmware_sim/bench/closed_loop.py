@@ -46,20 +46,15 @@ def run_closed_loop(
     **parts: Any,
 ) -> RunLog:
     """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
-    cannot be written, or for the reasons of `Simulation`.
+    cannot be written, or for the reasons of `Simulation`. Further arguments are those of `Spans`, `Simulation` and
+    `Simulation.run`.
 
     Args:
         output: run folder (`firmware_sim.runs.run_folder`), created if it does not exist. An earlier run in this folder
             is replaced when the new run is complete.
-        config: settings of the vehicle; its operating point and control period must be those of the bundle.
-        lead_in, controlled, settle, averages: fields of `firmware_sim.bench.spans.Spans`.
-        ready, progress, progress_without: see `Simulation.run`.
         plant: context manager that this function enters to get the wake; if None, the shipped wake in the built-in
-            solver.
-        faults, fault_seed: disturbances of the run, and their seed.
+            solver. With a drive, the flow's time steps (`config.flow`) must be short enough for the drive's speeds.
         report: called with the folder when all its other files are written, to write further files.
-        parts: arguments controller, calibration, ecu and drive of `Simulation`. With a drive, the flow's time steps
-            (`config.flow`) must be short enough for the drive's speeds.
     """
     # This import is inside the function, because it makes python-can load all its log writers, which takes a second.
     from can_bridge.logs.candump_log import recording
@@ -113,6 +108,5 @@ def run_closed_loop(
 
 
 def _draw(wake: LivePlant, bundle: Bundle, state: str, target: Path) -> None:
-    """Save the present vorticity as PNG, with the bundle's sensors marked."""
     figure = vorticity_figure(wake, bundle.manifest.sensors, title=f"{state}, t = {wake.t:.1f} $t_c$")
     figure.savefig(target, format="png")

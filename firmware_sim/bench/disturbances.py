@@ -54,9 +54,8 @@ class WireNoise(Span, section="wire_errors"):
     bit_error_rate: Probability[float]
     """Probability that a bit is wrong, independent for each bit."""
     node: Literal["all", "vehicle", "ecu"] = "all"
-    """Node whose sent frames have errors; with at=receive, the node whose received frames have errors."""
     at: Literal["send", "receive"] = "send"
-    """Where the errors occur: send for errors that all nodes see, receive for errors that only `node` sees."""
+    """Where errors occur: send for what all nodes see of `node`'s frames, receive for what only `node` sees."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,27 +82,23 @@ class WrongClock(Span, section="clock"):
 
 @dataclass(frozen=True, kw_only=True)
 class NoRequest(Span, section="no_request"):
-    """A span in which the vehicle does not request control. When the vehicle then requests control again, a latched
-    fault of the ECU is cleared."""
+    """A span without a request for control; the new request after it clears a latched fault of the ECU."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reynolds(Span, section="reynolds"):
-    """A Reynolds number of the flow that differs from `flow.reynolds`."""
+    """A Reynolds number U_inf W / nu of the flow that differs from `flow.reynolds`."""
 
     reynolds: Positive[float]
-    """Reynolds number U_inf W / nu."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body that differs from the release's body, for a whole run of the built-in solver. The sensors keep their names
-    and have positions on this body, of which the ECU has no information."""
+    """A body other than the release's, for a whole run of the built-in solver; the fields are those of the settings
+    `body`, in W. The sensors keep their names and lie on this body, of which the ECU has no information."""
 
     length: Finite[float]
-    """Length of the body in W, as `body.length`."""
     leading_edge_radius: NonNegative[float] = 0.0
-    """Radius of the leading edge in W, as `body.leading_edge_radius`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -119,40 +114,35 @@ class OtherBody(Span, section="body"):
 class GustyWind(Span, section="gust"):
     """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)).
 
-    `wake.plant.drive` defines the frame of reference. Forces, pressures and jet actions remain in units of the mean
-    U_inf. The gust ends with its last period that ends in the span.
+    `wake.plant.drive` defines the frame of reference; the period is in t_c. Forces, pressures and jet actions remain in
+    units of the mean U_inf. The gust ends with its last period that ends in the span.
     """
 
     amplitude: Below[float]
     period: Positive[float]
-    """Period of the gust in t_c."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """A speed of the vehicle, or a density of the air, that differs from the ECU's settings. It scales pressures in Pa
-    and jet flow rates in m2/s, but not the control period in t_c or the Reynolds number."""
+    """The vehicle's speed in m/s, or the air's density in kg/m3; None is the value of `operating_point`, the ECU's. It
+    scales pressures in Pa and jet flow rates in m2/s, but neither the control period in t_c nor the Reynolds number."""
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
-    """Speed in m/s; if None, the speed of `operating_point`."""
     density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
-    """Density in kg/m3; if None, the density of `operating_point`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActionLimit(Span, section="action_limit"):
-    """A limit at which the jets saturate, below the action limit that is set in the ECU."""
+    """A limit at which the jets saturate, as a share of `flow.action_limit`, the limit that is set in the ECU."""
 
     action_limit: Share[float]
-    """Action at which the jets saturate, as a share of `flow.action_limit`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StuckJets(Span, section="stuck_jets"):
-    """A stuck actuator: the jets keep one action, and commands have no effect."""
+    """A stuck actuator: the jets keep one action, a share of `flow.action_limit`, and commands have no effect."""
 
     stuck_jets: Annotated[Finite[float], Rule(wording="between -1 and 1", holds=lambda value: -1 <= value <= 1)]
-    """Action at which the jets are stuck, as a share of `flow.action_limit`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,10 +154,9 @@ class SpeedScale(Span, section="speed_scale"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """A speed signal that is too old; its frames do not state the age."""
+    """A speed signal that is too old, by s rounded to whole control periods; its frames do not state the age."""
 
     speed_late: NonNegative[float]
-    """Age of the speed in s, rounded to whole control periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,10 +171,10 @@ class NoSpeed(Span, section="no_speed"):
 
 @dataclass(frozen=True, kw_only=True)
 class Density(Span, section="density"):
-    """A density of the air that differs from the ECU's settings. It scales the pressures, but not the jets' flow."""
+    """A density of the air in kg/m3 that differs from the ECU's settings. It scales the pressures, but not the jets'
+    flow."""
 
     density: Positive[float]
-    """Density in kg/m3."""
     stated: bool = False
     """Whether the vehicle sends this density together with its speed."""
 
@@ -199,8 +188,7 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Class of each kind of disturbance, by the name with which the text of such a disturbance begins. A text that begins
-with a node's name is read as a `NodeFault`."""
+"""Class of each kind of disturbance, by the name with which its text begins; a node's name begins a `NodeFault`."""
 
 Disturbance = NodeFault | Span
 
@@ -221,22 +209,19 @@ class Disturbances:
     """All disturbances of a run; comparable, picklable, and equal to the result of parsing `texts`.
 
     Attributes:
-        items: disturbances in the order given. Each disturbance draws from a separate random sequence, whose number is
-            the disturbance's index in this order. Several disturbances of the sensors are applied to the wall pressures
-            in this order. Of several disturbances in a port, the first is closest to the bus. Of several disturbances
-            of one kind that act on the flow or the vehicle at the same time, only the last has an effect.
+        items: disturbances in the order given. Each draws from a random sequence of its own, numbered by its index.
+            Those of the sensors are applied in this order. Of several in a port, the first is closest to the bus. Of
+            several of one kind that act on the flow or the vehicle at the same time, only the last has an effect.
     """
 
     items: tuple[Disturbance, ...] = field(default=())
 
     @classmethod
     def parse(cls, texts: Iterable[str]) -> Self:
-        """Parse each text with `parse_disturbance`."""
         return cls(items=tuple(map(parse_disturbance, texts)))
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Texts that `parse` accepts."""
         return tuple(one.text if isinstance(one, NodeFault) else text_of(one) for one in self.items)
 
     @property

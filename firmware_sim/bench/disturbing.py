@@ -41,7 +41,6 @@ class NodeFaults:
 
     Args:
         faults: faults of all nodes; of the faults of one node, the first is closest to the bus.
-        bus: bus of the run, at time 0.
         before: number of random sequences that each node's port already uses before these faults.
     """
 
@@ -68,7 +67,6 @@ class NodeFaults:
         return self._babbling[-1]
 
     def acted(self) -> list[int]:
-        """Return the number of times that each fault has acted so far."""
         injectors = {node: iter(port.injectors) for node, port in self._ports.items()}
         return [next(injectors[one.node]).acted for one in self._faults]
 
@@ -86,8 +84,7 @@ class NodeFaults:
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault, which also sends between the node's calls. Frames received meanwhile are stored for
-    the node's next call."""
+    """A port with a babbling fault, which sends, and stores what it receives, also between the node's calls."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)
@@ -97,7 +94,6 @@ class _Babbling(WrappedBus):
         self._kept += self._bus.receive_all()
 
     def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
         frames, self._kept = [*self._kept, *self._bus.receive_all()], []
         return frames
 
@@ -107,7 +103,6 @@ class Disturbing:
 
     Args:
         sensors: names of the sensors, in the order of the readings.
-        seed: seed of all random sequences; each disturbance has a separate sequence.
         before: number of random sequences that earlier disturbances use: under the key "all" the number for all kinds
             of disturbances, under a node's name the number in this node's port.
     """
@@ -143,21 +138,17 @@ class Disturbing:
 
     @property
     def corrupts(self) -> Corrupts | None:
-        """See `firmware_sim.bench.wiring.Disturbs`."""
         return self._wire("send")
 
     @property
     def mishears(self) -> Corrupts | None:
-        """See `Disturbs`."""
         return self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """See `Disturbs`."""
         self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
         return self._ports.around
 
     def end(self) -> None:
-        """Stop the periodic actions of port faults; the faults then act only when a node uses its port."""
         if self._ports is not None:
             self._ports.end()
 
@@ -180,7 +171,6 @@ class Disturbing:
         return first_wrong_bit if hooks else None
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """See `Disturbs`."""
         for place, one, fault in self._transducers:
             if one.is_active(now_ns):
                 cp = fault(cp)
@@ -188,13 +178,11 @@ class Disturbing:
         return cp
 
     def ecu_clock(self, now_ns: int) -> int:
-        """See `Disturbs`."""
         for drift in self._clocks:
             now_ns = drift.local_ns(now_ns)
         return now_ns
 
     def plan_resets(self, bus: SimulatedBus, loop: VirtualLoop) -> None:
-        """Schedule the ECU's resets."""
 
         def reset(place: int, boot_ns: int) -> None:
             loop.reset_ecu(boot_ns)
@@ -248,8 +236,7 @@ class Disturbing:
 
     @contextmanager
     def in_flow(self, plant: Plant) -> Iterator[None]:
-        """Add the gusts to the plant's wind while the block runs; then restore the wind and the Reynolds number. The
-        plant must be at the start of the run."""
+        """Add the gusts to the wind of a plant at the start of the run; afterwards restore wind and Reynolds number."""
         if not any(isinstance(one, kinds.Reynolds | kinds.GustyWind) for one in self._items):
             yield
             return
@@ -289,7 +276,6 @@ class Disturbing:
         return tuple(InjectedFault(text=text, acted=acted[place]) for place, text in enumerate(self._texts))
 
     def _each(self, kind: type[S]) -> Iterator[tuple[int, S]]:
-        """Return the disturbances of a kind, each with its index in the order given."""
         return ((place, one) for place, one in enumerate(self._items) if isinstance(one, kind))
 
     def _acting(self, kind: type[S], now_ns: int) -> Iterator[tuple[int, S]]:

@@ -17,9 +17,8 @@ from wake.plant.sample import Sample
 
 @contextmanager
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
-    """Make the plant's inflow follow the drive, whose time 0 is the plant's present time, while the block runs. The
-    developed wake is scaled to the first speed, to which it adapts in the time without control. Raises ConfigError if
-    the plant cannot change its speed."""
+    """Make the plant's inflow follow the drive, which begins now, while the block runs. The wake is scaled to the first
+    speed, to which it adapts in the time without control. Raises ConfigError if the plant cannot change its speed."""
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has a constant speed (`wake.plant.protocol.Drivable`)")
     wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed
@@ -46,8 +45,7 @@ def uncontrolled(plant: Plant, disturbing: Disturbing, config: Config, periods: 
 def without_control(
     plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
 ) -> dict[str, Array]:
-    """Compute the series of `WITHOUT` by `uncontrolled`, and then restore the plant's state. `progress` is called with
-    (periods done, total periods) after every period."""
+    """Compute the series of `WITHOUT`, and restore the plant's state; `progress` gets (periods done, all periods)."""
     start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
     for k, sample in enumerate(uncontrolled(plant, disturbing, config, periods)):
         rows[k] = sample.Cd, sample.Cd_net, sample.Cl

@@ -1,5 +1,4 @@
-"""The ECU in C for a run, selected by name: compiled for this machine, or as the firmware of an emulated
-microcontroller."""
+"""The ECU in C for a run, by name: compiled for this machine, or as an emulated microcontroller's firmware."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -15,7 +14,7 @@ C: Final = "c"
 MCU: Final = "mcu"
 """Name of the option for the ECU whose whole firmware runs on an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Range of accepted clock rates in MHz. Below this range a control step takes seconds; no core has a higher rate."""
+"""Range of accepted clock rates: below it a control step takes seconds; no core has a higher rate."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
@@ -33,16 +32,12 @@ def check_ecu(kind: str, clock_mhz: float) -> None:
 def loop_ecu(
     kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0, secret: bytes | None = None
 ) -> LoopEcu:
-    """Return an ECU in C that has just been powered on.
+    """Return an ECU in C that has just been powered on, of the kind C or MCU. Raises the errors of `check_ecu`;
+    LibraryError if the sources are not those of an ECU; McuError if they do not compile for the core.
 
     Args:
-        kind: C or MCU.
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
         secret: key of the bus, if the sources are for a bus with `bus.key`.
-
-    Raises:
-        ConfigError, LibraryError: as `check_ecu`, or the sources are not those of an ECU.
-        McuError: the sources do not compile for the core.
     """
     precision = ProgramSettings.of(sources).text("SW_PRECISION")
     if kind == C:

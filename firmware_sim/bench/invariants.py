@@ -26,8 +26,7 @@ and with `vehicle.actuator_delay` it is earlier by this delay. A command that sh
 the vehicle certainly accepted it, as the next command of a stream without errors. So the checks are one-sided: if
 frames are lost or damaged, a violation may be missed, but a false violation is never reported.
 
-`Commands` and `Jets` check values, not frames, so the proofs in `tests/proofs/ecu` can use these classes with their own
-parser and further data.
+`Commands` and `Jets` check values, not frames, for the proofs in `tests/proofs/ecu`, which have their own parser.
 """
 
 from collections import deque
@@ -82,13 +81,8 @@ class HeardCommand(NamedTuple):
 
 
 class _Period(NamedTuple):
-    """A summary of the commands that the vehicle received in one period.
-
-    Attributes:
-        drives: whether at least one command may drive the jets.
-        old: whether at least one command would drive the jets if its pressures were not too old.
-        shuts: whether the vehicle certainly accepted the last command, and no command may drive the jets.
-    """
+    """A summary of the commands that the vehicle received in one period: whether one may drive the jets, whether one
+    would if its pressures were not too old, and whether the vehicle certainly accepted the last, and none may."""
 
     drives: bool
     old: bool
@@ -96,8 +90,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Checks of the flow rates that an ECU commands. `bus_bounds` is reported in two parts here: `bus_shut` is its part
-    about modes that do not drive the jets and about `Enable`."""
+    """Checks of the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` on modes and `Enable`."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -105,13 +98,12 @@ class Commands:
         self.flow = 0.0
 
     def reach(self, share: float = 1.0) -> float:
-        """Return the largest allowed change of flow rate in this share of a period, in m2/s, including the signal's
-        resolution."""
+        """Return the largest allowed change of flow rate in m2/s in this share of a period, with the resolution."""
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the next command violates, with values. `share` is the time since the
-        previous command, as a share of a period, at most 1."""
+        """Yield the name of every invariant that the next command violates, with values. `share` of a period, at most
+        1, has passed since the previous command."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -168,8 +160,7 @@ class Jets:
             self._silent.clear()
         elif believed or self._silent:
             self._silent.append(not commands)
-        too_many = sum(self._silent) >= self._loss_limit
-        self._gave_up.append(requested and (self._gave_up[-1] or too_many))
+        self._gave_up.append(requested and (self._gave_up[-1] or sum(self._silent) >= self._loss_limit))
 
     def broken(self, action: float) -> Iterator[tuple[str, str]]:
         """Yield the name of every invariant that the action at the end of the latest period violates, with values."""
@@ -203,9 +194,6 @@ class Invariants:
     Args:
         hidden_ns: time in ns by which the pressures of a command may be older than the ECU can detect; see `of`.
         jets_follow: whether the jets' actuator moves; the jets are not checked if the actuator is stuck.
-
-    Attributes:
-        violations: violations so far, in the order of time.
     """
 
     def __init__(self, config: Config, *, hidden_ns: int = 0, jets_follow: bool = True) -> None:
@@ -226,11 +214,9 @@ class Invariants:
     def of(cls, config: Config, disturbances: Disturbances) -> Self:
         """Return the invariants of a run with these disturbances.
 
-        Some faults hide the age of pressures from the ECU, so its commands may be computed from older pressures. A
-        gateway that gives delayed frames new time stamps hides the delay; an ECU clock that is ahead hides its offset.
-        A transmit buffer that is sent again without new content hides the age of its pressures if the first frame with
-        this content that reaches the ECU is a copy. The vehicle's jets are checked against the true age of the
-        pressures.
+        Some faults hide the age of pressures from the ECU: a gateway that gives delayed frames new time stamps, an ECU
+        clock that is ahead, and a transmit buffer that is sent again, if the first frame with its content that reaches
+        the ECU is a copy. The vehicle's jets are checked against the true age.
         """
         hidden_s = 0.0
         for one in disturbances.items:
@@ -238,8 +224,7 @@ class Invariants:
                 continue
             fault = one.fault
             if isinstance(fault, StuckAt) and not fault.counter_runs:
-                # A repeated transmit buffer matters only if it contains pressures. The vehicle sends pressures and the
-                # ECU receives them, so only faults in the vehicle's sending and in the ECU's reception count here.
+                # It matters only for pressures, which the vehicle sends and the ECU receives.
                 if (one.node == "vehicle") == (fault.at == "send"):
                     hidden_s += min(fault.end_s - fault.start_s, _LONGEST_S)
             elif one.node == "ecu" and isinstance(fault, Delay) and fault.restamp:
@@ -250,11 +235,9 @@ class Invariants:
         return cls(config, hidden_ns=round(hidden_s * NS), jets_follow=jets_follow)
 
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
-        """See `Observer.frame`."""
         if node == "vehicle":
             if sent and self._pressure.spec.names(frame):
-                counter = profile_of(self._pressure.spec).counter_of(frame.data)
-                self._sampled[counter] = self._period, now_ns
+                self._sampled[profile_of(self._pressure.spec).counter_of(frame.data)] = self._period, now_ns
             elif not sent and self._command.spec.names(frame):
                 self._arrived.append(frame)
         elif sent:
@@ -265,7 +248,6 @@ class Invariants:
             self._low_heard |= not pressure.enable_request
 
     def period(self, sample: Sample, *, requested: bool) -> None:
-        """See `Observer.period`."""
         self.finished(sample)
         frames, self._arrived = self._arrived, []
         self._jets.heard([self._read(frame) for frame in frames], requested=requested)

@@ -38,8 +38,7 @@ class SensorDisturbance(Span, ABC, section="sensor_disturbance"):
 
     @abstractmethod
     def begun(self, at: Sequence[int], config: Config, seed: int) -> SensorFault:
-        """Return a function that applies the fault, as described at the beginning of this module, to the readings at
-        the indices `at`."""
+        """Return a function, as described above, that applies the fault to the readings at the indices `at`."""
 
 
 @dataclass(frozen=True, kw_only=True)

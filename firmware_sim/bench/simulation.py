@@ -38,8 +38,7 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Number of control steps with zeros as inputs that are executed before the run, because ONNX Runtime allocates memory
-on first use. A real ECU would do this at boot."""
+"""Control steps on zeros before the run, as a real ECU's at boot: ONNX Runtime allocates memory on first use."""
 
 
 class Simulation:
@@ -50,8 +49,7 @@ class Simulation:
     Args:
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
         controller: computes the bundle's control step; if None, ONNX Runtime computes it.
-        calibration: values that the ECU gets before its first step; if None, the ECU keeps its default values.
-        disturbances: disturbances of the run; their times are in s from the start of the run.
+        calibration: values that the ECU gets before its first step; if None, its default values.
         ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
         drive: the vehicle's speeds from the request for control on, before which it has the first of these speeds; if
             None, the operating point's speed. With a drive the log has totals of the drive in place of averages.
@@ -87,8 +85,7 @@ class Simulation:
                 f"vehicle.actuator_delay = {config.vehicle.actuator_delay}: control is requested for {total - lead_in} "
                 "periods, so the jets would never move; the delay must be shorter"
             )
-        sensors = bundle.manifest.sensors
-        self._disturbances.check(config, sensors, duration_s=total * config.period_ns / 1e9)
+        self._disturbances.check(config, bundle.manifest.sensors, duration_s=total * config.period_ns / 1e9)
         self._authentication = authentication_in_virtual_time(config.bus)
         # The background traffic is checked first, so that no ECU is created if the bus cannot carry this traffic.
         background(config.bus)

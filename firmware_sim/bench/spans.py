@@ -45,8 +45,7 @@ class Spans:
             raise StillwakeError(f"{spans} leaves {left:g} t_c: {remedy}")
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Return the number of periods without control, and the total. Raises StillwakeError for a span shorter than a
-        period."""
+        """Return the periods without control, and in all. Raises StillwakeError for a span shorter than a period."""
         lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
         for name, count in (("lead-in", lead_in), ("controlled", controlled)):
             if count < 1:

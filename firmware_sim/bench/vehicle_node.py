@@ -9,16 +9,14 @@ If too many commands are missing, the vehicle gives up control and withdraws its
 A command repeats ("echoes") the counter of the Pressure frame from which it was computed. The counter repeats after 256
 frames, or after 16 frames in the classic message set, so an unchanged echo would look fresh again after that time. The
 vehicle therefore assigns each echo to the first frame that has the echoed counter and is not older than the previously
-echoed frame. After an interruption there is no previous echo; then the vehicle assigns the echo to the newest
-frame with that counter.
+echoed frame, and after an interruption to the newest frame with that counter.
 
-The limit of missed commands is (m, k)-firm: it is reached if m of the latest k commands are missed. The ECU checks
-missed pressures in the same way (`ecu.fail_safe`), but cannot detect that its commands are lost.
+The limit of missed commands is (m, k)-firm, as that of missed pressures in the ECU (`ecu.fail_safe`), which cannot
+detect that its commands are lost.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -38,8 +36,6 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from ecu.controller_memory import DelayLine
 
-_DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
-
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
@@ -58,7 +54,6 @@ class EchoTracker:
     echoed: int | None = None
 
     def sent(self, counter: int, now_ns: int) -> "EchoTracker":
-        """Record a sent frame with this counter."""
         newest = counter
         if self.newest is not None:
             newest = self.newest + (counter - self.newest) % self.counter_period
@@ -104,7 +99,6 @@ class CommandLosses:
 
     @classmethod
     def of(cls, config: VehicleConfig) -> "CommandLosses":
-        """Return a count at zero."""
         return cls(window=config.loss_window, limit=config.loss_limit)
 
     def heard(self, mode: Mode) -> "CommandLosses":
@@ -130,8 +124,7 @@ class Actuation:
     Attributes:
         action: action at the period's end, in U_inf W.
         command: valid command frame that arrived in the period; None if there was none.
-        next_period: True if this command acts in the next period, so that the jets still follow the previous command in
-            this period.
+        next_period: whether this command acts in the next period; the jets still follow the previous one in this.
         sampled_ns: sampling time of the command's pressures; None without a command.
     """
 
@@ -147,16 +140,13 @@ class VehicleNode:
 
     Args:
         sensor_names: sensors of the transducers, in the order of the bundle.
-        config: operating point, E2E and fail-safe settings.
         authentication: key and freshness values of the node; None without `bus.key`.
         read: function from (Cp at the S transducers, shape (S,), time in ns) to the transducers' readings.
 
     Attributes:
-        operating_point: operating point of the vehicle itself; initially that of `config`.
-        action_limit: action at which the vehicle's jets saturate, in U_inf W; initially the limit in `config`.
+        operating_point, action_limit: those of the vehicle itself, initially as in `config`.
         stuck_at: action at which the actuator is stuck, in U_inf W; None for an actuator that moves.
-        speed: speed of the vehicle in m/s; initially the speed in `config`. Pressures and jets scale with the speed in
-            `operating_point`, not with this speed.
+        speed: speed of the vehicle in m/s, initially as in `config`; pressures and jets scale with `operating_point`.
         stated_speed, stated_density: values that the vehicle sends, in m/s and kg/m3; None, or a value outside the
             signal's range, is sent as unknown.
         sends_speed: whether the vehicle sends VehicleSpeed frames.
@@ -187,8 +177,7 @@ class VehicleNode:
         self._key = key_of(authentication, config.bus)
         self._freshness = Freshness() if authentication is None else authentication.freshness
         self._speed_freshness = self._freshness  # each message has its own freshness value
-        spec = self._receiver.spec
-        self._verifier = VerifierState() if authentication is None else authentication.verifier(spec)
+        self._verifier = VerifierState() if authentication is None else authentication.verifier(self._receiver.spec)
         self._losses = CommandLosses.of(config.vehicle)
         self._misses = 0
         self._requested = False  # request in the latest Pressure frame
@@ -269,9 +258,8 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # This command acts in the present period and replaces the previous command, which was meant for the same
-            # period. The jets have not reached the previous command's action, so the step is limited again, from the
-            # action that the jets have reached.
+            # It replaces the previous command, which was meant for the same period and whose action the jets have not
+            # reached. So the step is limited again, from the action that they have reached.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(
@@ -304,7 +292,7 @@ class VehicleNode:
     @property
     def foreseen_action(self) -> float:
         """The jets' action, in U_inf W, at the end of the period whose pressures were sampled last, according to the
-        commands received so far. A command for the next period is included, because that period has already started."""
+        commands received so far, with one for the next period, which has already started."""
         if self.stuck_at is not None:
             return self.stuck_at
         return self._commanded.pushed(self._action if self._requested else 0.0).in_force
@@ -340,9 +328,8 @@ class VehicleNode:
 
 
 def _fitting(value: float | None, step: float, least: int, most: int) -> float | None:
-    """Return the value; None if it is outside the signal's range."""
     return value if value is not None and least <= round(value / step) <= most else None
 
 
 def _drives(command: JetCommand) -> bool:
-    return command.enable and command.mode in _DRIVING
+    return command.enable and command.mode in (Mode.CONTROL, Mode.HOLD, Mode.DECAY)

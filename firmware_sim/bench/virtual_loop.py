@@ -7,12 +7,11 @@ The control period that starts at t_k has these events:
     + compute time               the ECU sends the command (`ecu.compute_time_ms`, or an emulated core's time)
     + wait + frame time          the jets' driver receives the command and starts a ramp that ends at t_{k+1}
 
-The simulated bus determines waits and frame times (`can_bridge.bus.simulated`): a frame waits for the frame on the bus
-and for all frames of higher priority. The jets keep their action until the command arrives; the time of arrival is
-rounded up to a time step of the flow. So late commands act late. A command that arrives at t_{k+1} or later acts in the
-period of its arrival. An ECU that is still computing when its next step is due skips that step. The compute time is a
-setting, or the time that the pipeline model of an emulated core gives for this step; neither depends on the machine.
-The step's wall-clock time is measured separately.
+The simulated bus determines waits and frame times (`can_bridge.bus.simulated`). The jets keep their action until the
+command arrives; the time of arrival is rounded up to a time step of the flow. A command that arrives at t_{k+1} or
+later acts in the period of its arrival. An ECU that is still computing when its next step is due skips that step. The
+compute time is a setting, or that of the pipeline model of an emulated core; neither depends on the machine. The step's
+wall-clock time is measured separately.
 
 The ECU steps when a pressure frame arrives. If no frame arrives within half a period (or one frame time, if that is
 longer), the ECU steps without pressures: its fail-safe counts a miss, and its command still acts in the period. A frame
@@ -67,8 +66,7 @@ class VirtualLoop(NeverCopied):
         at_vehicle, at_ecu: the nodes' ports of this bus, or wrappers around these ports.
         clock: wall clock in s, which measures the ECU's step; the loop's results do not depend on this clock.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
-        step_ns: function that returns the computing time of the ECU's latest step in ns; by default
-            `ecu.compute_time_ms`.
+        step_ns: returns the computing time of the ECU's latest step in ns; by default `ecu.compute_time_ms`.
 
     Attributes:
         planned_ns: computing times in ns of all steps so far in which the controller planned.
@@ -115,8 +113,7 @@ class VirtualLoop(NeverCopied):
         end_ns = self.now_ns + self._period_ns
         sample = self._plant.sample()
         self._bus.advance_to(self.now_ns)
-        frame = self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self.now_ns)
-        self._send(self._at_vehicle, frame)
+        self._send(self._at_vehicle, self._node.sample(sample.Cp, enable_request=enable_request, now_ns=self.now_ns))
         speed, speed_frame = self._node.speed, self._node.speed_frame(now_ns=self.now_ns)
         if speed_frame is not None:
             self._send(self._at_vehicle, speed_frame)
@@ -145,7 +142,6 @@ class VirtualLoop(NeverCopied):
 
     @property
     def ecu_is_up(self) -> bool:
-        """Whether the ECU has booted."""
         return self._bus.now_ns >= self._booted_ns
 
     def exchange_ecu(self, ecu: SteppedEcu, step_ns: Callable[[], int] | None = None) -> None:
@@ -165,8 +161,7 @@ class VirtualLoop(NeverCopied):
         return BusTotals(sent=sent, lost=max(sent - arrived - under_way, 0), rejected=rejected)
 
     def _pressures_came(self) -> bool:
-        """Put received frames into the ECU's inbox, or drop them while the ECU boots. Return whether the inbox got
-        pressures."""
+        """Put received frames into the ECU's inbox unless it boots; return whether pressures were among them."""
         received = self._at_ecu.receive_all()
         if not self.ecu_is_up:
             return False

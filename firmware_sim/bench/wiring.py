@@ -49,8 +49,7 @@ class Observer(Protocol):
     state of the nodes, and must not change anything in the loop."""
 
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
-        """Process a frame that the node's software sent or received at this time of the run. The port's faults act
-        between the software and the bus."""
+        """Process a frame that the node's software sent or received at this time; faults act between it and the bus."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
         """Process an ended control period: the sample at its start, and whether the vehicle requested control in it."""
@@ -69,12 +68,10 @@ class WatchedBus:
     clock: Callable[[], int]
 
     def send(self, frame: Frame) -> None:
-        """See `Bus.send`."""
         self.observer.frame(frame, node=self.node, sent=True, now_ns=self.clock())
         self.port.send(frame)
 
     def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
         frames = self.port.receive_all()
         for frame in frames:
             self.observer.frame(frame, node=self.node, sent=False, now_ns=self.clock())
@@ -83,8 +80,7 @@ class WatchedBus:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wired:
-    """A loop that is ready for its first period. `ports` are those of the simulated bus, without faults, by their
-    nodes' names."""
+    """A loop that is ready for its first period; `ports` are those of the bus without faults, by their nodes' names."""
 
     bus: SimulatedBus
     ports: dict[str, SimulatedPort]
@@ -93,11 +89,9 @@ class Wired:
     waits: WaitingTimes
 
     def traffic(self) -> BusTraffic:
-        """Return the bus traffic so far."""
         return self.waits.traffic(self.bus.activity(), self.errors())
 
     def errors(self) -> dict[str, NodeErrors]:
-        """Return the error counters of each node by its name."""
         return {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
 
 
@@ -118,10 +112,8 @@ def wire(
     Args:
         wake: a plant at the start of a control period.
         sensors: sensors of the bundle, in the order of the Pressure message.
-        authentication: key and freshness values of the vehicle's node; None without `bus.key`.
         capture: called with every frame on the bus, stamped with the end of its transmission.
         observe: called with a `Transmission` for each of these frames.
-        observer: sees the frames that the nodes send and receive, and the plant, but no state of the nodes.
     """
     messages = message_set(config.bus)
     others = background(config.bus).messages

@@ -31,13 +31,8 @@ from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A campaign to run.
-
-    Attributes:
-        scenarios: scenarios of the plan, among them the undisturbed scenario.
-        config: settings of all runs; each scenario may override some of them.
-        phases: number of runs under control for each scenario, which start at equal parts of a shedding cycle.
-    """
+    """A campaign to run: its scenarios, of which one is undisturbed, and the settings of all runs, some of which a
+    scenario may override. `phases` runs of each scenario start at equal parts of a shedding cycle."""
 
     scenarios: tuple[Scenario, ...]
     bundle: Bundle
@@ -75,8 +70,7 @@ class Campaign:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """The result of a campaign: one row per scenario in the plan's order, and the numbers of runs that this call
-    computed and that were already in the folder."""
+    """The result of a campaign: its rows, and the numbers of runs that this call computed and found in the folder."""
 
     rows: tuple[ScenarioRow, ...]
     made: int
@@ -84,7 +78,6 @@ class Result:
 
     @property
     def safe(self) -> bool:
-        """Whether all scenarios are safe."""
         return all(row.safe for row in self.rows)
 
 
@@ -98,11 +91,10 @@ def conduct(
 ) -> Result:
     """Compute the missing runs of a campaign, and reuse those of an earlier call. Nothing is written before the first
     run has finished. Raises StillwakeError if the folder cannot be written, a starting state cannot be computed, or the
-    workers fail.
+    workers (`contract.side_by_side.spread`) fail.
 
     Args:
         campaign: a campaign that has passed `Campaign.check`; its folder has passed `CampaignFolder.check`.
-        workers, scheduler: see `contract.side_by_side.spread`.
         progress: called with (runs done, total runs, name of the run just finished); before the first run it is called
             with (0, 0, text on the wake that is being computed).
     """
@@ -160,8 +152,7 @@ def conduct(
         scenario: [PhaseOutcomes(under=outcomes[under.name], free=outcomes[free.name]) for free, under in found]
         for scenario, found in pairs.items()
     }
-    rows = judged(campaign.scenarios, phases)
-    return Result(rows=rows, made=len(tasks) - len(reused), kept=len(reused))
+    return Result(rows=judged(campaign.scenarios, phases), made=len(tasks) - len(reused), kept=len(reused))
 
 
 def _tasks(campaign: Campaign, scenario: Scenario) -> list[tuple[RunTask, RunTask]]:

@@ -35,25 +35,23 @@ class CampaignFolder:
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Check, without changes, whether the campaign with this label can run in this folder. Raises OutputError if it
-        contains files that are not a campaign's, or, without `overwrite`, another campaign; StillwakeError if it cannot
-        be written."""
+        """Check without changes. Raises OutputError if the folder contains files that are not a campaign's, or, without
+        `overwrite`, a campaign with another label; StillwakeError if it cannot be written."""
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
             return
-        present = self._label()
+        present = _read(self._label_file, CAMPAIGN_SCHEMA)
         if present is None:
             raise OutputError(f"{self.path}: holds files that are not a campaign's; name another folder")
         if present != _plain(label) and not overwrite:
-            differing = {name for name in present.keys() | label.keys() if present.get(name) != label.get(name)}
-            names = ", ".join(sorted(differing))
+            names = ", ".join(sorted(n for n in present.keys() | label.keys() if present.get(n) != label.get(n)))
             raise OutputError(
                 f"{self.path}: holds a campaign with other {names}; give --overwrite to replace it, or another folder"
             )
 
     def claim(self, label: Mapping[str, Any]) -> None:
         """Write the label; delete the files of another campaign, whose replacement `check` has allowed."""
-        if self._label() != _plain(label):
+        if _read(self._label_file, CAMPAIGN_SCHEMA) != _plain(label):
             for folder in ("starts", "runs", "figures"):
                 shutil.rmtree(self.path / folder, ignore_errors=True)
             for file in (self.table, self.report):
@@ -62,8 +60,7 @@ class CampaignFolder:
             temporary.write_text(json.dumps(label, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     def outcome(self, name: str, key: str) -> RunOutcome | None:
-        """Return the finished run of this name. Return None if its file is missing, damaged or of another version, or
-        if the run has another key."""
+        """Return the finished run of this name and key; None if its file is missing, damaged or of another version."""
         tree = _read(self._runs / f"{name}.json", _RUN_SCHEMA)
         if tree is None:
             return None
@@ -75,8 +72,7 @@ class CampaignFolder:
         return kept if kept.key == key else None
 
     def keep(self, name: str, outcome: RunOutcome) -> None:
-        """Write a finished run, completely or not at all. A failed run is not written, so the next call computes it
-        again."""
+        """Write a run, completely or not at all. A failed run is not written: the next call computes it again."""
         if not outcome.failure:
             content = {"schema": _RUN_SCHEMA, **asdict(outcome)}
             with replacing(self._runs / f"{name}.json") as temporary:
@@ -84,11 +80,7 @@ class CampaignFolder:
 
     @property
     def finished(self) -> int:
-        """Number of finished runs in the folder."""
         return sum(1 for _ in self._runs.glob("*.json"))
-
-    def _label(self) -> dict[str, Any] | None:
-        return _read(self._label_file, CAMPAIGN_SCHEMA)
 
 
 def _read(path: Path, schema: str) -> dict[str, Any] | None:

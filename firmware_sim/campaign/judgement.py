@@ -1,5 +1,4 @@
-"""The classification of a campaign's outcomes, one row per scenario: whether the scenario is safe, the benefit of
-control, and the spread over the starting phases."""
+"""The judgement of a campaign, a row a scenario: safety, benefit of control, spread over the starting phases."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -146,14 +145,13 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
         row = ScenarioRow(scenario=scenario, phases=found, safe=safe, use=Use.NONE, reduction=reduction, lost=lost)
         free = row.spread("abs_Cl", free=True).mean
         side_force = row.spread("abs_Cl").mean / free if free > 0 else inf
-        use = use_of(reduction.mean, undisturbed, side_force, scenario.criteria)
-        rows.append(replace(row, use=use))
+        rows.append(replace(row, use=use_of(reduction.mean, undisturbed, side_force, scenario.criteria)))
     return tuple(rows)
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Return whether an outcome is useful, marginal or of no use, from the reductions of wall drag in percent in this
-    scenario and without disturbance, and from mean |Cl| as a share of its value without control."""
+    """Judge an outcome by the reductions of wall drag in percent in this scenario and without disturbance, and by mean
+    |Cl| as a share of its value without control."""
     share = reduction / undisturbed if undisturbed > 0 else nan
     # A comparison with NaN is false, so an unknown outcome is not useful.
     if share >= criteria.useful and side_force <= criteria.abs_Cl:

@@ -1,6 +1,7 @@
 """A campaign as text: plan and results for the terminal and the report, and results as CSV for other programs."""
 
 import csv
+from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
 from math import isfinite
@@ -62,19 +63,16 @@ def spread(value: Spread, style: str) -> str:
 
 
 def number(value: float, style: str) -> str:
-    """Format a number; NaN becomes a dash."""
     return f"{value:{style}}" if isfinite(value) else "-"
 
 
 def headline(rows: Sequence[ScenarioRow]) -> str:
-    """Summarise the campaign in a sentence."""
     safe = sum(row.safe for row in rows)
-    disturbed = [row for row in rows if row.scenario.name != UNDISTURBED]
-    uses = [sum(row.use == use for row in disturbed) for use in ("useful", "marginal", "none")]
+    uses = Counter(str(row.use) for row in rows if row.scenario.name != UNDISTURBED)
     look = " One start: an impression, not a figure." if rows and all(len(row.phases) == 1 for row in rows) else ""
     unsafe = ", ".join(row.scenario.name for row in rows if not row.safe)
     ending = f"; UNSAFE: {unsafe}" if unsafe else ""
-    use = f"under disturbance {uses[0]} useful, {uses[1]} marginal, {uses[2]} of no use"
+    use = f"under disturbance {uses['useful']} useful, {uses['marginal']} marginal, {uses['none']} of no use"
     return f"{safe} of {len(rows)} scenarios safe; {use}{ending}.{look}"
 
 

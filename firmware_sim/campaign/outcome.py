@@ -43,10 +43,8 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average over the samples from the time `from_t` on. The runs with and without control start in the same phase
-        of shedding, so both averages leave out the same part of a cycle."""
-        t = np.array(course.t)
-        kept = t >= from_t - 1e-9  # allows for rounding in sums of spans
+        """Average over the samples from the time `from_t` on: with and without control the same part of a cycle."""
+        kept = np.array(course.t) >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
         return cls(
             Cd=float(cd.mean()),
@@ -81,14 +79,8 @@ class RunService:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOutcome:
-    """The outcome of one run.
-
-    Attributes:
-        key: hash of everything that the run depends on.
-        figures, course: means and series of the run; None for a run that did not finish.
-        service: counts of a run under control; None for a run without control, or for a run that did not finish.
-        failure: reason why the run did not finish; "" if it finished.
-    """
+    """The outcome of one run. `key` is the hash of everything that it depends on; `failure` is the reason why it did
+    not finish, and then the other fields are None. `service` is None for a run without control, too."""
 
     key: str
     figures: MeanFigures | None = None

@@ -38,8 +38,6 @@ _SENSORS: Final = "sensors"
 
 @dataclass(frozen=True, kw_only=True)
 class _ScenarioForm:
-    """The format of a scenario in a file."""
-
     name: str
     sentence: str
     disturb: list[str] = field(default_factory=list)
@@ -65,8 +63,7 @@ class _PlanForm:
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """Return the built-in scenarios, then the scenarios of the user's files. Raises ConfigError for an unknown, missing
-    or invalid entry; the error states the file."""
+    """Return the built-in scenarios, then the users'. Raises ConfigError, which states the file, for a wrong entry."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))

@@ -31,7 +31,6 @@ _CURVES: Final = {
     ),
     "overview": ("Overview", _BARS),
 }
-"""Title and caption of each figure."""
 _USED: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 """Sections of the settings that the runs use."""
 

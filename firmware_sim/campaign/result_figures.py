@@ -1,9 +1,7 @@
 """Figures of a campaign: drag and side force against noise and delay, and an overview of all scenarios.
 
-The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well.
-
-The paper tests its control loop under noise and delay (section 3.3 and appendix B). The figures show only results of
-these tests that the paper's text states as numbers. For noise, and for the other delays, the paper has only pictures.
+The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well. Of the
+paper's tests under noise and delay (section 3.3, appendix B) only numbers in its text are shown, not its pictures.
 """
 
 import re
@@ -21,8 +19,7 @@ from firmware_sim.campaign.scenario import UNDISTURBED
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
-"""The paper's mean Cd under control for each actuator delay in control periods, if the delay is compensated (appendix
-B)."""
+"""The paper's mean Cd under control by the compensated actuator delay in control periods (appendix B)."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
 """The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), without numbers."""
 
@@ -71,9 +68,7 @@ def figures_of(rows: Sequence[ScenarioRow]) -> dict[str, Figure]:
 def curves_figure(
     curves: Sequence[Curve], xlabel: str, papers: str, Cd_by_number: Mapping[int, float]
 ) -> Figure | None:
-    """Plot drag reduction and mean |Cl| against the number in which the scenarios differ, with the paper's points;
-    return None if no curve has two points.
-    """
+    """Plot drag reduction and mean |Cl| with the paper's points; return None if no curve has two points."""
     curves = [one for one in curves if len(one.points) > 1]
     if not curves:
         return None
@@ -132,7 +127,6 @@ def overview_figure(rows: Sequence[ScenarioRow]) -> Figure:
 
 
 def _draw(axes: Axes, label: str, points: Sequence[tuple[float, Spread]], colour: str, mark: str) -> None:
-    """Draw the means as marks, with bars from the minimum to the maximum over the starting phases."""
     known = [(x, value) for x, value in points if isfinite(value.mean)]
     x = [place for place, _ in known]
     low, mean, high = (np.array([getattr(value, part) for _, value in known]) for part in ("least", "mean", "most"))

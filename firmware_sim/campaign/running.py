@@ -1,5 +1,4 @@
-"""One run of a campaign: its data, from which any process can execute the run, and its execution: the loop under its
-disturbances, or the flow without control."""
+"""One run of a campaign: its data, from which any process can execute it, with the loop or without control."""
 
 import hashlib
 import json
@@ -36,20 +35,13 @@ _SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds",
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2
-"""Number of periods without control that a run needs beyond the length of the controller's window, because the first
-frame only starts the end-to-end check."""
+"""Number of periods without control that a run needs beyond the controller's window: the first frame adds no row."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunTask:
-    """The data of one run.
-
-    Attributes:
-        name: name of the run's file.
-        controlled: whether control is requested; otherwise the flow runs without the loop.
-        config: settings, with the plant's body, which may differ from the body of the release.
-        phase: index of the starting phase.
-    """
+    """The data of one run, with the name of its file. Without `controlled` the flow runs without the loop. `config` has
+    the plant's body, which may differ from the body of the release; `phase` is the index of the starting phase."""
 
     name: str
     disturb: tuple[str, ...]
@@ -85,8 +77,8 @@ def plant_of(config: Config) -> PlantKey:
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """Return the campaign's settings with those of the scenario and the body of its plant. Raises ConfigError, which
-    states the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
+    """Return the campaign's settings with those of the scenario and its plant's body. Raises ConfigError, which states
+    the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)
@@ -102,13 +94,11 @@ def settings_of(scenario: Scenario, config: Config) -> Config:
 
 def seed_of(seed: int, name: str, phase: int) -> int:
     """Return a run's seed, which depends only on the campaign's seed, the run's name and its phase."""
-    text = f"{seed}/{name}/{phase}"
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])
+    return int.from_bytes(hashlib.sha256(f"{seed}/{name}/{phase}".encode()).digest()[:4])
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run a task from a starting state. The outcome depends only on the arguments, and records an exception; the caller
-    must set its key."""
+    """Run a task from a starting state. The outcome, which the caller gives its key, records any exception."""
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
     except StillwakeError as error:

@@ -12,23 +12,16 @@ from contract.errors import ConfigError
 UNDISTURBED: Final = "undisturbed"
 """Name of the scenario with which all other scenarios are compared; every plan contains it."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Name of the runs without control in the undisturbed flow. For the runs without control in a scenario's flow, the
-scenario's name precedes this name."""
-_NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
+"""Name of the runs without control in the undisturbed flow; in a scenario's flow, the scenario's name precedes it."""
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """Criteria for a useful outcome of a scenario. Raises ConfigError for a share that is not finite, or in the wrong
-    order.
-
-    Attributes:
-        useful: smallest drag reduction for "useful", as a share of the undisturbed scenario's drag reduction.
-        marginal: share above which an outcome that is not useful is "marginal" and not "none".
-        abs_Cl: largest mean |Cl| for "useful", as a share of its value without control.
-    """
+    """Criteria for a useful outcome: the smallest drag reduction for "useful", and that above which an outcome is
+    "marginal", as shares of the undisturbed scenario's; the largest mean |Cl| for "useful", as a share of that without
+    control. Raises ConfigError for a share that is not finite, or in the wrong order."""
 
     useful: float = 0.75
     marginal: float = 0.0
@@ -63,7 +56,7 @@ class Scenario:
     criteria: Criteria = field(default_factory=Criteria)
 
     def __post_init__(self) -> None:
-        if not _NAME.fullmatch(self.name) or len(self.name) > LONGEST_NAME:
+        if not re.fullmatch(r"[a-z0-9][a-z0-9_.]*", self.name) or len(self.name) > LONGEST_NAME:
             rule = f"lower-case letters, digits, dots and underscores, at most {LONGEST_NAME}"
             raise ConfigError(f"name {self.name[:LONGEST_NAME]!r}: must be {rule}")
         if self.name.rpartition(".")[2] == UNCONTROLLED:
@@ -74,8 +67,8 @@ class Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values that the texts of a plan may use: the release's sensors, its first sensor on the base, the time of the
-    request for control in s from the start of the run, and the convective time in s."""
+    """Values that the texts of a plan may use: the release's sensors, its first one on the base, and in s the time from
+    the start of the run to the request for control, and the convective time."""
 
     sensors: tuple[str, ...]
     base_sensor: str | None

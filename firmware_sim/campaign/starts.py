@@ -1,5 +1,4 @@
-"""Initial states of runs: the developed wake at several shedding phases, so that no result depends on a single
-phase."""
+"""Initial states of runs: the wake at several shedding phases, so that no result depends on a single one."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -16,8 +15,7 @@ from wake.truck.truck_wake import TruckWake
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Return, for each starting phase, the number of control periods from the developed wake to this phase; the phases
-    divide a shedding cycle into equal parts."""
+    """Return the numbers of control periods from the developed wake to the starting phases, equal parts of a cycle."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
@@ -29,14 +27,10 @@ def starting_states(
     scenario: str = "",
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
-    """Return the flow states of all starting phases, with their time set to zero and the jets shut. They are read from
-    the folder or computed, which takes minutes for a body other than the truck. Raises PlantError if there is no
-    developed wake for the settings.
-
-    Args:
-        scenario: name of the scenario that has a plant of its own; empty for the plant that all other scenarios share.
-        progress: called with (time, total time) in t_c while another body's wake develops.
-    """
+    """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder or
+    computed, which takes minutes for a body other than the truck: then `progress` is called with (time, total time) in
+    t_c. `scenario` is empty for the plant that the scenarios without one of their own share. Raises PlantError if there
+    is no developed wake for the settings."""
     kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:
@@ -62,7 +56,6 @@ def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str =
 
 
 def digest_of(state: State) -> str:
-    """Return the SHA-256 of the flow state in hex."""
     return hashlib.sha256(state.flat.tobytes()).hexdigest()
 
 

@@ -1,6 +1,6 @@
 """The description files in an FMU: `modelDescription.xml` (FMI 3.0 and 2.0), the bus terminal, the bus manifest."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 from xml.etree import ElementTree
 
@@ -12,18 +12,15 @@ from firmware_sim.fmu.kinds import FmuKind
 TERMINAL: Final = "CanChannel"
 """Name of the bus terminal in the FMU."""
 LS_BUS: Final = "org.fmi-standard.fmi-ls-bus"
-_MIME: Final = f'application/{LS_BUS}.can; version="1.0.0"'
 _RX_BYTES, _TX_BYTES = 8192, 16384
 """Sizes in bytes of the buffers for received and sent data; `ecu/c/fmu/sw_fmu.h` has the same sizes."""
-_TYPES_2: Final[Mapping[str, str]] = {"Float64": "Real", "UInt32": "Integer"}
 _add = ElementTree.SubElement
 
 
 def model_description(
     variables: Sequence[Variable], token: str, bundle: Bundle, config: Config, kind: FmuKind
 ) -> ElementTree.Element:
-    """Return `modelDescription.xml` in FMI 3.0. It contains no date, so that equal releases and vehicles give equal
-    bytes."""
+    """Return `modelDescription.xml` in FMI 3.0, without a date: equal releases and vehicles give equal bytes."""
     name, period = bundle.manifest.name, repr(config.period_ns / 1e9)
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -46,8 +43,7 @@ def model_description(
         listed_values = _add(types, "EnumerationType", name=title)
         for value in values:
             _add(listed_values, "Item", name=value.name, value=str(value.value))
-    why = "Calls that were refused, and why"
-    _add(_add(root, "LogCategories"), "Category", name="logStatusError", description=why)
+    _add(_add(root, "LogCategories"), "Category", name="logStatusError", description="Calls that were refused, and why")
     _add(root, "DefaultExperiment", startTime="0.0", stepSize=period)
     listed, structure = _add(root, "ModelVariables"), _add(root, "ModelStructure")
     outputs = []
@@ -77,8 +73,7 @@ def model_description(
 
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
-    """Add the terminal's clocks and binary variables to the list. Returns their value references by name; these
-    references follow the references of the variables in the table."""
+    """Add the terminal's clocks and binary variables to the list. Returns their value references, from `first` on."""
     names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # same order as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 
@@ -87,7 +82,8 @@ def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> di
         return _add(listed, tag, {**facts, "variability": "discrete", **more})
 
     added("Clock", "Rx_Clock", "input", intervalVariability="triggered")
-    data = {"mimeType": _MIME, "clocks": references["Rx_Clock"], "maxSize": str(_RX_BYTES)}
+    mime = f'application/{LS_BUS}.can; version="1.0.0"'
+    data = {"mimeType": mime, "clocks": references["Rx_Clock"], "maxSize": str(_RX_BYTES)}
     _add(added("Binary", "Rx_Data", "input", **data), "Start", value="")
     if kind.triggered:
         added("Clock", "Tx_Clock", "output", intervalVariability="triggered")
@@ -140,8 +136,7 @@ def as_fmi2(about: ElementTree.Element, sources: Sequence[str] = ()) -> ElementT
     if enumerations := about.findall("TypeDefinitions/EnumerationType"):
         types = _add(root, "TypeDefinitions")
         for item in enumerations:
-            named = _add(types, "SimpleType", name=item.get("name", ""))
-            _add(named, "Enumeration").extend(item)
+            _add(_add(types, "SimpleType", name=item.get("name", "")), "Enumeration").extend(item)
     for title in ("LogCategories", "DefaultExperiment"):
         if about.find(title) is not None:
             _copied(root, about, title)
@@ -150,10 +145,11 @@ def as_fmi2(about: ElementTree.Element, sources: Sequence[str] = ()) -> ElementT
         places[item.get("valueReference", "")] = str(place)
         own = {name: value for name, value in item.attrib.items() if name in ("start", "unit", "declaredType")}
         facts = {name: value for name, value in item.attrib.items() if name not in own}
-        _add(_add(variables, "ScalarVariable", facts), _TYPES_2.get(item.tag, item.tag), own)
+        tag = {"Float64": "Real", "UInt32": "Integer"}.get(item.tag, item.tag)
+        _add(_add(variables, "ScalarVariable", facts), tag, own)
     structure = _add(root, "ModelStructure")
     for title, old in (("Outputs", "Output"), ("InitialUnknowns", "InitialUnknown")):
-        if unknowns := [*_indices(about, old, places)]:
+        if unknowns := [places[item.get("valueReference", "")] for item in about.findall(f"ModelStructure/{old}")]:
             section = _add(structure, title)
             for index in unknowns:
                 _add(section, "Unknown", {"dependencies": ""} if old == "InitialUnknown" else {}, index=index)
@@ -168,12 +164,6 @@ def _copied(root: ElementTree.Element, about: ElementTree.Element, title: str) -
     return copy
 
 
-def _indices(about: ElementTree.Element, title: str, places: Mapping[str, str]) -> Iterator[str]:
-    for item in about.findall(f"ModelStructure/{title}"):
-        yield places[item.get("valueReference", "")]
-
-
 def xml_bytes(root: ElementTree.Element) -> bytes:
-    """Return a document as indented XML with an XML declaration."""
     ElementTree.indent(root)
     return bytes(ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)) + b"\n"

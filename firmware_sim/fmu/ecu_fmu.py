@@ -27,11 +27,7 @@ WINDOWS_64: Final = "x86_64-windows"
 PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WINDOWS_64: "win64"}
 """Names of platforms in FMI 2.0 by their names in FMI 3.0. All other names are equal in both."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
-"""Flags of the compiler. The flag -march is not used, because an FMU may run on other machines than this one; the ECU's
-decisions do not depend on this flag."""
-_FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
-_SETTINGS: Final = "sw_fmu_settings.h"
-_DAY: Final = (1980, 1, 1, 0, 0, 0)
+"""Flags of the compiler, without -march, because an FMU may run on other machines."""
 
 
 def ecu_fmu(
@@ -42,18 +38,18 @@ def ecu_fmu(
     than the control period.
 
     Args:
-        ecu: sources of a library with the ECU and its settings (`ecu.in_c.c_ecu.ecu_sources`).
-        wrapper: sources of the wrapper (`ecu.c.sources.fmu_sources`).
-        bundle: verified release from which both sources are made.
-        config: settings of the vehicle for which the ECU is compiled.
+        ecu: `ecu.in_c.c_ecu.ecu_sources` of this verified release and vehicle.
+        wrapper: `ecu.c.sources.fmu_sources` of this kind.
     """
     sources = library_sources(ecu) | dict(wrapper)
     variables = ecu_variables(bundle.manifest.sensors, config, bus=kind.bus)
-    if kind.bus:
-        _check_times(config)
+    for name in ("step_offset_ms", "compute_time_ms") if kind.bus else ():
+        value, period_ms = getattr(config.ecu, name), config.period_ns / 1e6
+        if value >= period_ms:
+            raise ConfigError(f"ecu.{name} = {value:g}: must be shorter than the control period of {period_ms:g} ms")
     made_from = hashlib.sha256(repr(sorted(sources.items())).encode()).digest()
     token = f"{{{uuid.UUID(bytes=made_from[:16])}}}"
-    sources[_SETTINGS] = wrapper_settings(variables, token, config, kind)
+    sources["sw_fmu_settings.h"] = wrapper_settings(variables, token, config, kind)
     described = model_description(variables, token, bundle, config, kind)
     contents = {f"sources/{name}": content for name, content in sorted(sources.items())}
     if kind.fmi2:
@@ -65,14 +61,13 @@ def ecu_fmu(
 
 
 def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
-    """Return the compiled libraries by their paths in the FMU: for this machine and, if the kind includes it, for
-    Windows."""
+    """Return the compiled libraries by their paths in the FMU: for this machine and, if asked for, Windows."""
     made = {PLATFORM: (host_compiler(), FLAGS, "so")}
     if kind.windows:
         zig = zig_compiler()
         if zig is None:
             raise LibraryError("no FMU for Windows: ziglang compiles it; pip install '.[mcu]'")
-        made[WINDOWS_64] = zig, _FLAGS_WINDOWS, "dll"
+        made[WINDOWS_64] = zig, ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s"), "dll"
     found = {}
     for name, (compiler, flags, ending) in made.items():
         with tempfile.TemporaryDirectory() as folder:
@@ -87,19 +82,12 @@ def platform_of(name: str, kind: FmuKind) -> str:
     return PLATFORMS_2.get(name, name) if kind.fmi2 else name
 
 
-def _check_times(config: Config) -> None:
-    for name in ("step_offset_ms", "compute_time_ms"):
-        value, period_ms = getattr(config.ecu, name), config.period_ns / 1e6
-        if value >= period_ms:
-            raise ConfigError(f"ecu.{name} = {value:g}: must be shorter than the control period of {period_ms:g} ms")
-
-
 def zipped(contents: Mapping[str, bytes]) -> bytes:
     """Return a zip file with these contents; its bytes depend only on the contents."""
     file = BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():
-            info = zipfile.ZipInfo(name, _DAY)
+            info = zipfile.ZipInfo(name)  # of 1 January 1980
             info.external_attr = 0o644 << 16
             archive.writestr(info, content, zipfile.ZIP_DEFLATED)
     return file.getvalue()
@@ -108,12 +96,8 @@ def zipped(contents: Mapping[str, bytes]) -> bytes:
 def _build_description(sources: Mapping[str, bytes]) -> bytes:
     add = ElementTree.SubElement
     root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
-    files = add(
-        add(root, "BuildConfiguration", modelIdentifier=IDENTIFIER),
-        "SourceFileSet",
-        language="C99",
-        compilerOptions="-ffp-contract=off",
-    )
+    configuration = add(root, "BuildConfiguration", modelIdentifier=IDENTIFIER)
+    files = add(configuration, "SourceFileSet", language="C99", compilerOptions="-ffp-contract=off")
     for name in sorted(sources):
         if name.endswith(".c"):
             add(files, "SourceFile", name=name)

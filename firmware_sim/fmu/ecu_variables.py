@@ -43,8 +43,7 @@ air_density    | speed.AirDensity       | Float64     | kg/m3  | 0  | 0 where it
 send_pressures |                        | Boolean     |        | 1  | Whether this period's frame with pressures comes
 send_speed     |                        | Boolean     |        | 1  | Whether this period's frame with the speed comes
 """
-"""Table of the inputs. The columns are name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration,
-start value, and description."""
+"""Inputs: name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start value, description."""
 _BUS: Final = """
 bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and tells errors and lost arbitration
 step_offset       |  | Float64 | s | 0 | From the start to the ECU's first step; shorter than a control period
@@ -81,10 +80,7 @@ class Variable(NamedTuple):
 
 def ecu_variables(sensors: Sequence[str], config: Config, *, bus: bool = False) -> list[Variable]:
     """Return all variables in the order of their value references; `sensors` is in the order of the Pressure message.
-
-    An output is left out if the message set lacks its signal. With `bus`, the FMU receives frames, so the parameters of
-    the bus replace the inputs.
-    """
+    Outputs whose signal the message set lacks are left out. With `bus`, parameters replace the inputs."""
     starts = {
         "vehicle_speed": config.operating_point.speed,
         "step_offset": config.ecu.step_offset_ms / 1e3,
@@ -133,15 +129,13 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value reference of each input and parameter by its name. For an input that exists for each sensor,
-    return the value reference of the first sensor's input under the common part of the name."""
+    """Return the value reference of each input and parameter by its name; by the common part for all sensors' first."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 
 
 def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]:
-    """Return (first bit, number of bits, whether signed) of each signal, by the message's name in the message set and
-    the signal's name in the DBC."""
+    """Return (first bit, bits, whether signed) of each signal, by its message in the set and its name in the DBC."""
     blocks, found = dbc_bytes().decode("utf-8").split("\nBO_ "), {}
     for message, spec in zip(("pressure", "speed", "command", "status"), messages.specs, strict=True):
         block = next(item for item in blocks if item.startswith(f"{spec.frame_id} {spec.name}:"))

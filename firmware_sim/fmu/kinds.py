@@ -11,15 +11,9 @@ FMU_SUFFIX: Final = ".fmu"
 
 @dataclass(frozen=True, kw_only=True)
 class FmuKind:
-    """A kind of FMU. By default the FMU exchanges signals, in FMI 3.0, and is compiled for this machine.
-
-    Attributes:
-        bus: whether the FMU has a CAN bus terminal (FMI-LS-BUS 1.0) in place of signals.
-        triggered: whether the terminal's Tx_Clock is a triggered output in place of a countdown, for importers with
-            fixed steps.
-        fmi2: whether the FMU uses FMI 2.0 in place of 3.0.
-        windows: whether the FMU is also compiled for Windows on x86-64.
-    """
+    """A kind of FMU: with a CAN bus terminal (FMI-LS-BUS 1.0) in place of signals, whose Tx_Clock may be a triggered
+    output in place of a countdown, for importers with fixed steps; in FMI 2.0 in place of 3.0; compiled also for
+    Windows on x86-64."""
 
     bus: bool = False
     triggered: bool = False
@@ -33,7 +27,6 @@ class FmuKind:
 
     @property
     def words(self) -> str:
-        """A description of the kind for users."""
         return f"FMI {'2.0' if self.fmi2 else '3.0'} co-simulation{', CAN bus by FMI-LS-BUS 1.0' if self.bus else ''}"
 
 
@@ -42,8 +35,8 @@ FMU_KINDS: Final = tuple(field.name for field in fields(FmuKind))
 
 
 def kind_and_path(text: str, names: tuple[str, ...] = FMU_KINDS) -> tuple[FmuKind, Path]:
-    """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that is not in `names`,
-    for kinds that exclude each other, and for a file whose name has the wrong ending."""
+    """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that is not in `names`
+    or excludes another, and for a file whose name has the wrong ending."""
     before, colon, after = text.rpartition(":")
     chosen = [name.strip() for name in before.split(",")] if colon and len(before) > 1 else []
     path = Path(after if chosen else text)

@@ -1,5 +1,4 @@
-"""The plant as an FMU. It contains settings, a script for `pythonfmu3` that runs in the importing tool's Python, and a
-binary that checks each call before the script receives it."""
+"""The plant as an FMU: settings, a script that `pythonfmu3` runs, and a binary that checks each call before."""
 
 import json
 import shutil
@@ -32,8 +31,7 @@ def plant_fmu(
     this machine; ModuleNotFoundError if `pythonfmu3` is not installed (extra fmu).
 
     Args:
-        config: whole configuration, of which the flow, the body and the operating point are used.
-        front: sources of the binary that checks the calls (`ecu.c.sources.plant_fmu_sources`).
+        front: `ecu.c.sources.plant_fmu_sources` of this kind, which check the calls.
         start: file of the initial flow state; if None, the shipped state.
     """
     from pythonfmu3.builder import FmuBuilder
@@ -66,8 +64,7 @@ def plant_fmu(
 
 
 def _settings(about: ElementTree.Element) -> bytes:
-    """Return `sw_plant_settings.h`, made from the FMU's description; the value references of the inputs must be
-    consecutive."""
+    """Return `sw_plant_settings.h`; the value references of the inputs must be consecutive."""
     variables = about.findall("ModelVariables/*")
     inputs = [int(item.get("valueReference", "")) for item in variables if item.get("causality") == "input"]
     assert inputs == list(range(inputs[0], inputs[-1] + 1))

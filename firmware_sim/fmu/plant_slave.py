@@ -80,8 +80,7 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         self.register_variable(Float64(name, variability=Fmi3Variability.continuous, **facts), nested=False)
 
     def do_step(self, current_time: float, step_size: float) -> Fmi3StepResult:
-        """Compute all control periods that end in this step; times that differ by at most `_SAME_S` are treated as
-        equal."""
+        """Compute all control periods that end in this step."""
         if self._start is None:
             self._start = current_time
         period_s, self.time = self._config.period_ns / 1e9, current_time + step_size

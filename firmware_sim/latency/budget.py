@@ -12,8 +12,7 @@ from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
 COUNTS: Final = ("misses", "misses_ours")
-"""Names of the counts over a whole run that a budget may limit: missed commands, and the number by which they exceed
-the idle loop's misses."""
+"""Counts over a whole run that a budget may limit: missed commands, and by how many they exceed the idle loop's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,13 +43,11 @@ class KeptLimit(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """Whether the measured value is within the limit."""
         return self.measured is not None and self.measured <= self.allowed
 
 
 def read_budget(path: Path) -> dict[str, float]:
-    """Read the limit of each figure, such as `misses_ours` or `all.p99_ms`, from a file. Raises ConfigError if the file
-    cannot be read, has no limit, or an invalid limit."""
+    """Read each figure's limit, such as `all.p99_ms`. Raises ConfigError for a file without one, or an invalid one."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)
@@ -72,7 +69,6 @@ def read_budget(path: Path) -> dict[str, float]:
 def verdicts(
     budget: Mapping[str, float], counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]
 ) -> list[KeptLimit]:
-    """Compare each limit of the budget with the measured value."""
     measured: dict[str, float | None] = dict(counts)
     for stage, found in latencies.items():
         measured |= {f"{stage}.{name}_ms": value for name, value in found._asdict().items()}

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
 from types import FrameType
-from typing import Final
 
 import numpy as np
 
@@ -22,9 +21,6 @@ from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.privileges import PRIORITY, Wanted, in_words, taken
 from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
-
-_WANTED: Final = Wanted(priority=PRIORITY + 1)
-"""Privileges with a priority one above the ECU's, so that the ECU does not delay the idle loop."""
 
 
 class IdleStage(IntEnum):
@@ -37,8 +33,7 @@ class IdleStage(IntEnum):
 
 
 def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> StageTimes:
-    """Sleep from deadline to deadline until stopped, or for `longest` periods; return the table with the columns
-    `IdleStage`."""
+    """Sleep from deadline to deadline until stopped, or for `longest` periods; return the table of `IdleStage`."""
     table = StageTimes(IdleStage, longest)
     deadlines = Deadlines(period_ns=period_ns, due_ns=now_ns() + period_ns)
     for _ in range(longest):
@@ -63,7 +58,6 @@ def lateness(rows: Times, period_ns: int) -> Array:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run the idle loop with the command line's arguments."""
     path, period_ns, periods = arguments
     stopped: list[int] = []
 
@@ -73,7 +67,8 @@ def main(arguments: Sequence[str]) -> None:
     signal.signal(signal.SIGTERM, stop)
     # Ctrl-C in a terminal reaches all its processes; only the parent process may end this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with taken(_WANTED) as privileges:
+    # With a priority above the ECU's, so that the ECU does not delay the idle loop.
+    with taken(Wanted(priority=PRIORITY + 1)) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")
         sys.stdout.flush()
         table = run(int(period_ns), lambda: bool(stopped), longest=int(periods))

@@ -16,8 +16,7 @@ from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
 LEFT_CONTROL: Final = 5
-"""Number of consecutive periods without a plan at which control counts as lost. One or two lost frames cause fewer such
-periods."""
+"""Number of consecutive periods without a plan at which control counts as lost: more than two lost frames cause."""
 NEEDED_FOR_P99_9: Final = 1_000
 """Smallest number of values for which the nearest-rank 99.9th percentile may differ from the maximum."""
 
@@ -33,8 +32,7 @@ class Quantiles(NamedTuple):
 
     @classmethod
     def of(cls, values_ns: Array) -> Self:
-        """Compute the percentiles of n latencies in ns, shape (n,). NaN means that the stage did not occur, and is left
-        out; infinity counts as a latency."""
+        """Compute the percentiles of n latencies in ns, shape (n,). NaN is left out; infinity counts as a latency."""
         values = values_ns[~np.isnan(values_ns)]
         if not len(values):
             return cls(None, None, None, None, 0)
@@ -58,7 +56,7 @@ class MeasuredRun:
     def of(cls, recorded: Recorded, *, name: str, about: str, period_ns: int, counter_period: int) -> Self:
         """Evaluate a run; raises StillwakeError if its tables contain no usable periods."""
         periods = joined(recorded.vehicle, recorded.ecu, period_ns=period_ns, counter_period=counter_period)
-        # One more period is included on each side, because the idle loop may sleep through the first or last instant.
+        # One more period on each side: the idle loop may sleep through the first or last instant.
         begin, end = periods.origin_ns - period_ns, periods.origin_ns + int(periods.scheduled[-1]) + period_ns
         scheduled = recorded.idle[:, IdleStage.SCHEDULED]
         idle = recorded.idle[(scheduled >= begin) & (scheduled <= end)]
@@ -113,7 +111,6 @@ class MeasuredRun:
 
     @property
     def is_too_noisy(self) -> bool:
-        """Whether even a loop without work would have missed a command."""
         return self.idle_misses > 0
 
     @property

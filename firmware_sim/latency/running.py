@@ -23,10 +23,8 @@ READY_S: Final = 120.0
 END_S: Final = 30.0
 """Longest time in s that a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
-"""Longest time that the vehicle may take for a run, as a multiple of the run's length and without `START_S`; if it
-takes longer, the run fails."""
 START_S: Final = 60.0
-"""Longest time in s that the vehicle may take to start."""
+"""Longest time that the vehicle may take: a multiple of the run's length, and s to start."""
 
 
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
@@ -34,8 +32,7 @@ ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """The tables of one run (columns `VehicleStage`, `EcuStage` and `IdleStage`), the privileges of the idle loop as
-    text, and the line of the ECU's log on its last fault."""
+    """The tables of one run, the idle loop's privileges as text, and the line of the ECU's log on its last fault."""
 
     vehicle: Times
     ecu: Times
@@ -58,14 +55,12 @@ def recorded(
     period_ns: int,
     progress: Callable[[int], None],
 ) -> Recorded:
-    """Run the three processes until the vehicle's process ends, and write tables and logs into the folder. Raises
-    BusError if a process ended too early or did not end, with the last line that it printed; StillwakeError if a table
-    cannot be read.
+    """Run the three processes until the vehicle's process ends, and write tables and logs into the existing folder.
+    Raises BusError if a process ended too early or did not end, with the last line that it printed; StillwakeError if a
+    table cannot be read.
 
     Args:
-        folder: existing folder for the tables and the processes' output.
         ecu, vehicle: commands without `--stage-times`; the ECU must report to $NOTIFY_SOCKET when it is ready.
-        periods: number of periods of the vehicle's run.
         progress: called with the number of periods done, about twice a second.
     """
     tables = {name: folder / f"{name}_times.npz" for name in (ECU, VEHICLE, IDLE)}
@@ -137,7 +132,6 @@ class _Child:
 
     @property
     def last_line(self) -> str:
-        """The last line that the process printed."""
         return self.last_line_with("") or "it printed nothing"
 
     def last_line_with(self, word: str) -> str:

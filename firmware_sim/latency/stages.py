@@ -29,23 +29,19 @@ class Stage(StrEnum):
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
-    """The time from the receipt of the Pressure frame to the deadline of the step that uses the frame; this time
-    absorbs jitter of the bus."""
+    """The time from that receipt to the deadline of the step that uses the frame, which absorbs jitter of the bus."""
     RECEIVE = "receive"
-    """The time from the deadline (or, if the frame arrives later, from the receipt of the frame) to the controller's
-    call: wake-up, checks, window."""
+    """The time from the deadline, or a later receipt of the frame, to the plan: wake-up, checks, window."""
     PLAN = "plan"
     """The time that the encoder and the optimiser take."""
     GATE = "gate"
-    """The time from the plan to the finished frames, for the command gate, the fail-safe and the protection of the
-    frames."""
+    """The time from the plan to the finished frames: command gate, fail-safe, protection of the frames."""
     BUS_TO_VEHICLE = "bus_to_vehicle"
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
     """The time from the scheduled sampling instant to the arrival of the first command computed from these or newer
-    pressures. Only the newest command in each period is considered, because the vehicle uses only this command. The
-    command is due at the next sampling instant. For a period without a plan, the time is recorded only if the command
-    arrived after it was due."""
+    pressures; of the commands in a period only the newest, which the vehicle uses. It is due at the next sampling
+    instant. For a period without a plan, the time is recorded only if the command arrived after it was due."""
     ACTUATE = "actuate"
     """The time from the next sampling instant to the use of the command by the jets' driver."""
 
@@ -59,11 +55,9 @@ class Periods:
         first: number of the first period in the vehicle's numbering.
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, shape (n,).
-        answered: arrival time of the first command computed from the period's pressures or newer pressures, shape (n,);
-            infinite if there is no such command.
+        answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
         stages: latencies of each stage, shape (n,); NaN where the stage did not occur.
-        stalls: for a stage whose node left out m periods, the time from each of these periods to the next occurrence of
-            the stage, shape (m,).
+        stalls: for a stage whose node left out m periods, the time from each to the stage's next occurrence, (m,).
         planned: number of periods with a plan from the period's pressures.
     """
 
@@ -90,13 +84,13 @@ class Periods:
 
 
 def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -> Periods:
-    """Join the tables, from the first period with a plan to the last period that has ended. Raises StillwakeError if
-    the tables are from different runs, or there was no plan.
+    """Join the tables, from the first period with a plan to the last period that has ended; a Pressure frame's E2E
+    counter repeats after `counter_period` values. Raises StillwakeError if the tables are from different runs, or there
+    was no plan.
 
     Args:
         vehicle: k rows with the columns `VehicleStage`, shape (k, stages).
         ecu: l rows with the columns `EcuStage`, shape (l, stages).
-        counter_period: number of values of a Pressure frame's E2E counter before it repeats.
     """
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
     took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]

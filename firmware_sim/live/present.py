@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from math import isfinite
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
-
-_DIGITS: Final = 5
-"""Number of decimals of plotted values; the last decimal is smaller than a pixel of any curve."""
 
 
 def hello(
@@ -79,18 +76,15 @@ def hello(
 
 
 def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
-    """Return the message about the new periods, with a list of values for each name in `PERIOD_COLUMNS`. `base` has the
-    indices of the base sensors."""
+    """Return the message about the new periods. `base` has the indices of the base sensors."""
     return periods_message(run, ([_number(value) for value in _values(period, base)] for period in new))
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Return the message about the latest period. `losses` is the number of latest periods over which lost frames are
-    counted."""
+    """Return the message about the latest period. Lost frames are counted over the latest `losses` periods."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
-    # The plan's first action acts during the latest period, so its effect shows in the sample at the end of this
-    # period, whose number is k + 1.
+    # The plan's first action acts during the latest period, and shows in the sample at its end, number k + 1.
     return {
         "type": "now",
         "run": run.number,
@@ -140,4 +134,5 @@ def _number(value: float) -> float | None:
 
 
 def _rounded(values: Array | None) -> Any:
-    return np.round(np.asarray(values, dtype=np.float64), _DIGITS).tolist()
+    # The last decimal is smaller than a pixel of any curve.
+    return np.round(np.asarray(values, dtype=np.float64), 5).tolist()

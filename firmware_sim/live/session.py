@@ -1,10 +1,5 @@
-"""The live loop as an object, whose caller lets it compute period by period, passes viewers' requests to it, and
-fetches new messages.
-
-The object has no socket, process or thread, and its clock is an argument, so its caller decides when a period is
-computed. The loop is the same as the loop of a run (`firmware_sim.bench.simulation`): with unchanged settings it gives
-the same rows as that run.
-"""
+"""The live loop, without socket, process or thread: its caller lets it compute period by period, passes requests to it,
+and fetches messages. With unchanged settings its rows are those of a run (`firmware_sim.bench.simulation`)."""
 
 import time
 from collections import deque
@@ -47,11 +42,8 @@ class LiveSession(NeverCopied):
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
         wake: function from the plant's name to a plant in its initial state.
         ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
-        ahead: function from the controller's name to a function that prepares the ECU, if the preparation takes
-            seconds; otherwise to None.
-        controllers, plants: the choices; a choice that is not available states the reason.
-        settings: initial settings; their request for control is ignored, because control is requested after `lead_in`.
-        lead_in: time in t_c from the start of a run to the automatic request for control.
+        ahead: function from the controller's name to one that prepares the ECU, if that takes seconds, or None.
+        settings: initial settings, but for their request: control is requested after `lead_in` in t_c of each run.
         kept: number of latest periods that a page should store, and that are stored here until `messages` is called.
         clock: wall clock in s.
     """
@@ -119,8 +111,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function, for a thread, that prepares the requested ECU; None if the ECU is ready or cannot be
-        chosen."""
+        """Return a function, for a thread, that prepares the requested ECU; None if there is nothing to be prepared."""
         try:
             action, value = asked(request)
             if action != "set":
@@ -168,9 +159,13 @@ class LiveSession(NeverCopied):
             case "clear":
                 answer["note"] = self._clear()
             case "power_cycle":
-                self._power_cycle()
+                if self._settings.controller == OFF:
+                    raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
+                self._run.power_on()
+                self._note("set", "the ECU's supply is cut for a moment")
             case "pause":
-                self._pause(request.value)
+                self._paused, self._now_due = request.value, True
+                self._ticks.clear()
             case "restart":
                 self._start(self._settings)
                 self._note("set", "the plant starts again")
@@ -179,8 +174,7 @@ class LiveSession(NeverCopied):
         return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
 
     def _apply(self, after: LiveSettings, *, enable: bool | None) -> None:
-        """Apply new settings from the next period on. Raises StillwakeError if this is impossible; then nothing
-        changes."""
+        """Apply new settings from the next period on, or raise StillwakeError and change nothing."""
         before, run = self._settings, self._run
         self._check_choices(after)
         if after.plant != before.plant:
@@ -199,7 +193,6 @@ class LiveSession(NeverCopied):
             self._note("set", text)
 
     def _exchange(self, before: LiveSettings, after: LiveSettings) -> None:
-        """Replace the ECU, change its weights, or cut its supply, as the difference of the settings requires."""
         run = self._run
         if after.controller == OFF:
             if before.controller != OFF:
@@ -210,8 +203,6 @@ class LiveSession(NeverCopied):
             run.power_on()
 
     def _clear(self) -> str:
-        """Reset all settings except the request, the controller and the plant, and clear latched faults with a new
-        request; return a note."""
         self._apply(self._settings.without_faults, enable=None)
         text = "cleared"
         if self._run.state.sensors.set_aside is not None and not self._run.is_off:
@@ -221,21 +212,10 @@ class LiveSession(NeverCopied):
         self._note("set", text)
         return text
 
-    def _power_cycle(self) -> None:
-        if self._settings.controller == OFF:
-            raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
-        self._run.power_on()
-        self._note("set", "the ECU's supply is cut for a moment")
-
-    def _pause(self, value: bool) -> None:
-        self._paused, self._now_due = value, True
-        self._ticks.clear()
-
     # The following methods start the plant.
 
     def _start(self, settings: LiveSettings) -> None:
-        """Start a run from the plant's initial state. Raises StillwakeError if this is impossible; then nothing
-        changes."""
+        """Start a run from the plant's initial state, or raise StillwakeError and change nothing."""
         is_off = settings.controller == OFF
         wake = self._wake(settings.plant)
         # This check must come before `_ecu`, which may reset the running ECU.
@@ -265,8 +245,7 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """Return the ECU of this controller, with these settings' weights. This is the running ECU if it already
-        belongs to this controller."""
+        """Return the ECU of this controller, perhaps the running one, with these settings' weights."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state
@@ -277,7 +256,6 @@ class LiveSession(NeverCopied):
         return ecu
 
     def _check_choices(self, settings: LiveSettings) -> None:
-        """Check controller, plant and disturbances; raises ConfigError if a choice is not possible in this session."""
         Disturbances.parse(settings.disturbances).check(self._config, self._bundle.manifest.sensors, duration_s=inf)
         for name, choices in self._choices.items():
             wanted = getattr(settings, name)
@@ -290,16 +268,11 @@ class LiveSession(NeverCopied):
     # The following methods create the messages about the present state.
 
     def _present(self, latest: LivePeriod) -> list[LiveMessage | bytes]:
-        run = self._run
+        run, ticks = self._run, self._ticks
+        passed = float(ticks[-1] - ticks[0]) if len(ticks) > 1 else 0.0
+        fps, losses = (len(ticks) - 1) / passed if passed > 0.0 else 0.0, self._config.ecu.loss_window
         out: list[LiveMessage | bytes] = [
-            present.now(
-                run,
-                latest,
-                self._seen,
-                fps=self._fps(),
-                paused=self._paused,
-                losses=self._config.ecu.loss_window,
-            )
+            present.now(run, latest, self._seen, fps=fps, paused=self._paused, losses=losses)
         ]
         if latest.k % _SELDOM == 0 or self._paused:
             out.append(
@@ -314,12 +287,6 @@ class LiveSession(NeverCopied):
             out.append(pack_field(run.picture))
         return out
 
-    def _fps(self) -> float:
-        ticks = self._ticks
-        passed = float(ticks[-1] - ticks[0]) if len(ticks) > 1 else 0.0
-        return (len(ticks) - 1) / passed if passed > 0.0 else 0.0
-
     def _note(self, kind: str, text: str) -> None:
         run = self._run
-        t = run.k * self._config.flow.control_period
-        self._events.add(kind, text, time_s=run.time_s(run.k), t=t)
+        self._events.add(kind, text, time_s=run.time_s(run.k), t=run.k * self._config.flow.control_period)

@@ -44,21 +44,14 @@ def asked(request: object) -> Asked:
 
 
 CONTROLLERS: Final = ("python", "c", "mcu", "off")
-"""Names of the controllers: the ECU in Python with the release's ONNX graph; the ECU in C on this machine; the ECU in C
-on an emulated microcontroller; an ECU without supply."""
+"""The ECU in Python with the ONNX graph, in C here, in C on an emulated microcontroller, and without supply."""
 PLANTS: Final = ("wake", "recording")
-"""Names of the plants: the flow solver, whose pressures respond to the jets, and recorded pressures, which do not
-respond."""
+"""Names of the plants: the flow solver, and recorded pressures, which do not respond to the jets."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Slider:
-    """Bounds and step of a number that a viewer sets with a slider.
-
-    Attributes:
-        least, greatest: smallest and largest accepted value.
-        step: step of the slider on the page; any value within the bounds is accepted.
-    """
+    """Bounds of a number that a viewer sets, and the step of its slider; any value within the bounds is accepted."""
 
     least: float
     greatest: float
@@ -75,8 +68,6 @@ SLIDERS: Final = {
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
 """Slider of every cost weight; its bounds are those of a weight in a calibration."""
 _SENSORS: Final = ("dead", "biased")
-_CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
-_SWITCHES: Final = ("enable", "babble")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,14 +101,9 @@ class LiveSettings:
     def changed(
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
-        """Return settings with some values replaced. Raises ConfigError, which states the unknown, mistyped or
-        out-of-range value.
-
-        Args:
-            given: new values by attribute; weights as a mapping by name, or None for the weights of the release.
-            own: calibration of the release.
-            limits: bounds that the release sets for the weights.
-        """
+        """Return settings with some values replaced; weights are given by their names, or None for those of the
+        release, whose calibration is `own`. Raises ConfigError, which states the unknown, mistyped or out-of-range
+        value."""
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
             raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")
@@ -148,13 +134,13 @@ class LiveSettings:
 
 
 def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:
-    if name in _SWITCHES:
+    if name in ("enable", "babble"):
         if not isinstance(value, bool):
             raise ConfigError(f"live setting {name} = {value!r}: must be true or false")
         return value
     if name in SLIDERS:
         return _within(name, value, SLIDERS[name])
-    choices = _CHOICES.get(name) or ("", *sensors)
+    choices = {"controller": CONTROLLERS, "plant": PLANTS}.get(name) or ("", *sensors)
     if value not in choices:
         raise ConfigError(
             f"live setting {name} = {value!r}: must be one of {', '.join(item or 'none' for item in choices)}"
@@ -179,8 +165,7 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
 
 
 def changes(before: LiveSettings, now: LiveSettings, own: CostWeights, controllers: Mapping[str, str]) -> Iterator[str]:
-    """Yield a text for each changed setting. `own` has the weights of the release; `controllers` has the labels of the
-    controllers by their names."""
+    """Yield a text for each changed setting. `own`: weights of the release; `controllers`: labels by their names."""
     all_frames = "all pressure frames reach the ECU"
     percent, late = f"{100 * now.loss:g} %", f"{now.delay_ms:g} ms late"
     bias_before, bias = ((one.biased and (one.biased, one.bias)) for one in (before, now))

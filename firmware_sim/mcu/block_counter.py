@@ -37,15 +37,9 @@ def _library() -> ctypes.CDLL:
 
 
 class BlockCounter:
-    """A counter of executed basic blocks, which counts from its creation on. Create it before the core first runs,
-    because a hook does not see code that Unicorn translated earlier. Raises McuError if there is no compiler for the
-    hook, or Unicorn does not accept the hook.
-
-    Args:
-        core: Unicorn's core.
-        origin, size: address of the memory with the code, and its size in bytes.
-        pipeline: model of a block's cycles, applied when a block is first counted.
-    """
+    """A counter of executed basic blocks in the memory of `size` bytes at `origin`, from its creation on. Create it
+    before the core first runs, because a hook does not see code that Unicorn translated earlier. Raises McuError if
+    there is no compiler for the hook, or Unicorn does not accept the hook."""
 
     def __init__(self, core: Any, origin: int, size: int, pipeline: Pipeline) -> None:
         self._origin, self._pipeline = origin, pipeline
@@ -77,8 +71,7 @@ class BlockCounter:
         return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
 
     def blocks(self) -> Iterator[tuple[int, int, int]]:
-        """Yield, for each block that ran since `start`, its address, and its instructions and modelled cycles, summed
-        over all its runs."""
+        """Yield address, and instructions and modelled cycles of all runs, of each block that ran since `start`."""
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
         for place, count, size in found:

@@ -13,7 +13,6 @@ from ecu.in_c.compiler import compile_c, zig_compiler
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
-LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # C allows the contraction of operations within an expression. Contraction gives equal results on all targets that have
 # fused multiply-add.
@@ -26,37 +25,25 @@ BARE: Final = (
 )  # fmt: skip
 BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
-"""Header with the data that production writes for a board; in exported libraries it enables no loader."""
 BUS_KEY: Final = "sw_board_bus_key.h"
-"""Header with the key of the bus that production writes; in an exported library, this header contains no key."""
+"""Headers with what production writes; in an exported library they enable no loader and contain no key."""
 
 
 def compile_for_cortex_m7(
-    sources: Mapping[str, bytes],
-    board: Mapping[str, bytes] | None = None,
-    *,
-    core: Core = CORTEX_M7,
+    sources: Mapping[str, bytes], board: Mapping[str, bytes] | None = None, *, core: Core = CORTEX_M7
 ) -> bytes:
-    """Compile a library's control step with start-up code and linker script; return an ELF file. Raises McuError if the
-    sources do not compile, or `ziglang` is not installed.
-
-    Args:
-        core: core to compile for; it must have the same memories as the Cortex-M7.
-        board: additional files of the firmware; each replaces a file of the firmware that has the same name.
-    """
-    folder = files("firmware_sim").joinpath("mcu/c")
-    firmware = {item.name: item.read_bytes() for item in folder.iterdir()}
+    """Compile a library's control step, with start-up code and linker script, for a core with the memories of the
+    Cortex-M7; return an ELF file. Files of `board` replace those of the firmware with the same name. Raises McuError if
+    the sources do not compile, or `ziglang` is not installed."""
+    firmware = {item.name: item.read_bytes() for item in files("firmware_sim").joinpath("mcu/c").iterdir()}
     firmware["sw_board_libc.c"] = sources_in("board")["sw_board_libc.c"]
-    return _linked(library_sources(sources) | firmware | dict(board or {}), LINKER_SCRIPT, "mcu_reset", core)
+    return _linked(library_sources(sources) | firmware | dict(board or {}), "cortex_m7.ld", "mcu_reset", core)
 
 
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
-    """Compile the whole firmware of a board, including its vector table; return an ELF file. Raises LibraryError for a
-    library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
-
-    Args:
-        sources: sources of a library with its ECU, and sources of the board, by their paths in the library's folder.
-        own: files that replace sources of the same name, such as a header of equipment that enables the loader.
+    """Compile the whole firmware of a board, including its vector table; return an ELF file. `sources` are those of a
+    library with ECU and board by their paths in its folder; files of `own` replace those with the same name. Raises
+    LibraryError for a library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
     """
     return _linked(board_files(sources, own), BOARD_SCRIPT, "sw_board_start", CORTEX_M7)
 

@@ -6,13 +6,8 @@ from typing import Final
 
 @dataclass(frozen=True, kw_only=True)
 class Core:
-    """A Cortex-M with the DSP extension and single-precision floating point.
-
-    Attributes:
-        cpu: name of the core for the compiler.
-        clocks_mhz: clocks in MHz for which times are computed.
-        dual_issue: whether its pipeline issues two instructions per cycle (`firmware_sim.mcu.pipeline`).
-    """
+    """A Cortex-M with the DSP extension and single-precision floating point: its name for users and for the compiler,
+    clocks for which times are computed, and whether it issues two instructions per cycle."""
 
     name: str
     cpu: str

@@ -2,25 +2,17 @@
 
 import io
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from elftools.common.exceptions import ELFError
 from elftools.elf.elffile import ELFFile
 
 from contract.errors import McuError
 
-_BITS: Final = 32
-
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """A linked program.
-
-    Attributes:
-        segments: contents of the flash when the program starts, each as an address and the bytes there.
-        sections: size of each section in bytes, by the section's name.
-        symbols: address of each symbol, by the symbol's name.
-    """
+    """A linked program: the flash as (address, bytes), sizes of sections in bytes, and addresses of symbols."""
 
     segments: tuple[tuple[int, bytes], ...]
     sections: dict[str, int]
@@ -32,7 +24,7 @@ def read_elf(image: bytes) -> Firmware:
     try:
         # The type is Any because pyelftools has no type annotations.
         elf: Any = ELFFile(io.BytesIO(image))
-        if elf.elfclass != _BITS or not elf.little_endian:
+        if elf.elfclass != 32 or not elf.little_endian:
             order = "little" if elf.little_endian else "big"
             raise McuError(f"not a 32-bit little-endian ELF file: {elf.elfclass}-bit, {order}-endian")
         loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])

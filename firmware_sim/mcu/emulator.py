@@ -16,7 +16,6 @@ from firmware_sim.mcu.pipeline import Pipeline
 FLASH: Final = 0x0800_0000
 FLASH_BYTES: Final = 1 << 20
 RAM: Final = 0x2000_0000
-_RAM_BYTES: Final = 1 << 19
 _STACK_BYTES: Final = 8192
 _STACK: Final = 0x3000_0000
 _UNTOUCHED: Final = 0xA5
@@ -54,16 +53,13 @@ class EmulatedCore(NeverCopied):
         return self._symbols[name]
 
     def peek(self, address: int, size: int) -> bytes:
-        """Read bytes of memory."""
         return bytes(self._core.mem_read(address, size))
 
     def poke(self, address: int, content: bytes) -> None:
-        """Write bytes of memory."""
         self._core.mem_write(address, content)
 
     def call(self, function: str, *arguments: int) -> int:
-        """Run a function to its return, as a debugger does, and return its result. Raises McuError if the function does
-        something that is impossible for the core, such as an access outside its memories."""
+        """Run a function to its return, as a debugger does; return its result. Raises McuError if the core stops."""
         kept = self._core.context_save()
         for number, value in enumerate(arguments):
             self._core.reg_write(arm_const.UC_ARM_REG_R0 + number, value)
@@ -101,16 +97,14 @@ class Machine(EmulatedCore):
 
     def __init__(self, firmware: Firmware) -> None:
         stack = (_STACK, _STACK_BYTES)
-        super().__init__(firmware, ((RAM, _RAM_BYTES), stack), stack)
+        super().__init__(firmware, ((RAM, 1 << 19), stack), stack)
         self._core.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x4000_0000)
         self._core.reg_write(arm_const.UC_ARM_REG_SP, _STACK + _STACK_BYTES)
 
     def write(self, symbol: str, content: bytes) -> None:
-        """Write bytes at a symbol's address."""
         self.poke(self.symbol(symbol), content)
 
     def read(self, symbol: str, size: int) -> bytes:
-        """Read bytes at a symbol's address."""
         return self.peek(self.symbol(symbol), size)
 
     def stack_used(self, function: str) -> int:

@@ -1,5 +1,4 @@
-"""The measurement of a library. The library runs with the same rows on an emulated Cortex-M7 and on this host; the time
-and memory that the core needs are determined."""
+"""The measurement of a library on an emulated Cortex-M7: time and memory, and the answers of this host."""
 
 import subprocess
 import tempfile
@@ -33,16 +32,13 @@ class Measurement:
     """The time and memory that a control step needs on the core when all iterations run.
 
     Attributes:
-        precision, program_sha256: precision of the library, and SHA-256 of its program.
-        flash_bytes, ram_bytes, stack_bytes: bytes of memory; RAM is the linked RAM plus the stack.
+        ram_bytes: linked RAM plus the stack.
         multiply_accumulates: number of products with weights, computed from the networks' sizes.
-        instructions: exact number of executed instructions, which is equal for all steps in which all iterations run.
+        instructions: executed instructions, exact and equal for all steps in which all iterations run.
         cycles: modelled cycles (`firmware_sim.mcu.pipeline`).
-        one_per_cycle_ms: time in ms that a step would take if every instruction took one cycle, by clock in MHz.
-        modelled_ms: time in ms that a step takes with the modelled cycles, by clock in MHz.
+        one_per_cycle_ms, modelled_ms: time of a step with one cycle an instruction, and with these, by clock in MHz.
         steps: number of control steps compared with the host.
-        identical: whether all outputs were equal bit for bit.
-        action_difference, cost_difference: largest differences of action and cost between the core and the host.
+        identical: whether all outputs were equal bit for bit; otherwise the largest differences follow.
     """
 
     precision: str
@@ -92,7 +88,6 @@ def measure(
     with the reason if there are too few rows, or the library does not compile or run.
 
     Args:
-        sources: files of the library.
         rows: n rows with the pressures Cp at the S sensors and the action commanded one step before, shape (n, S+1); n
             is at least the length of the window.
         core: core to compile for and to model; the emulated core is a Cortex-M7.
@@ -134,8 +129,7 @@ def measure(
 
 
 def flash_bytes(firmware: Firmware) -> int:
-    """Return the number of bytes of flash for code and for all data that are stored in flash, including initial values
-    copied to RAM."""
+    """Return the number of bytes of flash for code and data, including initial values that are copied to RAM."""
     return sum(firmware.sections.get(name, 0) for name in (".vectors", ".text", ".hot", ".rodata", ".data"))
 
 
@@ -170,12 +164,7 @@ def _on_host(sources: Mapping[str, bytes], rows: ProgramRows) -> ProgramRows:
 
 
 def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[str, str]]:
-    """Yield pairs (label, text) for users: first the control period, then a verdict for each clock.
-
-    Args:
-        modelled_ms: time of a control step in ms, by clock in MHz (`firmware_sim.mcu.measure.Measurement.modelled_ms`).
-        period: control period in ms.
-    """
+    """Yield (label, text) for users: the control period in ms, and a verdict on each of `Measurement.modelled_ms`."""
     yield "control period", f"{period:g} ms (from the settings; it is not in the library)"
     for clock, needed in modelled_ms.items():
         share = needed / period

@@ -27,8 +27,6 @@ from typing import Any, Final
 import capstone
 
 _MULTIPLY: Final = ("smla", "smul", "smmul", "mla", "mls", "mul", "umull", "smull", "umlal", "smlal")
-_LOAD: Final = ("ldr", "vldr")
-_STORE: Final = ("str", "vstr")
 _MANY: Final = ("ldm", "stm", "vldm", "vstm", "push", "pop", "vpush", "vpop", "strd")
 _DIVIDE: Final = ("vdiv", "vsqrt", "sdiv", "udiv")
 _DIVIDE_CYCLES: Final = 14
@@ -36,12 +34,7 @@ _FUSED: Final = ("vfm", "vfnm", "vmla", "vmls", "vnml")
 
 
 class Pipeline:
-    """A disassembler that models the cycles of basic blocks.
-
-    Args:
-        code, origin: contents of a memory, and its address.
-        dual_issue: True for the pipeline of a Cortex-M7, False for the pipeline of a Cortex-M4.
-    """
+    """A model of the cycles of `code` at `origin` on a Cortex-M7, or on a Cortex-M4 without `dual_issue`."""
 
     def __init__(self, code: bytes, origin: int, *, dual_issue: bool = True) -> None:
         self._code, self._origin = code, origin
@@ -122,9 +115,9 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
         return "many", 2, 1 if name == "strd" else 4
     if name.startswith("ldrd"):
         return "double", 2, 1
-    if name.startswith(_LOAD):
+    if name.startswith(("ldr", "vldr")):
         return "load", 2, 1
-    if name.startswith(_STORE):
+    if name.startswith(("str", "vstr")):
         return "store", 1, 1
     if name.startswith(_MULTIPLY):
         return "multiply", 2, 1

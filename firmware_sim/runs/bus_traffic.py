@@ -10,13 +10,8 @@ from can_bridge.wire.message_sets import MessageSet
 
 @dataclass(frozen=True, kw_only=True)
 class NodeErrors:
-    """The state of a node's CAN controller at the end of the run.
-
-    Attributes:
-        state: name of a `can_bridge.bus.interface.BusState`.
-        bus_off: number of times that the controller went bus-off.
-        refused: number of frames that the controller could not send, because its queue was full or it was bus-off.
-    """
+    """The state of a node's CAN controller at the end of the run: the name of a `can_bridge.bus.interface.BusState`,
+    its error counters, how often it went bus-off, and how many frames it could not send."""
 
     state: str
     tx_errors: int
@@ -26,7 +21,6 @@ class NodeErrors:
 
     @classmethod
     def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
-        """Create the record from the controller's health report."""
         return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
 
 
@@ -37,8 +31,7 @@ class BusTraffic:
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
         error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
-        longest_wait_ms: for each of the project's messages that was sent, the longest time from a frame's entry into
-            the send queue to the start of its successful transmission.
+        longest_wait_ms: longest time from the send queue to the successful transmission, by our messages' names.
     """
 
     load: float
@@ -62,7 +55,6 @@ class WaitingTimes:
         self._longest_ns[frame_id] = max(waited_ns, self._longest_ns.get(frame_id, 0))
 
     def traffic(self, activity: BusActivity, nodes: Mapping[str, NodeErrors]) -> BusTraffic:
-        """Combine the waits with the counts of the bus and the nodes."""
         sent = (spec for spec in self.messages.specs if spec.frame_id in self._longest_ns)
         longest = {spec.name: self._longest_ns[spec.frame_id] / 1e6 for spec in sent}
         counts = {name: getattr(activity, name) for name in ("load", "frames", "error_frames")}

@@ -20,13 +20,8 @@ KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have
 
 @dataclass(frozen=True, kw_only=True)
 class LatchedFault:
-    """The first fault that latched while control was requested.
-
-    Attributes:
-        reason: name of a `can_bridge.wire.messages.Reason`.
-        t, period: start in t_c, and index in the run's series, of the period of the fault.
-        after_enable: number of control periods from the request for control to the fault.
-    """
+    """The first fault that latched while control was requested: the name of its Reason, its period's start in t_c and
+    index in the series, and the number of control periods since the request."""
 
     reason: str
     t: float
@@ -64,14 +59,12 @@ class RunControl:
 
 def mode_names(log: RunLog) -> list[str]:
     """Return the mode of every period, or SKIPPED."""
-    skipped = np.isnan(log.series["step_ms"])
-    modes = zip(log.series["mode"].astype(int), skipped, strict=True)
+    modes = zip(log.series["mode"].astype(int), np.isnan(log.series["step_ms"]), strict=True)
     return [SKIPPED if left_out else Mode(mode).name for mode, left_out in modes]
 
 
 def mode_spans(log: RunLog) -> list[tuple[str, int, int]]:
-    """Return (mode, first period, period after the last) of every span with a constant mode, in order of time; SKIPPED
-    is a mode."""
+    """Return (mode or SKIPPED, first period, period after the last) of every span of one, in order of time."""
     names = np.array(mode_names(log))
     edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
     return [(str(names[first]), first, after) for first, after in pairwise(edges) if after > first]

@@ -38,8 +38,7 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance of a run, and how often it acted: as a fault in a port counts itself, or the number of disturbed
-    attempts to send for bit errors, or the number of periods for every other disturbance."""
+    """A disturbance and how often it acted: as a port's fault counts; for bit errors, attempts; else periods."""
 
     text: str
     acted: int
@@ -47,14 +46,8 @@ class InjectedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunEcu:
-    """The ECU of a run.
-
-    Attributes:
-        kind: python, c or mcu.
-        clock_mhz: clock of the emulated core; None if the computing time is `ecu.compute_time_ms`.
-        modelled_ms, modelled_ms_max: median and maximum of the emulated core's times for a step with a plan; None
-            without an emulated core.
-    """
+    """The ECU of a run: python, c or mcu; of an emulated core, its clock, and median and maximum of its times for a
+    step with a plan. Without a clock, the computing time is `ecu.compute_time_ms`."""
 
     kind: str = "python"
     clock_mhz: float | None = None
@@ -75,14 +68,12 @@ class RunMetadata:
     """The description of a run, which is stored with its series.
 
     Attributes:
-        controller: name, precision and digest of the bundle.
-        digest: full digest of the bundle.
+        controller, digest: name, precision and short digest of the bundle; full digest.
         computed_by: runtime that computes the control step.
         signer: fingerprint of the key that signed the bundle; None for an unsigned bundle.
         sensors: names of the sensors, in the order of the Pressure message.
         mpc, weights: settings of the optimiser in the bundle, and cost weights that the ECU used.
         budget_ms: longest allowed time from a pressure frame to the ECU's command.
-        averages, settle: see `firmware_sim.bench.spans.Spans`.
         drive: name of the vehicle's drive; None for a run at a constant speed.
     """
 
@@ -108,8 +99,7 @@ class RunMetadata:
 
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
-        """Create the metadata of a run that was computed in this process. `calibration` is the ECU's calibration after
-        the run; `others` are the remaining attributes."""
+        """Create the metadata of a run in this process. `calibration` is the ECU's after the run."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
         own = {"python": platform.python_version(), "machine": platform.machine()}

@@ -13,7 +13,6 @@ from contract.atomic import replacing
 
 @cache
 def templates(package: str) -> Environment:
-    """Return the templates in the folder `templates` of a package."""
     return Environment(
         loader=PackageLoader(package),
         autoescape=True,
@@ -43,7 +42,6 @@ def data_uri(png: bytes) -> str:
 
 
 def png_of(figure: Figure) -> bytes:
-    """Return a figure as PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()

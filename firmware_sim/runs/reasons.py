@@ -1,5 +1,4 @@
-"""Texts for readers who do not know the ECU: its behaviour in each mode, and the reasons why the jets do not follow the
-controller."""
+"""Texts for laypeople: the ECU's behaviour in each mode, and why the jets do not follow the controller."""
 
 from collections.abc import Mapping
 from typing import Final

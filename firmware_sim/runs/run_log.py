@@ -168,7 +168,6 @@ def load(path: Path) -> RunLog:
 
 
 def _check(log: RunLog) -> None:
-    """Raise ValueError if times, modes or reasons have invalid values."""
     t = log.series["t"]
     for name in ("t", "Cd", "Cl", "action"):
         if not np.isfinite(log.series[name]).all():

@@ -35,13 +35,11 @@ _ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in 
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
 _STILL: Final = 0.01
-"""Root mean square of the action, as a share of the action limit, below which the jets are considered not moving. A
-working controller reaches about half of the limit."""
+"""Rms action, as a share of the limit, below which the jets do not move; a working controller reaches a half."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
-    """Return (quantity, value without control, value under control) as text; if there are no averages, return one row
-    with the reason."""
+    """Return (quantity, value without control, value under control) as text, or one row why there are no averages."""
     if (drive := drive_totals(log)) is not None:
         return _drive_rows(drive)
     means = averages(log)
@@ -115,8 +113,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def headline(log: RunLog) -> str:
-    """Summarise the run. Problems are stated first. A reduction is stated without reservation only if the controller
-    was in control and the side force decreased."""
+    """Summarise the run, problems first. A reduction has no reservation only under control and with less side force."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
     if (drive := drive_totals(log)) is not None:
@@ -133,8 +130,7 @@ def headline(log: RunLog) -> str:
     short = None
     if not isinstance(means, NoAverages) and (count := min(means.before.cycles, means.under.cycles)) < ENOUGH_CYCLES:
         short = f"Too short to judge by: cycles averaged {count}, at least {ENOUGH_CYCLES} are needed."
-    parts = (warning, injected(log), without, text, short)
-    return " ".join(part for part in parts if part is not None)
+    return " ".join(part for part in (warning, injected(log), without, text, short) if part is not None)
 
 
 def injected(log: RunLog) -> str | None:

@@ -1,8 +1,7 @@
 """Figures of a run: averages without and with control, and the computing time of the ECU's steps.
 
-Averages are over whole shedding cycles (`wake.truck.averages`). For the time before control, the cycles are found from
-the lift's zero crossings. For the time under control, every cycle has the mean length of the cycles before control; the
-average is over the largest number of such cycles that fits between the end of the settling time and the last sample.
+Averages are over whole shedding cycles (`wake.truck.averages`): before control those between the lift's zero crossings;
+under control as many of their mean length as fit between the end of the settling time and the last sample.
 """
 
 from dataclasses import dataclass
@@ -26,8 +25,7 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over whole shedding cycles in one part of a run; `contract.ledger.DragLedger` defines the
-    coefficients. `duration` is in t_c, `frequency` in cycles per t_c."""
+    """Time averages over `cycles` in one part of a run, `duration` in t_c; coefficients as in `DragLedger`."""
 
     cycles: int
     duration: float
@@ -45,8 +43,7 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """The averages of a run before and under control; `averaged` states whether each of the run's n control periods
-    contributes to `under`, shape (n,)."""
+    """Averages of a run before and under control, and whether each of its n periods contributes to `under`, (n,)."""
 
     before: Regime
     under: Regime
@@ -54,7 +51,6 @@ class Averages:
 
     @property
     def reduction_percent(self) -> float:
-        """Reduction of the mean wall drag by control, in percent."""
         return 100.0 * (1.0 - self.under.Cd / self.before.Cd)
 
 
@@ -67,8 +63,7 @@ class NoAverages:
 
 @dataclass(frozen=True, kw_only=True)
 class Latency:
-    """Wall-clock times in ms of the ECU's steps with a plan, on the machine of the run. `over_budget` is the number of
-    steps that took longer than the bundle's budget."""
+    """Wall-clock times in ms of the ECU's steps with a plan; of these, `over_budget` exceeded the bundle's budget."""
 
     p50: float
     p90: float
@@ -79,8 +74,7 @@ class Latency:
 
 
 def averages(log: RunLog) -> Averages | NoAverages:
-    """Compute the averages of two parts of a run: from the start to the request for control, and from the end of the
-    settling time to the end of the run."""
+    """Compute the averages up to the request for control, and from the end of the settling time on."""
     if not log.metadata.averages:
         return NoAverages("No averages were requested.")
     if log.metadata.drive is not None:
@@ -125,8 +119,7 @@ def actuator_delay_ms(log: RunLog) -> float:
 
 
 def sample_to_jets_ms(log: RunLog) -> float:
-    """Return the longest time from the sampling of pressures to the jets' action, in ms of virtual time; NaN if no
-    command arrived."""
+    """Return the longest time from sampling to the jets' action, in ms of virtual time; NaN without a command."""
     return float(np.fmax.reduce(log.series["age_ms"])) + actuator_delay_ms(log)
 
 

@@ -1,7 +1,7 @@
 """The figures of a run as data for other programs."""
 
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 from contract.config import loading
 from firmware_sim.runs.control import control, held_while_averaged, set_aside, trouble
@@ -12,10 +12,8 @@ from firmware_sim.runs.statistics import NoAverages, averages, latency, rounded,
 
 
 def summary(log: RunLog) -> dict[str, Any]:
-    """Return the measured figures that `stillwake run --json` prints. An unknown figure is null.
-
-    `reduction_percent` is null unless the controller was in control in all averaged periods.
-    """
+    """Return the measured figures that `stillwake run --json` prints. An unknown figure is null, as is
+    `reduction_percent` unless the controller was in control in all averaged periods."""
     metadata, held, drive, timing = log.metadata, control(log), drive_totals(log), latency(log)
     names = ("overruns", "missed", "crc_errors", "not_authentic", "bus_off")
     counted = {name: getattr(metadata.status, name) for name in names}
@@ -67,22 +65,18 @@ def whole_summary(log: RunLog) -> dict[str, Any]:
     }
 
 
+_BOTH: Final = ("Cd", "base_Cp", "abs_Cl", "mean_Cl", "Cd_net", "cycles")
+_PARTS: Final = (("uncontrolled", "before"), ("controlled", "under"))
+
+
 def _averaged(log: RunLog) -> dict[str, float | None]:
-    names = (
-        *("Cd_uncontrolled", "Cd_controlled", "reduction_percent", "base_Cp_uncontrolled", "base_Cp_controlled"),
-        *("abs_Cl_uncontrolled", "abs_Cl_controlled", "mean_Cl_uncontrolled", "mean_Cl_controlled", "rms_action"),
-        *("Cd_net_uncontrolled", "Cd_net_controlled", "jet_power_controlled"),
-        *("cycles_uncontrolled", "cycles_controlled", "shedding_frequency"),
-    )
     found = averages(log)
+    values: dict[str, float | None] = dict.fromkeys(f"{name}_{part}" for name in _BOTH for part, _ in _PARTS)
+    values |= dict.fromkeys(("reduction_percent", "rms_action", "jet_power_controlled", "shedding_frequency"))
     if isinstance(found, NoAverages):
-        return dict.fromkeys(names)
-    before, under = found.before, found.under
-    claimed = held_while_averaged(log, found.averaged)
-    values: tuple[float | None, ...] = (
-        *(before.Cd, under.Cd, found.reduction_percent if claimed else None, before.base_Cp, under.base_Cp),
-        *(before.abs_Cl, under.abs_Cl, before.mean_Cl, under.mean_Cl, under.rms_action),
-        *(before.Cd_net, under.Cd_net, under.jet_power),
-        *(before.cycles, under.cycles, before.frequency),
-    )
-    return {name: rounded(value) for name, value in zip(names, values, strict=True)}
+        return values
+    claimed = found.reduction_percent if held_while_averaged(log, found.averaged) else None
+    values |= {f"{name}_{part}": getattr(getattr(found, field), name) for name in _BOTH for part, field in _PARTS}
+    values |= {"reduction_percent": claimed, "rms_action": found.under.rms_action}
+    values |= {"jet_power_controlled": found.under.jet_power, "shedding_frequency": found.before.frequency}
+    return {name: rounded(value) for name, value in values.items()}

@@ -1,9 +1,5 @@
 """The recorded wake of a run: a still picture of the flow every few control periods, small enough to be stored with
-every run.
-
-Stills are lossy WebP pictures in grey, which every browser can decode for the report's page. A pixel's grey value is
-the flow's level + 128.
-"""
+every run. Stills are lossy WebP pictures in grey, which every browser can decode."""
 
 import io
 import json
@@ -30,15 +26,11 @@ MOST_STILLS: Final = 640
 """Largest number of stills in a recording, about 2 MB; in a longer run the intervals between the stills are longer."""
 MIDDLE: Final = 128
 """Grey value of level 0."""
-_WEBP: Final = {"quality": 85, "method": 2}
-_SAME_TIME: Final = 1e-6
-"""Largest difference in t_c of two times that are treated as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """The data that all stills of a run share: x and y limits of the pictures in W, their width and height in pixels,
-    and x and y in W of all wall sensors by name."""
+    """What all stills of a run share: limits of x and y in W, pixels, and x and y in W of all sensors by name."""
 
     view: View
     size: tuple[int, int]
@@ -85,11 +77,10 @@ class WakeRecorder:
         if k % self._every == 0:
             buffer = io.BytesIO()
             grey = np.asarray(levels().astype(np.int16) + MIDDLE, dtype=np.uint8)
-            Image.fromarray(grey).save(buffer, format="WEBP", **_WEBP)
+            Image.fromarray(grey).save(buffer, format="WEBP", quality=85, method=2)
             self._kept.append((k, t, buffer.getvalue()))
 
     def recorded(self) -> WakeStills:
-        """Return the recorded stills."""
         k, t, stills = zip(*self._kept, strict=True)
         return WakeStills(scene=self._scene, k=np.array(k, dtype=np.int64), t=np.array(t, dtype=float), stills=stills)
 
@@ -104,8 +95,7 @@ def save(path: Path, wake: WakeStills) -> None:
 
 
 def load(path: Path, log: RunLog) -> WakeStills:
-    """Read a file written by `save` for this run. Raises StillwakeError if the file is damaged or of another schema, or
-    if its times differ from the times of the run's series."""
+    """Read a file written by `save`. Raises StillwakeError if it is damaged, or of another schema or run."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())
@@ -126,7 +116,6 @@ def load(path: Path, log: RunLog) -> WakeStills:
 
 
 def _check(wake: WakeStills, total: int, log: RunLog) -> None:
-    """Raise ValueError if the stills are inconsistent with each other or with the run's series."""
     count = len(wake.stills)
     if not count or wake.k.shape != (count,) or wake.t.shape != (count,):
         raise ValueError(f"{count} stills at {len(wake.k)} periods")
@@ -135,7 +124,7 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
     times = log.series["t"]
     if wake.k[0] < 0 or wake.k[-1] >= len(times) or (np.diff(wake.k) <= 0).any():
         raise ValueError(f"the periods of the stills must rise within 0 to {len(times) - 1}")
-    if not np.allclose(wake.t, times[wake.k], rtol=0.0, atol=_SAME_TIME):
+    if not np.allclose(wake.t, times[wake.k], rtol=0.0, atol=1e-6):
         raise ValueError("the stills' times are not the series'")
     for still in wake.stills:
         try:

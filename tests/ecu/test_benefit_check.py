@@ -1,6 +1,7 @@
 """Whether control helps: judged against means that are computed here, and in an ECU whose jets do nothing."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,16 +26,20 @@ SUCTION_UNIT, SWING_UNIT = UNSTATED[0][1:]
 HELPED = np.array([-0.1, -0.2, -0.4, -0.4])
 
 
-def run(
-    state: BenefitCheckState, cp: np.ndarray | None, periods: int, *, drives: bool, speed: float = 1.0
-) -> tuple[Any, list[bool]]:
+def run(state: BenefitCheckState, cp, periods: int, *, drives: bool, speed=1.0, check=CHECK) -> tuple[Any, list[bool]]:
     """After so many periods, and whether each asked for a test; none latched the fault."""
     tests = []
     for _ in range(periods):
-        state, reason = CHECK.next(state, cp, drives=drives, speed=speed)
+        state, reason = check.next(state, cp, drives=drives, speed=speed)
         assert reason is None
         tests.append(state.tests)
     return state, tests
+
+
+def suspected(check: BenefitCheck, rest, periods: int, driven, *, speeds=(1.0, 1.0)) -> bool:
+    """Whether control is tested that has these pressures, after so many periods without it."""
+    rested, _ = run(BenefitCheckState(), rest, periods, drives=False, speed=speeds[0], check=check)
+    return run(rested, driven, SHORTEST, drives=True, speed=speeds[1], check=check)[1][-1]
 
 
 def test_means_without_control_are_those_of_the_latest_periods_and_none_while_the_wake_still_wakes():
@@ -102,40 +107,23 @@ def test_means_are_in_units_of_the_wake_without_jets_at_the_speed_of_each_period
     """A wake that is what it was, at a speed where it sheds more, is no reason to doubt; nor is less of it a gain."""
     check = replace(CHECK, resting=((0.8, -0.25, 0.075), (1.0, -0.5, 0.3), (1.4, -0.6, 0.42)))
 
-    def suspected(speed: float, cp: np.ndarray) -> bool:
-        state = BenefitCheckState()
-        for _ in range(30):
-            state, _ = check.next(state, shaped(WITHOUT, 0.5, 0.25), drives=False, speed=0.7)
-        for _ in range(SHORTEST):
-            state, _ = check.next(state, cp, drives=True, speed=speed)
-        return state.tests
-
     def shaped(cp: np.ndarray, base: float, swing: float) -> np.ndarray:
         """With the base's mean and the differences so many times as large."""
         mean = np.repeat(cp.reshape(2, 2).mean(axis=1), 2)
         return mean * np.array([1.0, 1.0, base, base]) + swing * (cp - mean)
 
     for speed, base, swing in ((0.7, 0.5, 0.25), (0.9, 0.75, 0.625), (1.0, 1.0, 1.0), (1.2, 1.1, 1.2), (1.5, 1.2, 1.4)):
-        assert not suspected(speed, shaped(WITHOUT, 0.89 * base, swing))
-        assert suspected(speed, shaped(WITHOUT, 0.91 * base, swing))
+        doubted = partial(suspected, check, shaped(WITHOUT, 0.5, 0.25), 30, speeds=(0.7, speed))
+        assert not doubted(shaped(WITHOUT, 0.89 * base, swing))
+        assert doubted(shaped(WITHOUT, 0.91 * base, swing))
         # The second bound: mirrored sensors differ more than without control.
-        assert not suspected(speed, shaped(WITHOUT, 0.5 * base, 1.14 * swing))
-        assert suspected(speed, shaped(WITHOUT, 0.5 * base, 1.16 * swing))
+        assert not doubted(shaped(WITHOUT, 0.5 * base, 1.14 * swing))
+        assert doubted(shaped(WITHOUT, 0.5 * base, 1.16 * swing))
 
 
 def test_a_wake_that_control_had_calmed_before_a_reset_is_not_taken_for_that_without_control():
     """Nor does the release's wake judge a vehicle that has measured its own for long enough."""
-    proven = CONFIG.wake_periods + CONFIG.mean_periods
-
-    def suspected(check: BenefitCheck, rest: np.ndarray, periods: int, driven: np.ndarray) -> bool:
-        state = BenefitCheckState()
-        for _ in range(periods):
-            state, _ = check.next(state, rest, drives=False)
-        for _ in range(SHORTEST):
-            state, _ = check.next(state, driven, drives=True)
-        return state.tests
-
-    stated = replace(CHECK, resting=((1.0, -0.5, 0.3),))
+    stated, proven = replace(CHECK, resting=((1.0, -0.5, 0.3),)), CONFIG.wake_periods + CONFIG.mean_periods
     assert stated.proven == proven
     for periods in (1, proven - 1):
         assert not suspected(stated, HELPED, periods, HELPED)

@@ -28,8 +28,7 @@ class Mixing:
         if window[-1, 0] > 3.0:
             raise ControllerError("too much pressure")
         new = np.where(free > 0.5, 0.5 * shifted + drive, shifted)
-        forces = np.outer(new, [1.0, -1.0])
-        return ControlStep(plan=new, forces=forces, terms=np.zeros(8), cost=float(np.sum(new**2)))
+        return ControlStep(plan=new, forces=np.outer(new, [1.0, -1.0]), terms=np.zeros(8), cost=float(np.sum(new**2)))
 
 
 class Period(NamedTuple):

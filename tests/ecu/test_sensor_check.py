@@ -74,8 +74,7 @@ class Drive:
 
     def __init__(self) -> None:
         deviations = tuple((DEVIATION,) * 4 for _ in range(4))
-        figures = SensorEstimator(fast=deviations, slow=deviations)
-        self.check = SensorCheck.of(figures, Flow(), SensorCheckConfig())
+        self.check = SensorCheck.of(SensorEstimator(fast=deviations, slow=deviations), Flow(), SensorCheckConfig())
         self.state = SensorCheckState.start(window=LENGTH, sensors=4)
         self.window, self.rows, self.now = np.zeros((LENGTH, 5)), 0, 0
         self.fault: Reason | None = None
@@ -317,8 +316,7 @@ def dead(j):
 def test_control_goes_on_without_a_dead_sensor_and_the_status_names_it_until_a_restart(pressures, j):
     bench = started()
     drive(bench, pressures, 80)
-    commands = drive(bench, pressures, 60, dead(j))
-    assert {command.mode for command in commands} == {Mode.CONTROL}
+    assert {command.mode for command in drive(bench, pressures, 60, dead(j))} == {Mode.CONTROL}
     assert (bench.status.set_aside, bench.status.reason) == (1 << j, Reason.NONE)
     # The controller sees the estimate, in all rows, also in those from before the fault was noticed.
     window = bench.controller.calls[-1][0]

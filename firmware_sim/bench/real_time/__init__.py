@@ -1,2 +1,1 @@
-"""The vehicle's side of a bus in real time: it sends pressures from a recording or a live wake, and drives the jets as
-commanded."""
+"""The vehicle's side of a bus in real time, with pressures from a recording or a live wake."""

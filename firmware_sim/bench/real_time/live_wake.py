@@ -1,10 +1,8 @@
 """The built-in solver in a separate process, one control period ahead of the bus.
 
-The action for a period is known before the period starts, because an ECU that plans ahead sends this action one period
-early. So the solver has a whole period to compute the flow up to the next sampling instant. If the solver is late, the
-vehicle sends no pressures at that instant, and the flow's time falls behind the clock by a period.
-
-The computing time of a control period on this machine is measured before the start.
+An ECU that plans ahead sends the action for a period one period early, so the solver has a whole period to compute the
+flow up to the next sampling instant. If it is late, the vehicle sends no pressures at that instant, and the flow's time
+falls behind the clock by a period.
 """
 
 import multiprocessing
@@ -29,8 +27,7 @@ from wake.plant.drive import Drive
 from wake.truck.truck_wake import TruckWake
 
 _ROOM: Final = 0.9
-"""Largest share of a control period that the solver may take; the transfer of pressures and other processes need the
-remaining time."""
+"""Largest share of a control period that the solver may take; transfers and other processes need the rest."""
 COARSE: Final = (0.75, 15)
 """Grid refinement, and time steps per control period, of the fastest plant found so far on which the shipped controller
 acts as on the default grid (docs/explanation/solver.md)."""
@@ -44,8 +41,7 @@ class Speed(NamedTuple):
 
     @classmethod
     def of(cls, wake: TruckWake, periods: int = 20, clock: Callable[[], float] = time.perf_counter) -> "Speed":
-        """Measure control periods with the jets shut, including the sampling of pressures; then restore the wake's
-        state."""
+        """Measure control periods with the jets shut and their sampling; then restore the wake's state."""
         begin, times = wake.state(), []
         for _ in range(periods):
             began = clock()
@@ -55,8 +51,7 @@ class Speed(NamedTuple):
         return cls(median(times), max(times))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:
-        """Return None if the plant is fast enough, or a warning if it is only just fast enough. If the plant is too
-        slow, raises PlantError, whose text states possible remedies."""
+        """Return None if the plant is fast enough, a warning if only just. Raises PlantError with remedies if not."""
         if self.typical_ms > period_ms:
             lacking = self.typical_ms / (_ROOM * period_ms)
             coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"
@@ -85,8 +80,7 @@ class LiveWake(NeverCopied):
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
         progress: called with (time done, total time) in t_c while the flow develops from the initial state.
-        drive: speeds of the inflow from the first period on; the time steps in `config.flow` must be short enough for
-            these speeds.
+        drive: speeds of the inflow, for which the time steps in `config.flow` must be short enough.
     """
 
     INSTEAD: ClassVar = "its solver is a process; start another wake"
@@ -116,8 +110,7 @@ class LiveWake(NeverCopied):
         self._is_busy = False
 
     def sampled(self) -> Array | None:
-        """Return Cp at the end of the latest period; None while it is computed. Raises PlantError if the flow diverged
-        or the process ended."""
+        """See `Pressures`. Raises PlantError if the flow diverged or the process ended."""
         if self._is_busy and not self._pipe.poll():
             return None
         if self._is_busy:
@@ -178,8 +171,7 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
             with nullcontext() if drive is None else driving(wake, drive, config):
                 send("ready", speed, wake.description, wake.sample().Cp)
                 while True:
-                    sample = wake.advance(pipe.recv())
-                    send("sample", sample.Cp)
+                    send("sample", wake.advance(pipe.recv()).Cp)
     except StillwakeError as error:
         send(error)
     except (EOFError, BrokenPipeError, ConnectionResetError):

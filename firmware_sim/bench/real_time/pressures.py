@@ -20,8 +20,7 @@ class Pressures(Protocol):
         """Return Cp, shape (sensors,), at the present sampling instant; None if the flow has not reached it yet."""
 
     def drive(self, action: float) -> None:
-        """Ramp the jets from their action at this sampling instant to `action`, in U_inf W, at the next sampling
-        instant."""
+        """Ramp the jets to `action`, in U_inf W, from this sampling instant to the next."""
 
 
 class Replay:

@@ -18,7 +18,7 @@ from ecu.real_time import clock
 from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.inbox import Inbox
 from ecu.real_time.privileges import Wanted, in_words, taken
-from ecu.real_time.stage_times import StageTimes, VehicleStage
+from ecu.real_time.stage_times import USUAL_PERIODS, StageTimes, VehicleStage
 from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
 from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
@@ -27,8 +27,6 @@ from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
 """Time in ns from the start of the loop to its first sampling instant."""
-_ROOM: Final = 4096
-"""Largest number of frames stored in a period: about the number on a fully loaded classic bus in a second."""
 WRITTEN_EVERY: Final = 500
 """Number of periods between two writes of the freshness file: 500 periods of 20 ms are ten seconds."""
 
@@ -40,10 +38,8 @@ class Course:
     Attributes:
         periods: number of periods; None for an endless run.
         enable_after_s: time in s of the first request for control; None for no request.
-        stage_times: file for the stage times, written at the end.
         freshness: file in which the node's power cycles are counted; None exactly if `bus.key` is empty.
         frames: measurement file for the frames that the vehicle sent and accepted.
-        drive: speeds from the first period on; if None, the operating point's speed.
     """
 
     periods: int | None = None
@@ -66,26 +62,17 @@ def run_vehicle(
     report: Callable[[str], None] = lambda line: None,
     progress: Callable[[VehicleFigures], None] = lambda figures: None,
 ) -> VehicleFigures:
-    """Run until `course` ends or `is_stopped` is true; then withdraw the request for control on the bus.
-
-    Args:
-        sensors: names of the sensors, in the order of the Pressure message.
-        report: called with lines for the user, from this thread.
-
-    Raises:
-        ConfigError: only one of `bus.key` and the freshness file is set, or the pressures lack a sensor.
-        BusError: the bus is lost.
-        StillwakeError: a file cannot be written, or the live wake fails.
-    """
+    """Run until `course` ends or `is_stopped` is true; then withdraw the request for control on the bus. `sensors` are
+    in the order of the Pressure message. Raises ConfigError if only one of `bus.key` and the freshness file is set, or
+    the pressures lack a sensor; BusError if the bus is lost; StillwakeError if a file cannot be written, or the live
+    wake fails."""
     store, node = _node(sensors, pressures, config, course)
     per_second = max(1, round(SILENCE_S * 1e9 / config.period_ns))
     enable_from = None if course.enable_after_s is None else round(course.enable_after_s * 1e9 / config.period_ns)
-    times = None
-    if course.stage_times is not None:
-        times = StageTimes(VehicleStage) if course.periods is None else StageTimes(VehicleStage, course.periods)
+    times = None if course.stage_times is None else StageTimes(VehicleStage, course.periods or USUAL_PERIODS)
     bus.receive_all()  # drops the frames that arrived before the run
     # A frame arrives when the receive thread reads it, so its wait in the kernel counts as transmission time.
-    inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
+    inbox = Inbox(lambda frame: clock.now_ns(), room=4096)  # a second of a full classic bus
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
         receiving = stack.enter_context(ReceiveThread(bus, inbox.put))

@@ -27,8 +27,7 @@ class Durations:
         self._total += 1
 
     def quantile_ms(self, share: float) -> float:
-        """Return the nearest-rank quantile in ms, rounded down to 10 us: the smallest counted time that the given share
-        of the times does not exceed; NaN if there are no times."""
+        """Return the nearest-rank quantile in ms, rounded down to 10 us; NaN if there are no times."""
         if self._total == 0:
             return nan
         # In binary, 0.07 * 100 is 7.000000000000001. Without rounding, the rank would be 8 in place of 7.
@@ -41,16 +40,14 @@ class VehicleFigures:
     """Counts of one run.
 
     Attributes:
-        left_out: number of periods that the vehicle did not start, because it was late by at least half a period.
-        unsampled: number of periods without pressures, because the live wake was late.
-        commands: number of valid jet commands.
-        misses: number of periods without a valid command, counted from the first valid command on.
-        at_once: number of commands that act in the period in which they arrived.
-        unsent: number of pressure frames that the bus did not accept.
+        left_out: periods that the vehicle did not start, because it was late by at least half a period.
+        unsampled: periods without pressures, because the live wake was late.
+        misses: periods without a valid command, counted from the first valid command on.
+        at_once: commands that act in the period in which they arrived.
+        unsent: pressure frames that the bus did not accept.
         ages: times from the sampling of a command's pressures to the command's arrival.
         lateness: delays of the sampling after its scheduled instant.
-        ended: number of periods that have ended; the commands of these periods are known.
-        squares: sum of the squared actions of the ended periods, in (U_inf W)^2.
+        ended, squares: number of ended periods, and the sum of their squared actions in (U_inf W)^2.
         largest: largest magnitude of an action, in U_inf W.
     """
 

@@ -27,8 +27,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 UNSENT_LIMIT: Final = 50
 """Number of consecutively refused frames at which the bus is considered lost: 50 periods of 20 ms are a second."""
 FAREWELL: Final = 3
-"""Number of frames without a request for control at the end of a run: one more than the number of lost frames that the
-ECU tolerates."""
+"""Number of frames without a request at the end of a run: one more than the ECU tolerates to be lost."""
 LONGEST_FAREWELL: Final = 10
 """Largest number of periods for these frames, because the live wake may have no pressures for some of the periods."""
 
@@ -38,12 +37,10 @@ class VehicleLoop:
 
     Args:
         send: sends one frame; raises BusError if the bus does not accept the frame.
-        stage_times: record to which the times of each period's stages are added; None for no record.
         now_ns, sleep_until: functions of the clock, which must be the clock of the deadlines and the inbox.
 
     Attributes:
-        heard: counts of the frames received since the caller last set this attribute, for a message about missing
-            commands.
+        heard: counts of the frames received since the caller last set this attribute.
     """
 
     def __init__(
@@ -69,8 +66,8 @@ class VehicleLoop:
         self.heard = Heard()
 
     def period(self, *, enable_request: bool) -> None:
-        """Wait for the next sampling instant and run its period. Raises BusError if the bus has refused UNSENT_LIMIT
-        frames in a row; PlantError if the live wake failed."""
+        """Wait for the next sampling instant and run its period. Raises BusError after UNSENT_LIMIT refused frames in a
+        row; PlantError if the live wake failed."""
         due_ns = self._next_instant()
         self._end_period(due_ns)
         if self._stage_times is not None:
@@ -94,8 +91,7 @@ class VehicleLoop:
             due_ns = self._next_instant()
 
     def _next_instant(self) -> int:
-        """Wait for the next sampling instant and return its time; skip every instant for which this process is late by
-        half a period or more."""
+        """Wait for the next sampling instant for which this process is late by less than half a period."""
         while True:
             due_ns, latest_ns = self._deadlines.due_ns, self._deadlines.period_ns // 2
             self._sleep_until(due_ns)
@@ -106,8 +102,7 @@ class VehicleLoop:
             self._deadlines = self._deadlines.after(now_ns)
 
     def _end_period(self, due_ns: int) -> None:
-        """Pass the frames received in the period that ends now to the jets' driver; do nothing before the first
-        period."""
+        """Pass the frames received in the period that ends now, if there was one, to the jets' driver."""
         if not self.figures.periods:
             return
         frames = self._inbox.before(due_ns)

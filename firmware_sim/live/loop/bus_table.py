@@ -16,11 +16,6 @@ from firmware_sim.runs.bus_traffic import NodeErrors
 
 ROWS: Final = 64
 """Largest number of rows; if there are more identifiers, those with the lowest priority are left out."""
-_UNKNOWN: Final = "unknown"
-"""Name shown for a message that is not in the message set of the bus."""
-_BABBLER: Final = "babbler"
-"""Sender shown for a message that neither node defines but a node's port sends. The message comes from a babbling node,
-which is simulated at this port."""
 _NS: Final = 10**9
 
 
@@ -53,8 +48,9 @@ class BusTable:
         key = frame.frame_id, frame.is_extended
         row = self._rows.get(key)
         if row is None:
+            # A babbling is simulated at a node's port.
             babbles = seen.sender in PORT_NAMES.values() and not self._is_ours(key)
-            row = self._rows[key] = _Row(sender=_BABBLER if babbles else seen.sender)
+            row = self._rows[key] = _Row(sender="babbler" if babbles else seen.sender)
         row.last_ns = seen.end_ns
         row.count += 1
         row.seen += 1
@@ -75,8 +71,8 @@ class BusTable:
     def message(
         self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
     ) -> LiveMessage:
-        """Return the message for viewers about the bus traffic in the latest second of virtual time. `pressures` and
-        `commands` are the states of the receivers in the ECU and in the vehicle."""
+        """Return the message about the bus in the latest second of virtual time. `pressures` and `commands` are the
+        states of the receivers in the ECU and in the vehicle."""
         first, last = self._activity[0], self._activity[-1]
         receivers = {
             self._messages.pressure.spec.frame_id: pressures,
@@ -86,11 +82,10 @@ class BusTable:
         passed_ns = last.now_ns - first.now_ns
         # In the first period there is no earlier period to subtract.
         load = (last.busy_ns - first.busy_ns) / passed_ns if passed_ns else last.load
-        chosen = sorted(self._rows)[:ROWS]
         return {
             "type": "bus",
             "run": run,
-            "rows": [self._row(key, self._rows[key], receivers, last.now_ns) for key in chosen],
+            "rows": [self._row(key, self._rows[key], receivers, last.now_ns) for key in sorted(self._rows)[:ROWS]],
             "load": min(load, 1.0),  # 0 to 1
             "error_frames": last.error_frames - first.error_frames if passed_ns else last.error_frames,
             "nodes": [{"name": name, **asdict(errors)} for name, errors in nodes.items()],
@@ -107,7 +102,7 @@ class BusTable:
         seconds = len(row.lately) * self._period_ns / _NS
         return {
             "id": frame_id,
-            "name": self._names[frame_id] if ours else _UNKNOWN,
+            "name": self._names[frame_id] if ours else "unknown",
             "sender": row.sender,
             "count": row.count,
             "rate_hz": row.in_second / seconds if seconds else None,

@@ -40,7 +40,6 @@ class ControlRequest:
     Attributes:
         lead_in: number of periods after which control is requested.
         rearm_frames: number of consecutive good frames that the ECU needs before a request clears a latched fault.
-        wanted: whether control is wanted.
         waits: whether the lead-in has not ended yet; a viewer who sets the request ends the lead-in early.
         rearming: whether the request stays low until the ECU will accept a high request.
         helped_until: period before which a new request clears latched faults without a viewer's action.
@@ -66,21 +65,15 @@ class ControlRequest:
         return self.rearming
 
     def begins(self, k: int) -> bool:
-        """End the lead-in in period `lead_in`, and request control from then on; return whether the lead-in ended in
-        period k. Call this once per period."""
+        """End the lead-in, and request control, if it is over in period k; return whether it ended. Once a period."""
         if not (self.waits and k >= self.lead_in):
             return False
         self.wanted, self.waits = True, False
         return True
 
     def requests(self, k: int, fail_safe: FailSafe, *, is_up: bool, given_up: bool) -> bool:
-        """Return whether control is requested in period k.
-
-        Args:
-            fail_safe: state of the ECU's fail-safe after the previous period.
-            is_up: whether the ECU has booted.
-            given_up: whether the vehicle has given up control, which lasts until its own request has been low.
-        """
+        """Return whether control is requested in period k. `fail_safe` is the ECU's after the previous period; `is_up`:
+        it has booted; `given_up`: the vehicle has given up control, until its own request has been low."""
         if self.rearming and is_up and not given_up and self._may_rise(fail_safe):
             self.rearming = False
         elif k < self.helped_until:
@@ -101,15 +94,10 @@ class ControlRequest:
 
 
 class DragMeans:
-    """Mean drag of one run of the loop.
-
-    Args:
-        control_period: control period in t_c.
-        kept: number of latest samples to store.
+    """Mean drag of one run of the loop, from the latest `kept` samples, one in a control period in t_c.
 
     Attributes:
-        uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without a whole
-            cycle.
+        uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without one.
         now: mean Cd over the latest shedding cycle; None before the first whole cycle.
     """
 
@@ -121,12 +109,10 @@ class DragMeans:
         self.now: float | None = None
 
     def add(self, sample: Sample) -> None:
-        """Add the sample taken at the start of a period."""
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:
-        """Update the averages. With `without_control`, all stored samples are from the time without control, so the
-        mean without control is updated too."""
+        """Update the averages; that without control if all stored samples are."""
         if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:
@@ -145,8 +131,7 @@ class DragMeans:
 
     @property
     def reduction_percent(self) -> float | None:
-        """Reduction in percent of the present mean drag relative to the mean drag without control; None if one of the
-        two means is missing."""
+        """Reduction of the mean drag relative to that without control; None if one of the two means is missing."""
         if self.uncontrolled is None or self.now is None:
             return None
         return 100.0 * (1.0 - self.now / self.uncontrolled)
@@ -154,15 +139,12 @@ class DragMeans:
 
 BOOT_S: Final = 0.2
 """Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
-_FOR_GOOD_NS: Final = 10**18
 _AVERAGES_EVERY: Final = 5
-"""Number of periods from one update of the averages to the next."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LivePeriod:
-    """One control period. `planned_ns` is the virtual computing time in ns of a step with a plan; None without a
-    plan."""
+    """One control period. `planned_ns` is the virtual computing time in ns of a step with a plan, or None."""
 
     k: int
     row: Row
@@ -178,17 +160,12 @@ class LiveRun:
         wake: a plant at the start of a control period.
         lead_in: number of periods after which control is requested without a viewer's action.
         kept: number of latest periods whose drag is stored.
-        authentication: key and freshness values of the vehicle's node; None without `bus.key`.
 
     Attributes:
-        number, wake, ecu: values of these arguments; `exchange` replaces the ECU.
         k: number of the next period; each period lasts `period_ns` in virtual time.
-        drag, bus_table: averages and bus table for viewers.
-        view: limits of the pictures in W; empty for a plant without a flow field.
-        raster: width and height of the pictures in pixels; empty for a plant without a flow field.
+        view, raster: limits of the pictures in W, width and height in pixels; empty for a plant without a flow field.
         picture: flow at the start of the latest period; None for a plant without a flow field.
-        latest: latest period; None before the first period.
-        state: state of the ECU after the latest period.
+        latest, state: latest period, None before the first, and the ECU's state after it.
     """
 
     def __init__(
@@ -218,13 +195,7 @@ class LiveRun:
         self.latest: LivePeriod | None = None
         self.is_off = False
         self.wired = wire(
-            wake,
-            sensors,
-            config,
-            ecu,
-            self.disturbances,
-            authentication=authentication,
-            observe=self.bus_table,
+            wake, sensors, config, ecu, self.disturbances, authentication=authentication, observe=self.bus_table
         )
         self._loop, self._bus, self.node = self.wired.loop, self.wired.bus, self.wired.node
         self.k, self.period_ns = 0, config.period_ns
@@ -263,10 +234,8 @@ class LiveRun:
 
     def help(self) -> bool:
         """Clear latched faults with a new request for control, now and for the next periods, in which earlier
-        disturbances may still latch a fault. Returns whether the request is withdrawn for this purpose.
-
-        If the ECU ignores a sensor that it has found faulty, the ECU is restarted, so that it uses the sensor again.
-        """
+        disturbances may still latch one. Restart an ECU that ignores a sensor. Returns whether the request is withdrawn
+        for this purpose."""
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_on()
         longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)
@@ -280,7 +249,7 @@ class LiveRun:
 
     def cut_supply(self) -> None:
         """Cut the ECU's supply: it sends nothing until `power_on`. Its CAN transceiver still acknowledges frames."""
-        self._reset(_FOR_GOOD_NS)
+        self._reset(10**18)  # for good
         self.is_off = True
 
     def seen(self) -> SeenState:
@@ -299,8 +268,7 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Apply only these disturbances from the next period on. If a new disturbance starts, latched faults are no
-        longer cleared without a viewer's action."""
+        """Apply only these disturbances from the next period on; a new one ends what `help` began."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from wake.pictures.level_picture import Levels
 
 LIVE_SCHEMA: Final = "stillwake-live/1"
-_FIELD: Final = struct.Struct("<IfHH")
 
 PERIOD_COLUMNS: Final = (
     "k", "t", "Cd", "Cl", "base_Cp", "action", "command", "predicted_Cd", "mode", "reason", "step_ms", "age_ms",
@@ -34,14 +33,11 @@ PERIOD_COLUMNS: Final = (
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
-"""A viewer's request: an `id`, which is repeated in the answer, and an action from
-`firmware_sim.live.settings.ACTIONS`."""
+"""A viewer's request: an `id`, which the answer repeats, and an action of `firmware_sim.live.settings.ACTIONS`."""
 LiveAnswer = dict[str, Any]
-"""An answer to a request: it contains the request's `id`, the text `error` if the request changed nothing, and the text
-`note` if the change needs an explanation."""
+"""An answer: the request's `id`, `error` if it changed nothing, and `note` if the change needs an explanation."""
 Choice = dict[str, Any]
-"""A controller or plant that a viewer may choose: `name`, `label`, and `missing`, which is null or one line on why it
-cannot be chosen."""
+"""A controller or plant to choose: `name`, `label`, and `missing`, null or one line on why it cannot be chosen."""
 
 
 def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMessage:
@@ -51,8 +47,7 @@ def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMes
 
 
 class FieldPicture(NamedTuple):
-    """The flow at the start of period k, at time t in t_c. `levels` has the shape (height, width); see
-    `wake.pictures.level_picture.field_levels`."""
+    """The flow at the start of period k, at t in t_c, as `wake.pictures.level_picture.field_levels` (height, width)."""
 
     k: int
     t: float
@@ -62,4 +57,4 @@ class FieldPicture(NamedTuple):
 def pack_field(picture: FieldPicture) -> bytes:
     """Pack a picture, little-endian: k (uint32), t (float32), width, height (uint16), then rows of levels (int8)."""
     height, width = picture.levels.shape
-    return _FIELD.pack(picture.k, picture.t, width, height) + picture.levels.tobytes()
+    return struct.pack("<IfHH", picture.k, picture.t, width, height) + picture.levels.tobytes()

@@ -56,7 +56,8 @@ FIRST_SEEN: Final = SeenState(OperatingMode.INIT.name, Reason.NONE, (), False, I
 def noticed(before: SeenState, now: SeenState) -> Iterator[tuple[str, str]]:
     """Yield (kind, text) for each change."""
     if now.state != before.state:
-        yield "state", _transition(before, now)
+        because = f"{BECAUSE[now.reason]}; " if BECAUSE[now.reason] else ""
+        yield "state", f"{before.state} to {now.state}: {because}{_DOES[now.state]}"
     elif now.reason not in (before.reason, Reason.NONE):
         yield "state", f"{now.state}: {BECAUSE[now.reason]}"
     for name in now.set_aside:
@@ -87,16 +88,10 @@ _NODE: Final[Mapping[BusState, str]] = {
 }
 
 
-def _transition(before: SeenState, now: SeenState) -> str:
-    because = BECAUSE[now.reason]
-    return f"{before.state} to {now.state}: {because + '; ' if because else ''}{_DOES[now.state]}"
-
-
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Virtual time in s in which repetitions of an event are only counted. After this time one event states the number of
-repetitions, and the time is doubled for this event."""
+"""Time in s in which repetitions of an event are only counted; then one event states them, and the time doubles."""
 _LONGEST_S: Final = 16.0
 
 
@@ -125,8 +120,7 @@ class EventLog:
         self._publish(kind, text, time_s, t)
 
     def pass_to(self, time_s: float, t: float) -> None:
-        """Advance the time. For each repeated event whose counting time has ended, add an event with the number of
-        repetitions."""
+        """Advance the time; for each event whose counting time has ended, add an event with its repetitions."""
         for text, repeated in list(self._repeated.items()):
             if time_s - repeated.since_s < repeated.quiet_s:
                 continue

@@ -1,12 +1,10 @@
 """Disturbances that are switched on and off while the loop runs, each at the start of a control period.
 
-A disturbance that is switched on acts as in a run with the same disturbance from the same time on. Each disturbance is
-an item with a separate `firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after those of
-all earlier items. The items of the transducers, and the items of each node's port, are in the order of the settings.
-When one item changes, all items after it end and start again.
-
-An item in a port that has ended passes all frames on unchanged. It is removed `LINGER_S` later, so that frames that it
-still delays reach the node in order.
+A disturbance that is switched on acts as in a run with it from the same time on: each is an item with a
+`firmware_sim.bench.disturbing.Disturbing` of its own, whose random sequences are numbered after those of all earlier
+items. The items of the transducers, and of each node's port, are in the order of the settings; when one changes, all
+after it end and start again. An ended item in a port passes all frames on unchanged. It is removed `LINGER_S` later, so
+that frames that it still delays reach the node in order.
 """
 
 from collections import Counter
@@ -34,17 +32,14 @@ class Plug:
         self.beneath = beneath
 
     def send(self, frame: Frame) -> None:
-        """See `Bus.send`."""
         self.beneath.send(frame)
 
     def receive_all(self) -> list[Frame]:
-        """See `Bus.receive_all`."""
         return self.beneath.receive_all()
 
 
 class SwitchedPort(WrappedBus):
-    """A node's port to which layers are added, and from which they are removed, while the bus runs. Frames from the bus
-    reach the first layer first."""
+    """A node's port whose layers change while the bus runs. Frames from the bus reach the first layer first."""
 
     def __init__(self, port: Bus) -> None:
         self._plugs: list[Plug] = []
@@ -62,8 +57,7 @@ class SwitchedPort(WrappedBus):
         return plug
 
     def take_out(self, plug: Plug) -> None:
-        """Remove the layer above this plug; frames that this layer still delays are lost. Raises ValueError if the plug
-        is not in this port."""
+        """Remove the layer above this plug; frames that it still delays are lost."""
         place = self._plugs.index(plug)
         above = self._plugs[place + 1] if place + 1 < len(self._plugs) else self._top
         above.beneath = plug.beneath
@@ -87,18 +81,10 @@ class _Item:
 
 
 class SwitchedDisturbances:
-    """The disturbances of one run of the loop; an implementation of `firmware_sim.bench.wiring.Disturbs`.
+    """The disturbances of one run of the loop; an implementation of `firmware_sim.bench.wiring.Disturbs`. `read` has
+    the latest readings of the S sensors, shape (S,); NaN before the first."""
 
-    Args:
-        sensors: names of the sensors, in the order of the readings.
-
-    Attributes:
-        read: latest readings of the S transducers, shape (S,); NaN before the first readings.
-    """
-
-    corrupts = None
-    """No setting of a viewer causes bit errors on the bus."""
-    mishears = None
+    corrupts = mishears = None  # no setting of a viewer causes bit errors on the bus
 
     def __init__(self, config: Config, sensors: Sequence[str], seed: int) -> None:
         self._config, self._sensors, self._seed = config, tuple(sensors), seed
@@ -110,18 +96,15 @@ class SwitchedDisturbances:
         self.read = np.full(len(self._sensors), np.nan)
 
     def readings(self, cp: Array, now_ns: int) -> Array:
-        """See `Disturbs.readings`."""
         for item in self._items:
             cp = item.work.readings(cp, now_ns)
         self.read = cp
         return cp
 
     def ecu_clock(self, now_ns: int) -> int:
-        """See `Disturbs.ecu_clock`."""
         return now_ns
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
-        """See `Disturbs.connect`."""
         self._bus = bus
 
         def around(node: str, port: Bus) -> Bus:
@@ -132,8 +115,7 @@ class SwitchedDisturbances:
 
     def set(self, texts: Sequence[str], k: int) -> bool:
         """Apply only these disturbances, given as texts without times, from control period k on, which must not have
-        started on the bus. Returns whether a disturbance starts. Raises ConfigError for a text that describes no
-        disturbance."""
+        started on the bus. Returns whether one starts. Raises ConfigError for a text that describes none."""
         assert self._bus is not None
         new: list[tuple[str, str]] = []
         for group in ("sensors", *NODES):
@@ -143,7 +125,12 @@ class SwitchedDisturbances:
             same = len(list(takewhile(lambda pair: pair[0].text == pair[1], pairs)))
             new += [(text, group) for text in here[same:]]
             for item in acting[same:]:
-                self._end(item, k)
+                item.end = k
+                # The span is frozen, but a running disturbance reads its end time from it.
+                object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
+                self._items.remove(item)
+                if item.plugs:
+                    self._lingering.append(item)
         # Bus events at the period's start come after the end of old disturbances and before the start of new ones.
         self._bus.advance_to(k * self._config.period_ns)
         for text, group in new:
@@ -173,14 +160,6 @@ class SwitchedDisturbances:
             around, port = work.connect(self._bus), self._ports[group]
             item.plugs = [(port, port.put(lambda plug: around(group, plug)))]
         self._items.append(item)
-
-    def _end(self, item: _Item, k: int) -> None:
-        item.end = k
-        # The span is frozen, but a running disturbance reads its end time from the span, so the end time is set here.
-        object.__setattr__(item.span, "end_s", k * self._config.period_ns / NS)
-        self._items.remove(item)
-        if item.plugs:
-            self._lingering.append(item)
 
 
 def _group(text: str) -> str:

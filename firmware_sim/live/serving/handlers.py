@@ -25,8 +25,6 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage
 from firmware_sim.live.serving.supervisor import STREAMS, Supervisor, Viewer
 
-TOKEN_BYTES: Final = 24
-
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
@@ -37,11 +35,10 @@ class PageAccess:
     @classmethod
     def to(cls, address: str) -> Self:
         """Return the access rules of a server at this address, with a new token unless the address is loopback."""
-        return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
+        return cls(token=None if is_loopback(address) else token_urlsafe(24))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return the reason for refusing a request; None if the request is allowed. `origin` is None if the request has
-        no Origin, as in a request from a program that is not a browser."""
+        """Return why a request is refused, or None; `origin` is None in a request of a program that is no browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():
@@ -124,7 +121,6 @@ _TYPES: Final = {
     ".png": "image/png",
     ".txt": "text/plain; charset=utf-8",
 }
-_log = logging.getLogger("tornado.application")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,8 +134,7 @@ class ServedPage:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie with the token. The name differs between servers, because a browser shares cookies between
-        the ports of a host."""
+        """Name of the cookie with the token, which differs between servers: a host's ports share its cookies."""
         return f"stillwake-{sha256((self.access.token or '').encode()).hexdigest()[:12]}"
 
 
@@ -158,9 +153,8 @@ class Guarded(RequestHandler):
         return self.get_query_argument("token", None) or self.get_cookie(self.served.cookie)
 
     def prepare(self) -> None:
-        headers = self.request.headers
         refusal = self.served.access.refusal(
-            host=self.request.host, origin=headers.get("Origin"), token=self.shown_token()
+            host=self.request.host, origin=self.request.headers.get("Origin"), token=self.shown_token()
         )
         if refusal is not None:
             self.set_status(403)
@@ -175,12 +169,11 @@ class Guarded(RequestHandler):
         # This method replaces tornado's method, which would log the address with the token. Cancelled answers are
         # normal when the server ends.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
-            _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
+            log = logging.getLogger("tornado.application")
+            log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
 
 class PageFiles(Guarded, StaticFileHandler):
-    """The page's files."""
-
     def initialize(self, served: ServedPage, path: str, default_filename: str | None = None) -> None:  # type: ignore[override]
         Guarded.initialize(self, served)
         StaticFileHandler.initialize(self, path, default_filename)
@@ -217,12 +210,8 @@ class Socket(Guarded, WebSocketHandler):
         return getattr(self.ws_connection, "stream", None)
 
     async def send(self, message: str | bytes) -> None:
-        """Send a message, and wait until the operating system has accepted it.
-
-        Raises:
-            WebSocketClosedError: the viewer has left, or its connection was closed because it accepted no message for
-                too long.
-        """
+        """Send a message, and wait until the operating system has accepted it. Raises WebSocketClosedError if the
+        viewer has left, or its connection was closed because it accepted no message for too long."""
         # `asyncio.timeout` is not used, because it would cancel the connection's write.
         sent = asyncio.ensure_future(self.write_message(message, binary=isinstance(message, bytes)))
         sent.add_done_callback(lambda done: done.cancelled() or done.exception())
@@ -234,8 +223,7 @@ class Socket(Guarded, WebSocketHandler):
 
 
 class StreamSocket(Socket):
-    """The stream of the loop's messages to one viewer. A message is sent only when the previous message was accepted,
-    and contains the newest data at that time."""
+    """The stream of messages to one viewer: the newest data at the time when the previous message was accepted."""
 
     _sending: "asyncio.Task[None] | None" = None
 
@@ -276,8 +264,7 @@ class StreamSocket(Socket):
 
 
 class ControlSocket(Socket):
-    """The requests of one viewer, and their answers. While a viewer does not read its answers, the server reads no
-    requests."""
+    """The requests of one viewer, and their answers; while it does not read these, the server reads no requests."""
 
     def open(self, *_arguments: str) -> None:
         super().open()

@@ -1,8 +1,4 @@
-"""The loop in a separate process. The loop does not have to wait for the server, because a thread of the server
-receives the loop's messages at any time.
-
-The process handles requests between two periods.
-"""
+"""The loop in another process, with requests between two periods; it never waits for the server's threads."""
 
 import json
 import multiprocessing
@@ -31,22 +27,18 @@ _IDLE_S: Final = 0.02
 
 
 MakeSession = Callable[[Callable[[str], None]], "LiveSession"]
-"""Function that creates the session in the loop's process. Its argument is a function that shows viewers a line of text
-about the present work."""
+"""Function that creates the session in the loop's process; its argument shows viewers a line about the present work."""
 
 
 def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     """Run the process until the pipe is closed or the session fails.
 
     The process sends pairs: ("messages", list), ("answer", (number, Answer)) and, as the last pair, ("ended", error).
-    It receives pairs of a number and a request as JSON. `fast` states whether a period may take less time than on a
-    vehicle.
+    It receives pairs of a number and a request as JSON. With `fast` a period may take less time than on a vehicle.
     """
-    # The handler ends the process directly, because Python only prints an exception that is raised while it runs a
-    # callback.
+    # The process ends directly, because Python only prints an exception that is raised while it runs a callback.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    # The process was started with SIGINT and SIGTERM blocked. SIGINT (Ctrl-C) stays blocked: the server ends the
-    # process.
+    # Both signals were blocked at the start. SIGINT (Ctrl-C) stays so: the server ends the process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
@@ -129,9 +121,7 @@ class Requests:
 
 
 class Outbox:
-    """A sender of messages to the server, for use from any thread. Sending does not wait for the server's work, because
-    a thread of the server does nothing but receive. If the server has ended, messages are dropped; the loop detects the
-    end when it reads the pipe."""
+    """A sender of messages, for any thread; dropped if the server has ended, which the loop finds at its pipe."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
@@ -168,11 +158,9 @@ class LoopProcess:
 
     Args:
         make: function that creates the session in the other process; it must be picklable.
-        fast: whether a period may take less time than on a vehicle.
         hear: called with new messages, in a separate thread.
         answered: called with a request's number and its answer, in the thread of `hear`.
-        ended: called once, in the thread of `hear`, if the process ended without a call of `end`. Its argument is the
-            reason: a StillwakeError, or another error of the session.
+        ended: called once, in the thread of `hear`, with the error if the process ended without a call of `end`.
     """
 
     def __init__(
@@ -196,11 +184,9 @@ class LoopProcess:
         self._is_wanted = True
 
     def start(self) -> None:
-        """Start the process."""
         # The resource tracker's start unblocks SIGINT and SIGTERM, so these signals are blocked only afterwards.
         resource_tracker.ensure_running()
-        # Ctrl-C reaches all processes of a terminal, but the new process must end only when its pipe closes, even while
-        # it starts.
+        # Ctrl-C reaches all processes of a terminal, but this one must end only when its pipe closes.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         try:
             self._process.start()
@@ -210,8 +196,8 @@ class LoopProcess:
         self._thread.start()
 
     def ask(self, number: int, request: str) -> None:
-        """Send a request as JSON with its number. Call this from one thread at a time, and not from an event loop,
-        because it may block. Raises StillwakeError if the process has ended."""
+        """Send a request as JSON with its number, from one thread at a time; it may block. Raises StillwakeError if the
+        process has ended."""
         try:
             self._pipe.send((number, request))
         except OSError as error:
@@ -222,8 +208,7 @@ class LoopProcess:
         if self._process.pid is None:
             return
         self._is_wanted = False
-        # Closing the pipe is not enough, because the receiving thread has the pipe open too. So the connection is shut
-        # down, which makes the process end.
+        # Closing the pipe is not enough, because the receiving thread has it open too.
         with suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as both:
             both.shutdown(socket.SHUT_RDWR)
         self._thread.join()

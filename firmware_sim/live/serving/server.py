@@ -32,18 +32,12 @@ LOCALHOST: Final = "127.0.0.1"
 PORT: Final = 8765
 LOOK_S: Final = 0.1
 """Time in s between two calls of `is_stopped`."""
-PING_S: Final = 20.0
-"""Time in s between two WebSocket pings to a viewer."""
-_IDLE_S: Final = 10.0
-"""Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
-"""Largest number of connections: two for each viewer, and an equal number for loading files. This total is half of the
-smallest limit of file descriptors that systems set for a process."""
+"""Largest number of connections: four for each viewer, half of the smallest limit of a process's file descriptors."""
 
 
 def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float = STALLED_S) -> Application:
-    """Return the web application with its handlers. `stalled_s` is the longest time in s that a viewer may take to
-    accept a message."""
+    """Return the web application, in which a viewer may take `stalled_s` to accept a message."""
     served = ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
@@ -58,15 +52,14 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
         # Addresses are not logged, because they contain the token.
         log_function=lambda handler: None,
         websocket_max_message_size=LONGEST_REQUEST,
-        websocket_ping_interval=PING_S,
+        websocket_ping_interval=20.0,
     )
 
 
 class BoundedServer(HTTPServer):
-    """A server that limits clients before they have sent a token: the number, duration and bytes of their
-    connections."""
+    """A server that bounds number, duration and bytes of connections, also before clients have sent a token."""
 
-    def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
+    def initialize(self, application: Application, *, idle_s: float = 10.0) -> None:  # type: ignore[override]
         super().initialize(
             application,
             idle_connection_timeout=idle_s,
@@ -105,7 +98,8 @@ async def serve(
     ready: Callable[[str], None],
     report: Callable[[str], None],
 ) -> None:
-    """Serve the page until it is stopped or the loop fails.
+    """Serve the page until it is stopped or the loop fails. Raises StillwakeError if the port or the address cannot be
+    used, or the loop fails shortly after its start.
 
     Args:
         address: address to listen on; if it is not this machine's loopback, requests need a token.
@@ -113,9 +107,6 @@ async def serve(
         fast: whether a period may take less time than on a vehicle.
         ready: called with the page's address as soon as the page can be opened.
         report: called, from any thread, with a line of text about any work for which viewers have to wait.
-
-    Raises:
-        StillwakeError: the port or the address cannot be used, or the loop fails shortly after its start.
     """
     sockets = _bound(address, port)
     access = PageAccess.to(address)
@@ -140,7 +131,6 @@ async def serve(
 
 
 def page_url(address: str, port: int, access: PageAccess) -> str:
-    """Return the page's URL for a browser."""
     is_any = address in ("", "0.0.0.0", "::")
     host = socket.gethostname() if is_any else f"[{address}]" if ":" in address else address
     return f"http://{host}:{port}/" + ("" if access.token is None else f"?token={access.token}")

@@ -1,8 +1,5 @@
-"""The supervisor, which runs the loop's process, stores the loop's messages for all viewers, and passes on requests.
-
-A `Hub` stores the newest message of each stream, and ring buffers of the periods and events, once for all viewers. A
-`Viewer` stores only its position in the streams, so a slow viewer needs no more memory than a fast viewer.
-"""
+"""The supervisor, which runs the loop's process, stores the loop's messages once for all viewers, and passes on
+requests. A `Viewer` stores only its position in the streams, so a slow one needs no more memory than a fast one."""
 
 import asyncio
 import time
@@ -20,15 +17,12 @@ from firmware_sim.live.serving.process import LoopProcess, MakeSession
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
-"""The order in which a viewer gets the streams. `hello` comes early, because it states the run to which the following
-streams belong."""
+"""The order in which a viewer gets the streams; `hello` states the run to which the following ones belong."""
 MOST_ROWS: Final = 500
-"""Largest number of periods, or of events, in one message, so that a new viewer does not have to wait for a large
-message."""
+"""Largest number of periods, or of events, in one message, for which a new viewer waits."""
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
 """Number of stored periods until a `hello` sets another number."""
-_OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:
@@ -42,14 +36,12 @@ class Hub:
         self._count = 0
 
     def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
-        """Store messages in their order."""
         with self._lock:
             for message in messages:
                 self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """Return the content that a stream got after its count was `count`, or None, and the count for the next
-        call."""
+        """Return what a stream got after its count was `count`, or None, and the count for the next call."""
         with self._lock:
             if stream == "periods":
                 rows, count = self._periods.after(count, MOST_ROWS)
@@ -65,21 +57,17 @@ class Hub:
         if isinstance(message, bytes):
             self._latest[PICTURE] = (self._count, message)
         elif message["type"] == "periods":
-            columns = message["columns"]
-            self._periods.extend(zip(*(columns[name] for name in PERIOD_COLUMNS), strict=True))
+            self._periods.extend(zip(*(message["columns"][name] for name in PERIOD_COLUMNS), strict=True))
         elif message["type"] == "events":
             self._events.extend(message["items"])
         else:
             if message["type"] == "hello":
-                self._begin(message)
+                self._run = message["run"]
+                self._periods.restart(message["kept"])
+                self._events.restart(KEPT_EVENTS)
+                for stream in ("now", "bus", PICTURE):
+                    self._latest.pop(stream, None)
             self._latest[message["type"]] = (self._count, message)
-
-    def _begin(self, hello: LiveMessage) -> None:
-        self._run = hello["run"]
-        self._periods.restart(hello["kept"])
-        self._events.restart(KEPT_EVENTS)
-        for stream in _OF_A_RUN:
-            self._latest.pop(stream, None)
 
 
 class Viewer:
@@ -90,12 +78,8 @@ class Viewer:
         self._counts = dict.fromkeys(STREAMS, 0)
 
     def take(self, stream: str) -> LiveMessage | bytes | None:
-        """Return the content of a stream (one of `STREAMS`) that this viewer has not yet received; None if there is
-        nothing new.
-
-        For a stream of latest values the content is the newest value. For periods and events it is at most `MOST_ROWS`
-        entries: the oldest new entries that the hub still has.
-        """
+        """Return what this viewer has not yet received of one of `STREAMS`, or None: the newest value, or at most
+        `MOST_ROWS` periods or events, the oldest that the hub still has."""
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
             # A page discards its data at a `hello`, so data of the new run that were already sent to it are sent again.
@@ -111,7 +95,6 @@ class Ring:
         self._count = 0
 
     def extend(self, items: Iterable[Any]) -> None:
-        """Add newer items."""
         for item in items:
             self._items.append(item)
             self._count += 1
@@ -121,11 +104,7 @@ class Ring:
         self._items = deque(maxlen=kept)
 
     def after(self, count: int, most: int) -> tuple[list[Any], int]:
-        """Return at most `most` items with numbers above `count`, oldest first, and the number of the last returned
-        item.
-
-        Items that are no longer in the ring are skipped.
-        """
+        """Return at most `most` items in the ring with numbers above `count`, oldest first, and the last one's."""
         first = self._count - len(self._items)
         begin = max(count, first)
         end = min(begin + most, self._count)
@@ -133,21 +112,15 @@ class Ring:
 
 
 SHORT_LIFE_S: Final = 20.0
-"""Shortest time in s for which a loop must have run to be started again after a failure; a loop that fails earlier
-would probably fail again."""
+"""Shortest time in s for which a loop must have run to be started again after a failure."""
 MOST_WAITING: Final = 32
 """Largest number of requests, of all viewers together, that the loop has not answered yet."""
 STARTING: Final = "the loop starts; the first time, the flow solver is compiled, which takes a minute"
 
 
 class Supervisor:
-    """The supervisor of one loop. Of its attributes, only `hub` may be used outside the event loop.
-
-    Args:
-        fast: whether a period may take less time than on a vehicle.
-        report: called, from any thread, with a line of text about any work for which viewers have to wait, and with
-            the reason if the loop ends.
-    """
+    """The supervisor of one loop. Of its attributes, only `hub` may be used outside the event loop. `report` is called,
+    from any thread, with a line about any work for which viewers have to wait, and with the reason if the loop ends."""
 
     def __init__(
         self,
@@ -167,11 +140,8 @@ class Supervisor:
         self._why = ""
 
     async def run(self) -> None:
-        """Start the loop, and start it again after a failure, until this task is cancelled; then end the loop.
-
-        Raises:
-            Exception: error of a loop that ended shortly after its start.
-        """
+        """Start the loop, and start it again after a failure, until this task is cancelled; then end the loop. Raises
+        the error of a loop that ended shortly after its start."""
         self._events = asyncio.get_running_loop()
         self._sender = ThreadPoolExecutor(1, thread_name_prefix="requests")
         try:
@@ -244,9 +214,8 @@ class Supervisor:
             if message["type"] == "loop" and message["text"]:
                 self._report(message["text"])
             if message["type"] == "hello" and self._why:
-                # This `hello` has deleted the stored events, so the event that reports the end of the previous loop is
-                # added again for later viewers. Its number is below all numbers of the session, because a page expects
-                # increasing numbers.
+                # This `hello` has deleted the stored events, so the end of the previous loop is added again for later
+                # viewers, with a number below all of the session, because a page expects increasing numbers.
                 item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
                 self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""

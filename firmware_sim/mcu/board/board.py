@@ -34,7 +34,6 @@ DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
 SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
 BACKUP, BACKUP_BYTES = 0x3880_0000, 4096
 """Address and size in bytes of the battery-supplied SRAM, whose contents survive a power cycle."""
-_STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
 _READABLE: Final = unicorn_const.UC_PROT_READ
@@ -52,14 +51,9 @@ class Board(EmulatedCore):
         firmware: program in the first bank of flash.
         bank: second bank of flash, changed in place; if None, an erased bank.
         now_ns: initial value of the counter in ns.
-        times: durations of flash operations.
         cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for never.
         seed: seed of the random numbers and of the contents of a partly programmed word.
         backup: initial contents of the battery-supplied SRAM.
-
-    Attributes:
-        counter, can, flash: peripherals of the board.
-        blocks: counts of instructions and cycles.
     """
 
     def __init__(
@@ -74,7 +68,7 @@ class Board(EmulatedCore):
         backup: bytes = b"",
     ) -> None:
         memories = ((DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES), (BACKUP, BACKUP_BYTES))
-        super().__init__(firmware, memories, (DTCM, _STACK_BYTES))
+        super().__init__(firmware, memories, (DTCM, 16 * 1024))  # the stack
         self.poke(BACKUP, backup)
         self._raised = list[Exception]()
         self.counter, self._registers = Counter(now_ns), CoreRegisters()
@@ -135,8 +129,7 @@ class Board(EmulatedCore):
             return 0
 
     def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
-        """Return the functions that Unicorn calls for a page of registers, whose first register is at offset
-        `shift`."""
+        """Return what Unicorn calls for a page of registers, the first of which is at offset `shift`."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:
@@ -177,11 +170,8 @@ class Board(EmulatedCore):
                 self._core.mem_write(BANK + page, bytes(bank.content[page : page + _PAGE]))
 
     def _exchange_pages(self) -> None:
-        """Map each page that contains an unreadable word to functions of this class, and every other page to memory.
-
-        Hooks on every read of the memory would slow down the emulator. The mapping does not change during a flash
-        operation.
-        """
+        """Map each page that contains an unreadable word to functions of this class, and every other page to memory,
+        unless a flash operation is in progress. Hooks on every read would slow down the emulator."""
         if self.flash.is_at_work:
             return
         self._open()

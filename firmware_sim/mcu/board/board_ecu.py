@@ -33,16 +33,13 @@ class BoardEcu(CEcuState):
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        clock_mhz: clock of the core in MHz.
-        bank: flash that is written in the field; if None, an erased bank.
+        bank, now_ns, times, cut_at: see `Board`.
         own: files that replace the board's files (`compile_board`).
         firmware: firmware compiled earlier from these sources.
-        times: durations of flash operations.
         secret: key of the bus, which production writes into a board; None without `bus.key`.
 
     Attributes:
         board: board of the present power cycle.
-        description: name of the board and its clock, as text for users.
         instructions, cycles: numbers of instructions and modelled cycles in the latest step.
         waited_ns: time in ns for which the latest step waited for pressures.
         resets: number of resets that the firmware requested.
@@ -80,8 +77,7 @@ class BoardEcu(CEcuState):
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
-        """Start a new power cycle, in which the battery-supplied SRAM keeps its contents. The supply fails in the flash
-        operation with the number `cut_at`, counted from 1; 0 for never."""
+        """Start a new power cycle, in which the battery-supplied SRAM keeps its contents."""
         before: Board | None = getattr(self, "board", None)
         self.board = Board(
             self.firmware,
@@ -104,8 +100,7 @@ class BoardEcu(CEcuState):
     def step(
         self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY, **around: Unpack[Surroundings]
     ) -> list[Frame]:
-        """Run one control period, like `Ecu.step`; values in `around` are refused, because the firmware determines them
-        itself. Raises McuError if the core stopped."""
+        """Run one control period like `Ecu.step`; `around` must be empty. Raises McuError if the core stopped."""
         if any(around.values()):
             raise McuError("a fault or an update from outside: the board's firmware detects them itself")
         self.board.blocks.start()
@@ -124,8 +119,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Receive these frames now, advance the time to `until_ns`, and return the frames that were sent meanwhile.
-        Raises McuError if the core stopped; PowerCut if the supply failed."""
+        """Receive frames, advance to `until_ns`, return what was sent. Raises McuError for a stopped core; PowerCut."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
@@ -135,8 +129,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.taken(self.board.counter.now_ns)
 
     def _bring(self, frames: Sequence[Frame]) -> None:
-        """Pass the frames to the CAN controller in groups that fit its FIFO, and run the firmware after each group; on
-        a real bus the core wakes before the FIFO is full."""
+        """Pass the frames to the CAN controller in groups that fit its FIFO; the firmware runs after each group."""
         waiting = list(frames)
         while True:
             board = self.board
@@ -174,8 +167,5 @@ class BoardEcu(CEcuState):
 
     def _load(self) -> None:
         """Copy the ECU's state, without its workspace, from the board's memory."""
-        self.structs.ffi.buffer(self._ecu, self._mirrored)[:] = self.board.peek(self._place, self._mirrored)
-
-    @property
-    def _mirrored(self) -> int:
-        return self.structs.size("sw_ecu")
+        size = self.structs.size("sw_ecu")
+        self.structs.ffi.buffer(self._ecu, size)[:] = self.board.peek(self._place, size)

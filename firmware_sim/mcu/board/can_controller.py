@@ -23,7 +23,6 @@ from contract.errors import McuError
 from firmware_sim.mcu.board.transmit_buffers import TransmitBuffers
 
 MESSAGE_RAM: Final = 0xC00
-_RAM_BYTES: Final = 10 * 1024
 CLOCK_HZ: Final = 80_000_000
 _CCCR, _ECR, _PSR, _TSCV, _IR = 0x18, 0x40, 0x44, 0x24, 0x50
 _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC, 0xD0, 0xD4, 0xD8
@@ -35,23 +34,15 @@ _INIT, _CCE = 1, 2
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
 _ELEMENT_WORDS: Final = 18
-_EVER_NS: Final = 1 << 63
 
 
 class CanController:
-    """The registers and the message RAM of a CAN controller.
-
-    Args:
-        clock: function that returns the board's time in ns.
-
-    Attributes:
-        init_reads_late: number of reads of CCCR, after the firmware has cleared INIT, that still show INIT as set. In
-            the hardware the change must first pass to another clock domain.
-    """
+    """The registers and message RAM of a CAN controller; `clock` returns the board's time in ns. When the firmware has
+    cleared INIT, `init_reads_late` reads of CCCR still show it: the change must first pass to another clock domain."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
-        self._ram = bytearray(_RAM_BYTES)
+        self._ram = bytearray(10 * 1024)
         self._kept = dict.fromkeys(_PLAIN, 0) | {_XIDAM: 0x1FFF_FFFF}
         self._control, self._interrupts = _INIT, 0
         self._level = self._get = 0
@@ -80,8 +71,7 @@ class CanController:
 
     def receive(self, frame: Frame) -> None:
         """Receive a frame from the bus. Drop the frame if no filter accepts it or FIFO 0 is full."""
-        # INIT that was set by a bus-off does not prevent reception here, because the bus delivers frames only before
-        # the bus-off or after the recovery.
+        # INIT by a bus-off prevents no reception: the bus delivers no frames until the recovery.
         if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
         self._interrupts |= _RF0N
@@ -99,17 +89,15 @@ class CanController:
         self._level += 1
 
     def taken(self, until_ns: int) -> list[Frame]:
-        """Return the frames sent since the last call, up to `until_ns`, oldest first; each is stamped with the end of
-        its transmission."""
+        """Return the frames sent since the last call, up to `until_ns`, stamped with the ends of transmission."""
         self._sending.progress(until_ns)
         left = [replace(frame, timestamp_ns=end_ns) for frame, end_ns in self._sending.left]
         self._sending.left.clear()
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Return all waiting frames as sent, each stamped with the time when the firmware requested its transmission.
-        Use this if the bus is modelled elsewhere."""
-        self._sending.progress(_EVER_NS)
+        """Return all waiting frames, stamped with the requests for transmission: the bus is modelled elsewhere."""
+        self._sending.progress(1 << 63)  # for ever
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
         return left
@@ -141,12 +129,16 @@ class CanController:
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register or a word of the message RAM; raises McuError for a register that is not modelled or is
-        protected."""
+        """Write a register or a word of the message RAM; raises McuError if it is not modelled, or protected."""
         if offset >= MESSAGE_RAM:
             self._ram[offset - MESSAGE_RAM : offset - MESSAGE_RAM + 4] = value.to_bytes(4, "little")
         elif offset == _CCCR:
-            self._configure(value)
+            begins = self._control & _INIT and not value & _INIT
+            self._control = value & ~_CCE if not value & _INIT else value
+            if begins:
+                self._late = self.init_reads_late
+                self._went_off = max(self._went_off - 1, 0)
+            self._go_off()
         elif offset in _PLAIN:
             if offset in _PROTECTED and self._control & (_INIT | _CCE) != _INIT | _CCE:
                 raise McuError(f"CAN controller: register {offset:#x} is written without INIT and CCE")
@@ -181,14 +173,6 @@ class CanController:
     def _switch(self) -> None:
         self._sending.switch(self._clock(), is_on=not (self._control & _INIT or self._is_off))
 
-    def _configure(self, value: int) -> None:
-        begins = self._control & _INIT and not value & _INIT
-        self._control = value & ~_CCE if not value & _INIT else value
-        if begins:
-            self._late = self.init_reads_late
-            self._went_off = max(self._went_off - 1, 0)
-        self._go_off()
-
     def _duration_ns(self, frame: Frame) -> int:
         nominal, data = self.bit_rates
         return frame_ns(frame, nominal_bitrate=round(nominal), data_bitrate=round(data))
@@ -219,5 +203,4 @@ class CanController:
         return not self._kept[_GFC] >> 4 & 2
 
     def _time_stamp(self, at_ns: int) -> int:
-        """Return the 16-bit time stamp that corresponds to a time in ns."""
         return int(at_ns * self.bit_rates[0] // 1_000_000_000) & 0xFFFF if self._kept[_NBTP] else 0

@@ -30,10 +30,8 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""Time in ns that a read of SR2 takes during an operation. It is shorter than any operation, but long enough that
-polling a long operation takes few reads."""
+"""Time in ns that a read of SR2 takes during an operation, so that polling a long one takes few reads."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
-_ERRORS: Final = 0x0FFF_0000
 
 
 class PowerCut(Exception):  # noqa: N818
@@ -65,7 +63,6 @@ class FlashBank:
         self.programmed = bytearray(SECTOR * SECTORS // WORD)
 
     def pack(self) -> bytes:
-        """Pack the bank for a file."""
         return bytes(self.programmed + self.content)
 
     @classmethod
@@ -79,19 +76,14 @@ class FlashBank:
 
 
 class FlashController:
-    """The registers of a flash bank's controller, and the bank.
+    """The registers of a flash bank's controller, and the bank, which is changed in place. `counter` advances during
+    operations; `cut_at` and `seed` are as in `firmware_sim.mcu.board.board.Board`.
 
     Args:
-        bank: the bank, changed in place.
         changed: called with the offset and the number of changed bytes.
-        counter: counter of the time, which advances during operations.
-        times: durations of the operations.
-        cut_at: number of the operation, counted from 1, in which the supply fails; 0 for never.
-        seed: seed of the contents of a partly programmed word.
 
     Attributes:
-        operations: number of operations so far; erasing a sector or programming a word is one.
-        erasures: number of times that a sector was erased so far.
+        operations, erasures: number of operations so far, of which programming a word is one, and of erased sectors.
         stalled_ns: total time in ns for which the core stalled in reads of the bank.
     """
 
@@ -115,7 +107,6 @@ class FlashController:
         self.operations = 0
 
     def read(self, offset: int) -> int:
-        """Read a register of the bank's controller."""
         at_work = _BSY | _QW if self.is_at_work else 0
         known = {0x0C: self._control, 0x10: self._status | at_work | (_WBNE if self._buffer else 0), 0x60: self._fault}
         if offset not in known:
@@ -125,8 +116,7 @@ class FlashController:
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register. Raises PowerCut if the supply fails; McuError for a register or an operation that is not
-        modelled."""
+        """Write a register. Raises PowerCut if the supply fails; McuError for what is not modelled."""
         if offset == 0x04:
             right = self._keys < len(_KEYS) and value == _KEYS[self._keys]
             # A wrong key locks the register until the next reset.
@@ -141,7 +131,7 @@ class FlashController:
                 elif value & _START:
                     raise McuError(f"flash controller: CR2 {value:#x} is not modelled: only sectors are erased")
         elif offset == 0x14:
-            self._status &= ~(value & _ERRORS)
+            self._status &= ~(value & 0x0FFF_0000)  # the errors
         else:
             raise McuError(f"flash controller: no register to write at {offset:#x}")
 
@@ -163,7 +153,6 @@ class FlashController:
 
     @property
     def is_at_work(self) -> bool:
-        """Whether an operation is in progress."""
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
@@ -181,7 +170,6 @@ class FlashController:
         return self.bank.programmed[offset // WORD] == 2
 
     def found_bad(self, offset: int) -> None:
-        """Record a read that found an error."""
         self._status |= _DBECCERR
         self._fault = offset // WORD
 

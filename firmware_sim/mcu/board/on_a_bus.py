@@ -14,14 +14,9 @@ from firmware_sim.mcu.board.flash_controller import FlashBank
 
 
 def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardware: str, serial: str) -> bytes:
-    """Return the header that enables the loader.
-
-    Args:
-        root: public key that checks key lists.
-        access_key: key of security access, 16 bytes.
-        vehicle: `contract.release.controller_image.ImageFacts.vehicle` of every image for this vehicle.
-        hardware, serial: hardware and serial number of the board; printable ASCII without quotes.
-    """
+    """Return the header that enables the loader: the public key that checks key lists, the key of security access of 16
+    bytes, `contract.release.controller_image.ImageFacts.vehicle` of every image for this vehicle, and the board's
+    hardware and serial number in printable ASCII without quotes."""
     numbers = {"ROOT": root.raw, "ACCESS_KEY": access_key, "VEHICLE": vehicle}
     found = {name: "{" + ", ".join(map(str, value)) + "}" for name, value in numbers.items()} | {
         "LOADER": "1", "HARDWARE": f'"{hardware}"', "SERIAL": f'"{serial}"', "SOFTWARE": '"board"',
@@ -30,8 +25,7 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
 
 
 LONGEST_UNSEEN_NS: Final = 20_000_000
-"""Longest time in ns by which the board's time advances between two reads of the bus; if the emulation takes longer,
-the board's time falls behind."""
+"""Longest advance in ns between two reads of the bus; the board's time falls behind a slower emulation."""
 
 
 def read_bank(path: Path) -> FlashBank:
@@ -51,12 +45,8 @@ def serve(
     wait: Callable[[], None],
     is_stopped: Callable[[], bool],
 ) -> None:
-    """Run the board until `is_stopped` is true; whenever the flash has changed, write it to the file. Raises BusError
-    if the bus failed; McuError if the core stopped.
-
-    Args:
-        wait: function that waits for a moment between two reads of the bus.
-    """
+    """Run the board until `is_stopped` is true; whenever the flash has changed, write it to the file; `wait` between
+    two reads of the bus. Raises BusError if the bus failed; McuError if the core stopped."""
     kept, before_ns = ecu.board.flash.bank.pack() if path.exists() else b"", clock_ns()
     until_ns = ecu.board.counter.now_ns
     while not is_stopped():

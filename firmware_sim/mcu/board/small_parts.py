@@ -42,8 +42,7 @@ class Counter:
 
 
 class RandomNumbers:
-    """The random number generator of an STM32H743 (RNG: CR with RNGEN, SR with DRDY, DR); in this model the numbers
-    follow from a seed."""
+    """An STM32H743's random numbers (RNG: CR with RNGEN, SR with DRDY, DR), which here follow from a seed."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control = random.Random(seed), 0

@@ -14,21 +14,17 @@ class _OnWire(NamedTuple):
 
 
 class TransmitBuffers:
-    """The elements (buffers) of a CAN controller for frames to send. Elements are numbered; the FIFO's elements follow
-    the dedicated buffers.
+    """The elements of a CAN controller for frames to send: `dedicated` buffers, and then the FIFO's `size` elements.
 
     Args:
         element: function that returns the frame in an element.
         duration_ns: function that returns the time in ns from the start of a frame until the next frame may start.
 
     Attributes:
-        dedicated, size: numbers of dedicated buffers and of FIFO elements.
-        pending: one bit per element that is set while the element waits to be sent.
-        transmitted: one bit per element that is set if the element was sent since the last request to send it.
+        pending, transmitted: bits of the elements that wait to be sent, and that were since the last request.
         put: number of the FIFO's next free element.
         is_on: whether the controller takes part in the bus; if False, it starts no frame.
-        left: sent frames in order, each stamped with the time at which its transmission was requested, and the end of
-            the transmission in ns.
+        left: sent frames in order, stamped with the requests for transmission, each with the transmission's end in ns.
     """
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:
@@ -43,12 +39,10 @@ class TransmitBuffers:
         self._free_ns = 0
 
     def configure(self, dedicated: int, size: int) -> None:
-        """Set the numbers of dedicated buffers and of FIFO elements."""
         self.dedicated, self.size, self.put = dedicated, size, dedicated
 
     @property
     def free(self) -> int:
-        """Number of free FIFO elements."""
         return self.size - (self.pending >> self.dedicated).bit_count()
 
     def ask(self, bits: int, now_ns: int) -> None:

@@ -52,8 +52,7 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return the folders' names, with as many parent folders as are needed to make them unique. Raises StillwakeError
-    if there are too few or too many folders, or a folder is given twice."""
+    """Return the folders' names, with parents until unique. Raises StillwakeError for a wrong number, or one twice."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")
@@ -113,8 +112,7 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
 
 
 def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
-    """Write the page and return its path. Raises StillwakeError if the runs cannot be compared, a folder contains no
-    run, or the page cannot be written."""
+    """Write the page; return its path. Raises StillwakeError if runs cannot be compared, or files read or written."""
     names = names_of([folder.path for folder in folders])
     runs = [read_run(folder) for folder in folders]
     logs = [run.log for run in runs]

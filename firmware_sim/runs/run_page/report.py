@@ -1,5 +1,4 @@
-"""The report of a run as one self-contained HTML page (verdict, tables, series, recorded wake, settings), and a run as
-one picture."""
+"""The report of a run as one HTML page (verdict, tables, series, recorded wake, settings), and as a picture."""
 
 import io
 from pathlib import Path
@@ -26,7 +25,6 @@ from wake.pictures.drawing import BLOWING, SUCKING, check_suffix
 
 _MOST_FRAMES: Final = 50_000
 """Largest number of frames in a log for which a page shows the messages; reading them takes ten seconds."""
-_BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
 
 
 class ReadRun(NamedTuple):
@@ -64,7 +62,7 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
         drag_rows=drag_rows(log),
         averaged=not isinstance(averages(log), NoAverages),
         service_rows=service_rows(log),
-        bus_heads=_BUS_HEADS,
+        bus_heads=("identifier", "message", "frames", "per s", "lost", "end-to-end checks"),
         bus_rows=_bus_rows(folder, log),
         uncontrolled_picture=pages.data_uri(run.uncontrolled),
         controlled_picture=pages.data_uri(run.controlled),
@@ -80,8 +78,7 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 
 
 def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
-    """Return a row for each identifier in the log of frames; no rows if the log is missing or too long. Raises
-    StillwakeError for a damaged log."""
+    """Return a row for each identifier in the log; none if it is missing or too long, StillwakeError if damaged."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     # These imports are inside the function, because they import all of python-can's readers, which takes a second.
@@ -101,11 +98,9 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
 
 
 def write_picture(folder: RunFolder, target: Path) -> None:
-    """Write the run as one picture: the wake before and under control, and drag and action over time.
-
-    The metadata of the picture contain the bundle's digest. Raises ConfigError if the target's suffix is not a picture
-    format; StillwakeError if the folder contains no run, or the target cannot be written.
-    """
+    """Write the run as one picture, whose metadata contain the bundle's digest: the wake before and under control, and
+    drag and action over time. Raises ConfigError if the target's suffix is not a picture format; StillwakeError if the
+    folder contains no run, or the target cannot be written."""
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
@@ -116,7 +111,6 @@ def write_picture(folder: RunFolder, target: Path) -> None:
 
 
 def _overview_figure(run: ReadRun) -> Figure:
-    """Plot the wake before and under control above the time series of drag and action, with a legend."""
     s, t = run.log.series, run.log.series["t"]
     figure = Figure(figsize=(10.0, 9.7), dpi=100, layout="constrained")
     axes = figure.subplots(4, 1, height_ratios=(3.1, 3.1, 1.6, 1.6))

@@ -67,8 +67,7 @@ class RunEvent(NamedTuple):
 
 
 def events(log: RunLog) -> list[RunEvent]:
-    """Return at most `MOST_EVENTS` events in order of time. If there are more events, the last returned event states
-    the number of events left out."""
+    """Return at most `MOST_EVENTS` events in order of time; the last states the number of events left out."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST_EVENTS:
         return happened
@@ -100,14 +99,10 @@ def _states(log: RunLog) -> Iterator[RunEvent]:
 
 
 _COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
-_DIGITS: Final = 5
-"""Number of decimals of the values; further decimals would not be visible on any screen."""
-_BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """Return the data for the scripts in `firmware_sim/runs/run_page/page`, as values for JSON without NaN. `wake` is
-    None if no stills were recorded."""
+    """Return the data for the scripts in `page/`, as JSON's values without NaN; `wake` is None without stills."""
     config, means = log.metadata.config, averages(log)
     return {
         "name": name,
@@ -147,7 +142,7 @@ def _latency(log: RunLog) -> dict[str, Any]:
     """Return a histogram of the wall-clock times of the control steps, in ms, which `latency_histogram.js` draws."""
     budget, timing = log.metadata.budget_ms, latency(log)
     taken = log.series["step_ms"][planned_steps(log)]
-    edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), _BINS + 1)
+    edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), 61)  # 60 bins
     emulated = log.metadata.ecu.clock_mhz is not None
     return {
         "of": "wall clock of the step's emulation" if emulated else "wall clock of the step on the machine of the run",
@@ -161,7 +156,6 @@ def _latency(log: RunLog) -> dict[str, Any]:
 
 
 def _numbers(values: Array) -> list[Any]:
-    """Return an array as nested lists, with None for NaN."""
-    rounded = np.round(values, _DIGITS).astype(object)
+    rounded = np.round(values, 5).astype(object)  # further decimals would not be visible on any screen
     rounded[~np.isfinite(np.asarray(values, dtype=float))] = None
     return list(rounded.tolist())

@@ -85,8 +85,7 @@ class Rig:
         self.actions: list[float] = []
 
     def open_bus(self) -> PythonCanBus:
-        protocol = can.CanProtocol.CAN_FD
-        backend = can.Bus(interface="virtual", channel=self.bus_config.channel, protocol=protocol)
+        backend = can.Bus(interface="virtual", channel=self.bus_config.channel, protocol=can.CanProtocol.CAN_FD)
         self.opened.append(backend)
         return PythonCanBus(backend, accept={PRESSURE.frame_id, JET_COMMAND.frame_id})
 

@@ -19,16 +19,13 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 
 PATIENCE_S = 120.0
 """How long a test waits for another process before it fails; never reached when all is well."""
-ANEW = 50
-"""Periods after which the request is raised again."""
 
 
 class Vehicle:
     """Samples and drives every period while it is asked to."""
 
     def __init__(self, config: Config, bus: PythonCanBus, authentication: Authentication | None = None) -> None:
-        names = ("upper_39", "lower_39", "base_0", "base_9")
-        self.node = VehicleNode(names, config, authentication=authentication)
+        self.node = VehicleNode(("upper_39", "lower_39", "base_0", "base_9"), config, authentication=authentication)
         self._bus, self._period_s, self._messages = bus, config.period_ns / 1e9, message_set(config.bus)
         self._due = time.monotonic()
         self._phase = 0
@@ -51,13 +48,13 @@ class Vehicle:
         self.largest_action = max(self.largest_action, abs(self.action))
 
     def until(self, condition: Callable[[], object], *, request: bool | None = None) -> None:
-        """Drive until it holds; without a stated request, one that is raised anew again and again."""
+        """Drive until it holds; without a stated request, one that is raised anew every 50 periods."""
         begin = time.monotonic()
         number = 0
         while not condition():
             assert time.monotonic() - begin < PATIENCE_S, f"it did not happen: {self.statuses[-1:]}"
             number += 1
-            self.period(request=number % ANEW > 5 if request is None else request)
+            self.period(request=number % 50 > 5 if request is None else request)
 
     def into_control(self) -> None:
         self.largest_action = 0.0

@@ -16,23 +16,22 @@ from contract.controller.interface import ControlStep
 from ecu.real_time.deadlines import wrapped
 from ecu.real_time.stage_times import EcuStage
 from tests.each import each
+from tests.ecu.conftest import RecordingController
 from tests.ecu.daemon.conftest import START_NS, Rig, wait_for
 
 PERIOD = Config().period_ns
 MS = 1_000_000
 
 
-class Slow:
+class Slow(RecordingController):
     """Spends the rig's time where it plans."""
 
     rig: Rig
+    takes_ns = 0
 
-    def __init__(self) -> None:
-        self.takes_ns = 0
-
-    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
+    def control_step(self, *inputs, **more) -> ControlStep:
         self.rig.now += self.takes_ns
-        return ControlStep(plan=np.full(len(plan), 0.01), forces=np.zeros((len(plan), 2)), terms=np.zeros(8), cost=0.0)
+        return super().control_step(*inputs, **more)
 
 
 @pytest.fixture
@@ -49,8 +48,7 @@ def test_steps_come_to_lie_the_offset_behind_the_pressures(rig_of, phase_ms):
     behind = [(due - START_NS - phase_ms * MS) % PERIOD for due in rig.column(EcuStage.SCHEDULED)]
     assert behind[-1] == 4 * MS
     # Never by leaps: between two steps there is a period, but for a 32nd.
-    gaps = np.diff(rig.column(EcuStage.SCHEDULED))
-    assert np.abs(gaps - PERIOD).max() <= PERIOD // 32
+    assert np.abs(np.diff(rig.column(EcuStage.SCHEDULED)) - PERIOD).max() <= PERIOD // 32
 
 
 @pytest.mark.parametrize("behind_ms", [1, 10])

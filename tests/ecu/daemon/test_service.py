@@ -46,8 +46,7 @@ def release(short_release: Path) -> Bundle:
 
 @pytest.fixture
 def config() -> Config:
-    bus = BusConfig(interface="virtual", channel=f"service-{next(CHANNELS)}")
-    return Config(bus=bus, ecu=PATIENT)
+    return Config(bus=BusConfig(interface="virtual", channel=f"service-{next(CHANNELS)}"), ecu=PATIENT)
 
 
 @dataclass
@@ -174,8 +173,7 @@ def test_onnx_runtime_has_no_thread_that_could_spin(release):
 
     controller = OnnxController.of(release)
     before = threads()
-    shapes = release.manifest.sizes.shapes()
-    window, plan, free = (np.zeros(shapes[name]) for name in ("window", "plan", "free"))
+    window, plan, free = (np.zeros(release.manifest.sizes.shapes()[name]) for name in ("window", "plan", "free"))
     another = OnnxController.of(release)
     for _ in range(10):
         for one in (controller, another):

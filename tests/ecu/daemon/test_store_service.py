@@ -63,9 +63,7 @@ def fail(*_: object) -> None:
     raise MediumError("the disk does not answer", 0)
 
 
-def test_a_reset_that_fails_ends_the_process_so_that_another_one_boots(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reset_that_fails_ends_the_process_so_that_another_one_boots(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(FlashableEcu, "_reset", fail)
     until, requests = time.monotonic() + PATIENCE_S, [SESSION, RESET]
 
@@ -157,8 +155,7 @@ class AtTheOtherEnd:
 @contextmanager
 def served(tmp_path: Path, backing_of=FolderBacking) -> Iterator[tuple[FlashableEcu, AtTheOtherEnd]]:
     provision(tmp_path / "ecu", image("first"))
-    rig = Rig(tmp_path / "ecu", CONFIG)
-    ecu = FlashableEcu(backing_of(tmp_path / "ecu"), CONFIG, rig.equipment)
+    ecu = FlashableEcu(backing_of(tmp_path / "ecu"), CONFIG, Rig(tmp_path / "ecu", CONFIG).equipment)
     tester = AtTheOtherEnd(ecu)
     with tester.thread:
         yield ecu, tester

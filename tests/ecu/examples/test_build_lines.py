@@ -23,8 +23,7 @@ def test_the_lines_in_their_heads_build_them(exported, tmp_path):
     assert [len(found) for found in builds] == [1, 1]
     commands = [builds[0][0], builds[1][0].replace("python", sys.executable, 1)]
     if shutil.which("arm-none-eabi-gcc"):
-        page = PAGE.read_text()
-        (line,) = re.findall(r"`(arm-none-eabi-gcc[^`]*systick\.c[^`]*)`", page)
+        (line,) = re.findall(r"`(arm-none-eabi-gcc[^`]*systick\.c[^`]*)`", PAGE.read_text())
         commands.append(line.replace("\n", " "))
     for command in commands:
         done = subprocess.run(command, shell=True, cwd=tmp_path / "c", capture_output=True, text=True, check=False)

@@ -120,15 +120,10 @@ def test_a_bus_that_takes_nothing_does_not_hold_the_linux_program_up(linux_progr
     # So that few frames fill it.
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
     with ours, theirs, started(program, theirs) as running:
-        is_full(theirs)
+        poller, end = select.poll(), time.monotonic() + 60.0
+        poller.register(theirs, select.POLLOUT)
+        while poller.poll(0):  # this end takes more
+            assert time.monotonic() < end
+            time.sleep(0.02)
         running.send_signal(signal.SIGTERM)
         assert running.wait(timeout=60) == 0
-
-
-def is_full(bus: socket.socket, most_s: float = 60.0) -> None:
-    """Return when this end takes nothing more."""
-    poller, end = select.poll(), time.monotonic() + most_s
-    poller.register(bus, select.POLLOUT)
-    while poller.poll(0):
-        assert time.monotonic() < end
-        time.sleep(0.02)

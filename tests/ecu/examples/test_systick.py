@@ -32,8 +32,7 @@ CORTEX_M7 = (
 @pytest.fixture(scope="session")
 def image(folder, built_for, tmp_path_factory, shared_builds) -> Path:
     path = tmp_path_factory.mktemp("systick") / "ecu.elf"
-    contents = without(folder, "main_socketcan.c")
-    shared_builds.compile_c(contents, path, compiler=ZIG, flags=CORTEX_M7)
+    shared_builds.compile_c(without(folder, "main_socketcan.c"), path, compiler=ZIG, flags=CORTEX_M7)
     return path
 
 
@@ -64,8 +63,7 @@ def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_f
     # On the other side of the bus: every command arrives and is understood, and says what the ECU did.
     receiver = E2eReceiver(messages.command.spec, config.bus.e2e)
     for period, wire in enumerate(data):
-        reception = receiver.tick([Frame(frame_id=messages.command.spec.frame_id, data=wire)])
-        assert reception.checks == (FrameCheck.OK,)
+        assert receiver.tick([Frame(frame_id=messages.command.spec.frame_id, data=wire)]).checks == (FrameCheck.OK,)
         command = messages.command.parse(wire)
         assert command is not None
         assert command.mode is expected_mode(period, window)

@@ -73,8 +73,7 @@ def test_a_flood_of_requests_does_not_stop_long_work(rig: Rig) -> None:
     rig.extra = [Frame(frame_id=REQUEST_ID, data=b"\x02\x3e\x00" + bytes(5))]
     before = len(rig.answers)
     rig.run(2000)
-    answers = rig.answers[before:]
-    assert any(answer[:4] == b"\x71\x01\xff\x01" for answer in answers)
+    assert any(answer[:4] == b"\x71\x01\xff\x01" for answer in rig.answers[before:])
 
 
 def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
@@ -88,8 +87,7 @@ def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
     assert rig.ask(PRECONDITIONS)[2] == NOT_NOW
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
     # The pressures end: the jets shut, but whether the request is still set is unknown for a second.
-    rig.request = None
-    rig.run(500)
+    rig.run_asking(None, 500)
     assert not rig.commands[-1].enable
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
     rig.run(600)
@@ -100,16 +98,13 @@ def test_no_programming_while_the_jets_may_run(rig: Rig) -> None:
 
 def test_no_programming_while_the_vehicle_asks_for_control_and_does_not_get_it(rig: Rig) -> None:
     # From power-on: the request is set and has not risen, so the jets stay shut.
-    rig.request = True
-    rig.run(1000)
+    rig.run_asking(True, 1000)
     assert rig.statuses[-1].reason is Reason.NOT_ARMED
     assert rig.ask(PROGRAMMING)[2] == NOT_NOW
-    rig.request = False
-    rig.run(1100)
+    rig.run_asking(False, 1100)
     rig.programming()
     # One between session and announcement counts as well.
-    rig.request = True
-    rig.run(2000)
+    rig.run_asking(True, 2000)
     assert rig.statuses[-1].state is Mode.CONTROL
     assert rig.ask(b"\x31\x01\xff\x00" + bytes(36))[2] == NOT_NOW
     rig.run(40)
@@ -117,12 +112,10 @@ def test_no_programming_while_the_vehicle_asks_for_control_and_does_not_get_it(r
 
 
 def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
-    rig.request = False
-    rig.run(100)
+    rig.run_asking(False, 100)
     rig.programming()
     rig.announce(image("second"))
-    rig.request = True
-    rig.run(1000)
+    rig.run_asking(True, 1000)
     assert (rig.statuses[-1].state, rig.statuses[-1].reason) == (Mode.OFF, Reason.UPDATING)
     assert not any(command.enable for command in rig.commands)
     # It is allowed though control is asked for.
@@ -131,11 +124,9 @@ def test_only_a_reset_leads_out_of_update(rig: Rig) -> None:
 
 
 def test_a_reset_shuts_jets_that_run(rig: Rig) -> None:
-    rig.request = False
-    rig.run(100)
+    rig.run_asking(False, 100)
     rig.programming()
-    rig.request = True
-    rig.run(2000)
+    rig.run_asking(True, 2000)
     assert rig.commands[-1].enable
     # A tester's is refused by now; one that was answered before the request came is not.
     rig.ecu._ask_for_reset()
@@ -162,8 +153,7 @@ def test_a_fault_is_entered_with_its_moment_kept_over_power_and_cleared_while_th
     assert rig.statuses[-1].reason is Reason.STREAM_LOST
     rig.power_on()
     assert rig.ask(CONFIRMED) == b"\x59\x02\x7f" + LOST + b"\x6c"
-    moment = rig.ask(b"\x19\x04" + LOST + b"\x01")
-    time_ms, mode, missed, overruns, *cp = struct.unpack(">8x2xI2xB2xH2xH2x4f", moment)
+    time_ms, mode, missed, overruns, *cp = struct.unpack(">8x2xI2xB2xH2xH2x4f", rig.ask(b"\x19\x04" + LOST + b"\x01"))
     assert (mode, overruns) == (Mode.DECAY, 0)
     assert missed - missed_before == rig.config.ecu.hold_periods + rig.config.ecu.decay_periods + 1
     assert 0 <= time_ms * 1_000_000 - began_ns < 1_000_000_000
@@ -182,8 +172,7 @@ def test_silence_is_for_a_bench_and_never_for_jets_that_can_run(rig):
     assert (len(rig.statuses), len(rig.commands)) == heard
     rig.into_control()
     assert rig.statuses[-1].state is Mode.CONTROL
-    drives = {Mode.CONTROL, Mode.HOLD, Mode.DECAY}
-    assert {status.state for status in rig.statuses[heard[0] :]} <= drives
+    assert {status.state for status in rig.statuses[heard[0] :]} <= {Mode.CONTROL, Mode.HOLD, Mode.DECAY}
     assert rig.ask(b"\x28\x01\x01") in (b"\x7f\x28\x22", b"\x7f\x28\x7f")
 
 

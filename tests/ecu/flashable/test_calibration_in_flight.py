@@ -1,5 +1,4 @@
-"""The goal of an ECU that controls, changed by diagnosis and by a measurement tool (XCP): when it acts, what outlives
-power, and to which release it belongs."""
+"""The goal of a running ECU, changed by diagnosis and XCP: when it acts, what outlives power, and for which release."""
 
 import struct
 from dataclasses import replace
@@ -87,8 +86,7 @@ def good_xcp(rig: Rig, command: bytes) -> bytes:
 
 def connect(rig: Rig) -> None:
     good_xcp(rig, b"\xff\x00")
-    seed = good_xcp(rig, b"\xf8\x00\x01")[2:] + good_xcp(rig, b"\xf8\x01\x01")[2:]
-    key = KEY.answer(Level.CALIBRATION, seed)
+    key = KEY.answer(Level.CALIBRATION, good_xcp(rig, b"\xf8\x00\x01")[2:] + good_xcp(rig, b"\xf8\x01\x01")[2:])
     for begin in range(0, len(key), 6):
         good_xcp(rig, bytes([0xF7, len(key) - begin]) + key[begin : begin + 6])
 
@@ -135,8 +133,7 @@ def test_it_is_stored_with_the_jets_shut_and_kept_with_its_release(rig: Rig) -> 
     good_xcp(rig, XCP_STORE)
     rig.run(500)
     assert STORED_EVENT not in packets(rig)
-    rig.request = False
-    rig.run(1200)
+    rig.run_asking(False, 1200)
     assert packets(rig).count(STORED_EVENT) == 1
     rig.power_on()
     assert (values(rig)["lift"], rig.good(READ_STORED)[3:]) == (0.5, b"\x01")

@@ -32,8 +32,7 @@ def test_without_a_release_it_reports_that_and_one_is_written_tried_and_confirme
     assert rig.ask(SELF_TEST)[2] == 0x22
     assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
     assert rig.ask(b"\x22\xfd\x10")[2] == 0x31
-    rig.request = True
-    rig.run(100)
+    rig.run_asking(True, 100)
     last = rig.statuses[-1]
     assert (last.state, last.reason, last.bundle_hash) == (Mode.FAULT, Reason.NO_RELEASE, 0)
     assert {(c.enable, c.flow_m2_per_s, c.mode) for c in rig.commands} == {(False, 0.0, Mode.FAULT)}
@@ -46,8 +45,7 @@ def test_without_a_release_it_reports_that_and_one_is_written_tried_and_confirme
     rig.reset()
     assert rig.statuses[-1].bundle_hash == hash_of(image("first"))
     assert rig.statuses[-1].reason is not Reason.UPDATING
-    rig.request = False
-    rig.run(1100)
+    rig.run_asking(False, 1100)
     rig.programming()
     rig.good(SELF_TEST)
     rig.good(CONFIRM_ROUTINE)

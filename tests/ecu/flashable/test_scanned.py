@@ -83,8 +83,7 @@ def scanned(rig: Rig, *, mode: Mode) -> Iterator[EcuSocket]:
     if mode is Mode.CONTROL:
         rig.into_control()
     else:
-        rig.request = False
-        rig.run(1500)
+        rig.run_asking(False, 1500)
     rig.statuses.clear()
     rig.commands.clear()
     bus = EcuSocket(rig)

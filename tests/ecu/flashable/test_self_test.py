@@ -79,8 +79,7 @@ def test_a_release_for_another_vehicle_is_refused(rig: Rig) -> None:
     assert fit.fits(other) is Verdict.WRONG_VEHICLE
     # One whose graph has other sizes than its manifest states, and one whose estimator is no estimator.
     wider = replace(bundle, manifest=replace(bundle.manifest, window=33), digest="2")
-    files = {**bundle.files, ESTIMATOR: bundle.files[CONTROLLER]}
-    for damaged in (wider, replace(bundle, files=files, digest="3")):
+    for damaged in (wider, replace(bundle, files={**bundle.files, ESTIMATOR: bundle.files[CONTROLLER]}, digest="3")):
         assert fit.fits(damaged) is Verdict.DAMAGED
 
 

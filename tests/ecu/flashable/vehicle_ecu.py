@@ -106,8 +106,7 @@ class Rig(FlashingSteps):
             commanded = self.ecu.control(self.now_ns, frames)
             self.controls.append((self.now_ns, frames, commanded))
             self.take(commanded)
-        to_ecu = [*self.extra, *self.tester.poll(self.now_ns)]
-        self.take(self.ecu.service(self.now_ns, to_ecu))
+        self.take(self.ecu.service(self.now_ns, [*self.extra, *self.tester.poll(self.now_ns)]))
         self.now_ns += MS
 
     def take(self, frames: Sequence[Frame]) -> None:
@@ -129,11 +128,13 @@ class Rig(FlashingSteps):
         for _ in range(milliseconds):
             self.millisecond()
 
+    def run_asking(self, request: bool | None, milliseconds: int) -> None:
+        self.request = request
+        self.run(milliseconds)
+
     def into_control(self) -> None:
-        self.request = False
-        self.run(100)
-        self.request = True
-        self.run(1300)
+        self.run_asking(False, 100)
+        self.run_asking(True, 1300)
         assert self.statuses[-1].state is Mode.CONTROL
 
     def pressure(self, enable: bool) -> Frame:

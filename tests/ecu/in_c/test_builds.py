@@ -144,8 +144,7 @@ def test_platformio_packs_it_and_takes_its_sources(release, tmp_path, monkeypatc
     # It would fetch the list of licences.
     licences = {"licenses": [{"licenseId": "MIT"}]}
     monkeypatch.setattr(schema.ManifestSchema, "load_spdx_licenses", staticmethod(lambda: licences))
-    packed = pack.PackagePacker(str(release.folder)).pack(str(tmp_path / "stillwake.tar.gz"))
-    with tarfile.open(packed) as archive:
+    with tarfile.open(pack.PackagePacker(str(release.folder)).pack(str(tmp_path / "stillwake.tar.gz"))) as archive:
         assert sources_of(release.folder) <= set(archive.getnames())
     files = pytest.importorskip("platformio.fs")
     assert set(files.match_src_files(str(release.folder), chosen, ["c"])) == sources_of(release.folder)

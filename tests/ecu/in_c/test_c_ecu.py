@@ -193,23 +193,20 @@ def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, pyth
     for now_ns, frames in Feed().periods(INTO_CONTROL + 4, lost=(3, INTO_CONTROL + 1)):
         place = ffi.new("sw_frame[]", max(2, len(frames)))
         ffi.memmove(place, c.structs.frames(frames), len(frames) * ffi.sizeof("sw_frame"))
-        came = place if frames else ffi.NULL
-        assert c.lib.sw_ecu_step(c.ecu, now_ns, came, len(frames), place) == 2
+        assert c.lib.sw_ecu_step(c.ecu, now_ns, place if frames else ffi.NULL, len(frames), place) == 2
         assert [c.structs.frame(item) for item in place[0:2]] == python.step(now_ns, frames)
     assert c.trace.mode is Mode.CONTROL
 
 
-X86 = platform.machine() == "x86_64"
 MODE = b"#include <xmmintrin.h>\nvoid set_mode(unsigned mode); void set_mode(unsigned mode) { _mm_setcsr(mode); }\n"
 PLAIN, SMALL_AS_ZERO, ROUNDING_UP = 0x1F80, 0x9FC0, 0x5F80
 """Modes of an x86 processor, for a thread."""
 
 
-@pytest.mark.skipif(not X86, reason="modes of an x86 processor")
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="modes of an x86 processor")
 @each("mode", [SMALL_AS_ZERO, ROUNDING_UP])
 def test_a_mode_of_the_processor_that_another_library_sets_shuts_the_jets(release, sources, tmp_path, mode):
-    """As a library that was linked with -ffast-math does where it is loaded. The control step alone answers with no
-    plan, and neither is opened."""
+    """As a library linked with -ffast-math does. The control step answers with no plan, and neither is opened."""
     library = tmp_path / f"{mode}.so"
     c = CEcu({**sources, "mode.c": MODE}, flags=FLAGS, library=library)
     set_mode, periods = ctypes.CDLL(str(library)).set_mode, Feed().periods(INTO_CONTROL + 8)

@@ -11,20 +11,14 @@ from ecu.in_c.compiler import compile_c, compiler_version, host_compiler
 
 
 @pytest.fixture
-def nothing_installed(monkeypatch) -> None:
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.delenv("CC", raising=False)
-
-
-@pytest.fixture
 def compiler(monkeypatch) -> list[str]:
     monkeypatch.delenv("CC", raising=False)
     return host_compiler()
 
 
-@pytest.mark.usefixtures("nothing_installed")
 def test_the_environment_comes_first_and_without_any_the_error_names_the_remedy(monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     monkeypatch.setenv("CC", "ccache gcc-14")
     assert host_compiler() == ["ccache", "gcc-14"]
     monkeypatch.setenv("CC", "  ")

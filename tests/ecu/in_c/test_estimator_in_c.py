@@ -103,8 +103,7 @@ def by_onnx() -> Estimate:
 
 
 def window(seed: int, scale: float = 1.0):
-    rng = np.random.default_rng(seed)
-    return NETWORK.mean + scale * NETWORK.std * rng.normal(size=(WINDOW, 5))
+    return NETWORK.mean + scale * NETWORK.std * np.random.default_rng(seed).normal(size=(WINDOW, 5))
 
 
 @given(st.integers(0, 2**32), st.floats(0.0, 3.0))

@@ -35,8 +35,7 @@ def test_however_long_work_takes_every_period_is_begun_once_or_counted(works, gr
 @given(st.integers(0, 10 * PERIOD), st.integers(-(10**15), 10**15))
 @examples(100)
 def test_a_slew_is_small_and_goes_the_shorter_way(due, target):
-    before = Deadlines(period_ns=PERIOD, due_ns=due)
-    after = before.slewed(target)
+    after = Deadlines(period_ns=PERIOD, due_ns=due).slewed(target)
     assert abs(after.due_ns - due) <= PERIOD // LARGEST_SLEW
     distance = abs(wrapped(target - due, PERIOD))
     assert abs(wrapped(target - after.due_ns, PERIOD)) == max(0, distance - PERIOD // LARGEST_SLEW)

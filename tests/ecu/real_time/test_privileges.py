@@ -62,8 +62,7 @@ def test_a_refusal_names_its_cause(monkeypatch):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    wanted = Wanted(priority=99, lock_memory=False, without_collector=False)
-    with taken(wanted) as held:
+    with taken(Wanted(priority=99, lock_memory=False, without_collector=False)) as held:
         by_name = {item.what: item for item in held}
     assert by_name["SCHED_FIFO 99"] == Privilege("SCHED_FIFO 99", granted=False, why="operation not permitted")
     assert "not granted: " in in_words(held)

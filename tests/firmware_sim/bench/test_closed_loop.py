@@ -89,8 +89,7 @@ def test_the_recorded_wake_is_the_flow_at_the_start_of_each_period(run, coarse):
 
 
 def test_the_summary_is_of_this_run(run):
-    folder = run[0]
-    summary = json.loads((folder / "summary.json").read_text())
+    summary = json.loads((run[0] / "summary.json").read_text())
     assert [summary[f"frames_{name}"] for name in ("sent", "lost", "rejected")] == [2 * PERIODS, 0, 0]
     assert summary["sensors"] == list(random_program(1).sensors)
     reduction = 100 * (1 - summary["Cd_controlled"] / summary["Cd_uncontrolled"])

@@ -120,8 +120,7 @@ def wrong_ecu(monkeypatch, change: Callable[[JetCommand, int], JetCommand]) -> N
             self.steps += 1
             data = codec.emit_jet_command(change(sent, self.steps))
             profile = profile_of(JET_COMMAND)
-            counter = profile.counter_of(command.data)
-            data = profile.protect(data, data_id=JET_COMMAND.data_id, counter=counter)
+            data = profile.protect(data, data_id=JET_COMMAND.data_id, counter=profile.counter_of(command.data))
             return [replace(command, data=data), status]
 
     monkeypatch.setattr(simulation, "Ecu", Wrong)
@@ -159,8 +158,7 @@ def test_a_wrong_command_is_caught(monkeypatch):
 def test_control_without_an_edge_is_caught(monkeypatch):
     class Eager(Ecu):
         def step(self, now_ns, frames, *rest, **more):
-            idle = (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT)
-            if self.state.fail_safe.mode in idle:
+            if self.state.fail_safe.mode in (OperatingMode.INIT, OperatingMode.STANDBY, OperatingMode.FAULT):
                 # As if the request had been seen low: it rises in any frame that has it.
                 self.restore(replace(self.state, fail_safe=FailSafe(mode=OperatingMode.ARMED, enable_request=False)))
             return super().step(now_ns, frames, *rest, **more)

@@ -160,8 +160,7 @@ def test_an_echo_that_stands_still_drives_for_as_long_as_pressures_may_be_old_an
     command = JetCommand(flow_m2_per_s=2.0, mode=Mode.CONTROL, enable=True, pressure_counter=1)
     for _ in range(600):
         request(node)
-        frame = sender.frame(messages.command.emit(command), now_ns=0)
-        driven.append(node.apply_commands([frame]).action != 0.0)
+        driven.append(node.apply_commands([sender.frame(messages.command.emit(command), now_ns=0)]).action != 0.0)
     # Period 0: the frame is not sent yet, nor the stream trusted. Then a hold, two decays, the frame's own period, and
     # one for computing and the way.
     assert driven == [False] + [True] * 6 + [False] * 593

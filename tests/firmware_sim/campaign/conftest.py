@@ -45,8 +45,7 @@ def rows_of(
     *others: tuple[Scenario, Sequence[PhaseOutcomes]], undisturbed: Sequence[PhaseOutcomes] | None = None
 ) -> tuple[ScenarioRow, ...]:
     """The undisturbed scenario, 20 % less drag without other phases, and others."""
-    first = (scenario_of(UNDISTURBED, "Undisturbed"), undisturbed or [phase_of(), phase_of()])
-    everything = [first, *others]
+    everything = [(scenario_of(UNDISTURBED, "Undisturbed"), undisturbed or [phase_of(), phase_of()]), *others]
     return judged([one for one, _ in everything], {one.name: phases for one, phases in everything})
 
 

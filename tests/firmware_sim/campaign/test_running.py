@@ -60,8 +60,7 @@ def test_a_run_without_control_is_the_solver_by_itself_and_control_begins_with_t
     assert (service.violations, service.broken, service.latches, undisturbed.failure) == (0, [], 0, "")
     assert service.in_control == service.requested > 0
     # A disturbance of the flow acts without control, too.
-    windy = ran(task_of("gust:amplitude=0.1,period=2.8", controlled=False), release, start)
-    assert free.course.Cd != windy.course.Cd
+    assert free.course.Cd != ran(task_of("gust:amplitude=0.1,period=2.8", controlled=False), release, start).course.Cd
 
 
 def test_what_is_raised_in_a_run_is_its_outcome(release, task_of, coarse, monkeypatch):

@@ -46,8 +46,7 @@ class Imported:
         self._access("set", name, [self.variables[name].valueReference], [value])
 
     def _access(self, verb: str, name: str, *arguments: Any) -> Any:
-        kind = self.variables[name].type.replace("Enumeration", "Int64")
-        return getattr(self.fmu, verb + kind)(*arguments)
+        return getattr(self.fmu, verb + self.variables[name].type.replace("Enumeration", "Int64"))(*arguments)
 
     def step(self, size: float) -> None:
         self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=size)

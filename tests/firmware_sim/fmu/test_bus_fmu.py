@@ -143,8 +143,7 @@ def test_a_wrong_operation_is_answered_and_what_is_beside_it_taken(fmu_of):
     wrong += [rng.bytes(int(size)) for size in rng.integers(1, 400, size=60)] + [op(0x99, bytes(8000))]
     now_ns = 1
     for one in wrong:
-        whole = operation(frame) + one
-        assert node.event(now_ns, whole) == b""
+        assert node.event(now_ns, operation(frame) + one) == b""
         assert node.due_ns == now_ns
         (code, answer), *rest = operations(node.event(now_ns))
         assert code == FORMAT_ERROR and not rest
@@ -161,14 +160,13 @@ def test_its_controller_counts_errors_and_goes_off_the_bus_as_iso_11898_has_it(f
     path, _ = fmu_of(bus=True)
     node, deaf = TerminalNode(path, bus_notifications=True), TerminalNode(path)
     faults, rng, now_ns, seen = FaultConfinement(), np.random.default_rng(1), 1, set[BusState]()
-    frame = Frame(frame_id=0x7FF, data=b"")
     kinds: tuple[tuple[float, bytes, Callable[[FaultConfinement], FaultConfinement]], ...] = (
         (0.30, op(ERROR, struct.pack("<IBBB", 0x7FF, 1, 2, 1)), lambda one: one.transmit_error()),
         (0.10, op(ERROR, struct.pack("<IBBB", 0x7FF, ACK_ERROR, 2, 1)), lambda one: one.unacknowledged()),
         (0.10, op(ERROR, struct.pack("<IBBB", 1, 4, 1, 0)), lambda one: one.receive_error().dominant_after_flag()),
         (0.10, op(ERROR, struct.pack("<IBBB", 1, 4, 2, 0)), lambda one: one.receive_error()),
         (0.20, op(CONFIRM, struct.pack("<I", 1)), lambda one: one.transmitted()),
-        (0.20, operation(frame), lambda one: one.received()),
+        (0.20, operation(Frame(frame_id=0x7FF, data=b"")), lambda one: one.received()),
     )
     node.event(0), deaf.event(0)
     for _ in range(1500):

@@ -74,8 +74,7 @@ def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, config, star
     )
     log = own_loop.run(own_wake(config, start=start))
     assert np.abs(log.series["action"]).max() > 0.01
-    own = np.stack([log.series[name] for name in ("Cd", "Cl", "t")], axis=1)
-    np.testing.assert_array_equal(np.array(found), own)
+    np.testing.assert_array_equal(np.array(found).T, [log.series[name] for name in ("Cd", "Cl", "t")])
 
 
 def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path, config, start):
@@ -132,8 +131,7 @@ def test_calls_out_of_order_are_refused_and_fmpys_own_step_is_served(plant_path,
 
 def test_the_command_writes_it_and_refuses_a_plant_that_cannot_begin(cli, coarse, tmp_path):
     path = tmp_path / "plant.fmu"
-    done = cli("plant-fmu", path, "--set", "flow.reynolds=700")
-    assert "the shipped start is of 500" in done.err
+    assert "the shipped start is of 500" in cli("plant-fmu", path, "--set", "flow.reynolds=700").err
     assert not path.exists()
     assert cli("plant-fmu", path, *coarse.words).code == 0 and path.exists()
 

@@ -36,7 +36,6 @@ LOOK_NS = 250_000
 QUICK = FlashTimes(erase_ns=20_000_000, word_ns=10_000)
 """Of a flash for tests in which time has no part."""
 READ = [bytes.fromhex(text) for text in ("22FD01", "22" + 5 * "FD11", "22F18C", "1902FF", "22" + 16 * "F186", "190A")]
-PATIENCE_NS = 60_000_000
 
 
 class Built:
@@ -111,13 +110,12 @@ class Traffic:
             self.look()
 
     def read(self, periods: int) -> Counter[tuple[bytes, int]]:
-        """So many control periods, in which the tester asks as soon as it has its answer, or its patience ends: answers
-        by request and length."""
+        """So many periods, in which the tester asks again as soon as it may: answers by request and length."""
         began_ns, until_ns, asked, answers = self.now_ns, 0, 0, Counter[tuple[bytes, int]]()
         while self.now_ns < began_ns + periods * CONFIG.period_ns:
             if self.now_ns >= until_ns:
                 self.send(READ[asked % len(READ)])
-                asked, until_ns = asked + 1, self.now_ns + PATIENCE_NS
+                asked, until_ns = asked + 1, self.now_ns + 60_000_000  # its patience
             for answer in self.look():
                 answers[READ[(asked - 1) % len(READ)], len(answer)] += 1
                 until_ns = 0

@@ -1,5 +1,4 @@
-"""The exported folder's firmware as Arm's GCC builds it by the folder's own rules: on the emulated board it sends the
-host's frames, and a tester flashes it."""
+"""The exported folder's firmware as Arm's GCC builds it: it sends the host's frames, and a tester flashes it."""
 
 import re
 import shutil

@@ -58,8 +58,7 @@ def test_independent_clients_reach_it_under_identifiers_of_29_bits(classic):
 
     tester = IndependentTester(exchange, *ADDRESSED[1][1:], is_fd=False)
     converse(tester, b"0815")
-    to_all = Frame(frame_id=0x18DB33F1, data=b"\x02\x3e\x00".ljust(8), is_fd=False, is_extended=True)
-    keeps_whole(tester, to_all)
+    keeps_whole(tester, Frame(frame_id=0x18DB33F1, data=b"\x02\x3e\x00".ljust(8), is_fd=False, is_extended=True))
     # Of what is not asked for nothing enters the FIFO.
     own, can = LONG.request.number, board.board.can
     room = can.room

@@ -34,14 +34,10 @@ ODD = random_program(
 )
 
 
-def windows_of(program: ControllerProgram, count: int) -> list[np.ndarray]:
+def sources_and_rows(program: ControllerProgram, precision: str, steps: int = 4) -> tuple[dict[str, bytes], np.ndarray]:
     rng = np.random.default_rng(0)
     series = np.concatenate([random_window(program, rng) for _ in range(2)])
-    return [series[i : i + program.window] for i in range(count)]
-
-
-def sources_and_rows(program: ControllerProgram, precision: str, steps: int = 4) -> tuple[dict[str, bytes], np.ndarray]:
-    windows = windows_of(program, steps)
+    windows = [series[i : i + program.window] for i in range(steps)]
     sources = c_library(program) if precision == "float32" else int8_library(program, windows)
     return sources, np.loadtxt(recorded_rows(windows).splitlines(), dtype=np.float32)
 
@@ -75,8 +71,7 @@ def test_the_core_computes_what_the_host_does_also_at_odd_sizes_and_leaves_room_
     """The whole ECU may have 12 ms, 144 KiB of flash, 64 KiB of RAM and 1 KiB of stack. Instructions are exact for this
     compiler, so four hundredths of room are enough for another one. The size is above the release's 64/32: 96-wide
     dynamics, 64-wide decoder, 25 steps, int8."""
-    model = ModelConfig(dynamics_width=96, decoder_width=64)
-    program = random_program(0, model=model, mpc=MpcConfig(iterations=3))
+    program = random_program(0, model=ModelConfig(dynamics_width=96, decoder_width=64), mpc=MpcConfig(iterations=3))
     budgeted = mcu.measure(*sources_and_rows(program, "int8", steps=2))
     assert budgeted.flash_bytes <= 106 * 1024
     assert budgeted.ram_bytes <= 55 * 1024

@@ -75,10 +75,7 @@ class MadeUpTime:
         self.loop = VehicleLoop(CONFIG, *parts, stage_times=stage_times, **clock)
 
     def sleep_until(self, due_ns: int) -> None:
-        self.pass_until(max(due_ns, self.now_ns) + next(self.lateness, 0))
-
-    def pass_until(self, until_ns: int) -> None:
-        """Let time pass, and what is on its way arrive."""
+        until_ns = max(due_ns, self.now_ns) + next(self.lateness, 0)
         self.arriving.sort(key=lambda item: item[0])
         while self.arriving and self.arriving[0][0] <= until_ns:
             self.now_ns, frame = self.arriving.pop(0)
@@ -148,8 +145,7 @@ def test_it_is_the_loop_in_virtual_time_to_the_bit(harness, made) -> None:
 
 def test_a_command_is_of_the_period_it_arrives_in_however_late_the_process_wakes(made) -> None:
     # Command 20 arrives 1 ms after the boundary; the process wakes 3 ms after it, and finds it in the inbox.
-    lateness = iter([0] * 21 + [3_000_000])
-    real = made(way_ns=lambda number: 21_000_000 if number == 20 else 9_000_000, lateness=lateness)
+    real = made(way_ns=lambda number: 21_000_000 if number == 20 else 9_000_000, lateness=iter([0] * 21 + [3_000_000]))
     real.run(22)
     assert real.loop.figures.misses == 1
     assert real.loop.figures.commands == 19
@@ -214,8 +210,7 @@ def test_stage_times_are_of_each_period(made) -> None:
     real.loop.finish()
     # Counted in steps of 10 us: of the command that was late to be looked at, too.
     assert real.loop.figures.ages.quantile_ms(1.0) == pytest.approx(10.5, abs=0.011)
-    rows = times.rows()
-    column = {stage: rows[:, stage] for stage in VehicleStage}
+    column = {stage: times.rows()[:, stage] for stage in VehicleStage}
     assert column[VehicleStage.PERIOD].tolist() == list(range(10))
     scheduled = FIRST_NS + PERIOD_NS * np.arange(10)
     assert np.array_equal(column[VehicleStage.SCHEDULED], scheduled)

@@ -208,8 +208,7 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
         assert {one["id"] for one in answered if "error" not in one} == set(range(MOST_UNANSWERED))
         # Nothing comes while it is paused, and it still answers.
         await answer(control, '{"pause": true}')
-        notes = [(await answer(control, "{}"))["note"] for _ in range(3)]
-        assert len(set(notes)) == 1
+        assert len({(await answer(control, "{}"))["note"] for _ in range(3)}) == 1
         await control.write_message("x" * (LONGEST_REQUEST + 1))
         async with asyncio.timeout(PATIENCE_S):
             assert await control.read_message() is None
@@ -285,11 +284,9 @@ async def test_a_loop_that_ends_reports_why_and_starts_again() -> None:
             stream, control = await place.connect("/stream"), await place.connect("/control")
             await heard(stream, type="hello")
             await control.write_message(json.dumps({"id": 1, "set": {"order": order}}))
-            starting = await heard(stream, type="loop", state="starting")
-            assert reason in starting["text"]
+            assert reason in (await heard(stream, type="loop", state="starting"))["text"]
             await heard(stream, type="hello")
-            events = await heard(stream, type="events")
-            assert reason in events["items"][-1]["text"]
+            assert reason in (await heard(stream, type="events"))["items"][-1]["text"]
             while 0.0 not in (await heard(stream, type="periods"))["columns"]["k"]:
                 pass
 
