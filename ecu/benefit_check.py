@@ -29,6 +29,8 @@ from contract.release.manifest import Manifest
 from contract.sensor_layout import SAME_PLACE
 from ecu.fit import positions_of
 
+_ON_BASE: Final = "base_"
+"""Prefix of the names of sensors on a body's base."""
 MOVED: Final = 0.1
 """Change of the speed, relative to the design speed, that ends a test: a test is valid for its own speed only."""
 PATIENCE: Final = 6
@@ -95,7 +97,7 @@ class BenefitCheck:
     @classmethod
     def of(cls, manifest: Manifest, config: BenefitCheckConfig) -> "BenefitCheck | None":
         """Return the check of a release; None if none of its sensors is on the base, or none is mirrored."""
-        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith("base_"))
+        base = tuple(place for place, name in enumerate(manifest.sensors) if name.startswith(_ON_BASE))
         pairs = mirrored_pairs(manifest)
         if not (config.enabled and base and pairs):
             return None

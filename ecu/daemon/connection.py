@@ -19,6 +19,7 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError
 from ecu.real_time.privileges import step_back
 
+FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 """Longest pause in s between two attempts to open a bus again. Each pause is twice as long as the one before."""
 SEND_TIMEOUT_S: Final = 0.003
@@ -46,7 +47,11 @@ class Connection:
     """
 
     def __init__(
-        self, open_bus: Callable[[], PythonCanBus], deliver: Callable[[Frame], None], *, first_pause_s: float = 0.1
+        self,
+        open_bus: Callable[[], PythonCanBus],
+        deliver: Callable[[Frame], None],
+        *,
+        first_pause_s: float = FIRST_PAUSE_S,
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
         self._bus: _Read | None = None

@@ -28,6 +28,10 @@ GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
 """Number of final periods, in which the ECU sends commands to shut the jets: more than one, as a frame may be lost."""
+_PASSING: Final = (Mode.HOLD, Mode.DECAY)
+"""Modes that last too briefly to be reported in the log."""
+
+Tell = Callable[..., None]
 
 
 class ControlLoop:
@@ -42,7 +46,7 @@ class ControlLoop:
         reception: FrameReception,
         config: Config,
         *,
-        tell: Callable[..., None],
+        tell: Tell,
         after_step: Callable[[int, Counters], None] = lambda now_ns, counters: None,
         stage_times: StageTimes | None = None,
         now_ns: Callable[[], int] = clock.now_ns,
@@ -131,8 +135,7 @@ class ControlLoop:
     def _tell_mode(self) -> None:
         state = self._ecu.state.fail_safe
         now = state.mode.on_wire, state.reason
-        # HOLD and DECAY last too briefly to be reported.
-        if now != self._told and now[0] not in (Mode.HOLD, Mode.DECAY):
+        if now != self._told and now[0] not in _PASSING:
             self._told = now
             mode, reason = now
             because = "" if reason is Reason.NONE else f", {reason.name}"

@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.freshness_store import FreshnessStore
@@ -29,6 +30,9 @@ from ecu.real_time import clock
 from ecu.real_time.privileges import Wanted, in_words, taken
 from ecu.real_time.stage_times import USUAL_PERIODS, EcuStage, PlanTimes, StageTimes
 from ecu.stepped import SteppedEcu
+
+FRESHNESS: Final = "freshness.json"
+"""Name of the file with the freshness values, in the state directory that systemd gives to a service."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +64,7 @@ def freshness_file(options: ProcessOptions) -> Path:
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
     if not folder:
         raise ConfigError("bus.key: name a file that stores the freshness values with --freshness FILE")
-    return Path(folder) / "freshness.json"
+    return Path(folder) / FRESHNESS
 
 
 def authentication_of(config: Config, options: ProcessOptions) -> tuple[FreshnessStore | None, Authentication | None]:

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
 from contract.atomic import replacing
 from contract.errors import StillwakeError
@@ -44,6 +44,10 @@ def _moment(event: DatedEvent) -> datetime:
     return datetime.fromtimestamp(event.date_ns // 1_000_000_000, UTC)
 
 
+INTERVAL_S: Final = 1.0
+"""Time in s between two updates of the file of counters."""
+
+
 class Reporter:
     """A thread that writes the counters, which the control loop sets after each step, and log lines while its `with`
     block runs, and the remaining lines at its end.
@@ -62,7 +66,7 @@ class Reporter:
         bundle: str,
         metrics: Path | None = None,
         keep: Callable[[Counters], None] = lambda counters: None,
-        interval_s: float = 1.0,
+        interval_s: float = INTERVAL_S,
     ) -> None:
         self._write, self._as_line = write, as_line
         self._metrics, self._keep, self._interval_s = metrics, keep, interval_s

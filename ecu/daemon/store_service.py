@@ -32,6 +32,8 @@ from ecu.real_time.inbox import Inbox
 from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
+_ROOM: Final = 1024
+"""Largest number of waiting frames, of which the oldest are dropped: seven requests of the largest length on CAN FD."""
 PAUSE_S: Final = 0.05
 """Largest time in s between two calls of `service` if no frame arrives, and so the longest delay of a timeout."""
 SENDING_S: Final = 0.001
@@ -50,7 +52,7 @@ class DiagnosisThread:
         failed: Callable[[BaseException], None],
     ) -> None:
         self._ecu, self._send, self._now_ns, self._failed = ecu, send, now_ns, failed
-        self._inbox = Inbox(lambda frame: now_ns(), room=1024)  # seven requests of the largest length on CAN FD
+        self._inbox = Inbox(lambda frame: now_ns(), room=_ROOM)
         self._wakes, self._stop = Event(), Event()
         self._thread = Thread(target=self._run, name="diagnosis", daemon=True)
 

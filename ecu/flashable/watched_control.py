@@ -34,6 +34,10 @@ class VehicleRequest:
         return Nrc.CONDITIONS_NOT_CORRECT if self.drives_jets or asks else None
 
 
+_NUMBERS: Final = struct.Struct(">IBHH")
+_MOST_MS: Final = 0xFFFF_FFFF
+
+
 class FaultWatch:
     """A detector of faults in all control periods since power-on."""
 
@@ -56,9 +60,8 @@ class FaultWatch:
 def _snapshot(before: EcuState, after: EcuState, since_power_on_ns: int) -> bytes:
     """Return the snapshot of the state in which a fault was found, in the order of `SNAPSHOT_FORMATS`."""
     return (
-        struct.pack(
-            ">IBHH",
-            min(max(0, since_power_on_ns) // 1_000_000, 0xFFFF_FFFF),
+        _NUMBERS.pack(
+            min(max(0, since_power_on_ns) // 1_000_000, _MOST_MS),
             before.fail_safe.mode.on_wire,
             min(after.missed, COUNT_LIMIT),
             min(after.overruns, COUNT_LIMIT),

@@ -28,8 +28,11 @@ from ecu.in_c.compiler import EXACT, compile_c, compiler_version, host_compiler
 from ecu.in_c.host_library import check_program
 
 _BUNDLE_HASH: Final = re.compile(rb"^#define SW_BUNDLE_HASH UINT32_C\((0x[0-9a-f]+)\)$", re.MULTILINE)
+_UNDEFINED: Final = re.compile(r"undefined symbol: (\w+)")
 _ALIGNMENT: Final = 64
 _Answer = Callable[[Any], int]
+_ESTIMATOR: Final = "sw_estimator_settings.h"
+"""Name of the header that is generated for a release with a sensor estimator."""
 
 
 class CEcuState(NeverCopied):
@@ -161,7 +164,7 @@ class CEcu(CEcuState):
 
 def _why(error: Exception) -> str:
     """Return the cause in one line; cffi's own message has the file twice and every path that was searched."""
-    symbol = re.search(r"undefined symbol: (\w+)", str(error))
+    symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 
 
@@ -184,6 +187,6 @@ def ecu_sources(folder: Path, bundle: Bundle, config: Config) -> dict[str, bytes
     if bundle.manifest.sensor_estimator is None and check.enabled:
         # If the release has no estimator, the ECU in Python does not do this check either.
         config = replace(config, ecu=replace(config.ecu, sensor_check=replace(check, enabled=False)))
-    elif check.enabled and "sw_estimator_settings.h" not in sources:
+    elif check.enabled and _ESTIMATOR not in sources:
         raise LibraryError(f"library {folder}: it has no sensor estimator; export it again, or switch off sensor_check")
     return with_layout(sources | {c_settings.HEADER: c_settings.ecu_settings(bundle, config)})

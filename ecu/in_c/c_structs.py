@@ -46,6 +46,7 @@ _STANDING_IN: Final = {
 _MODES: Final = tuple(OperatingMode)
 _STREAMS: Final = tuple(StreamState)
 _SENSOR_ARRAYS: Final = ("fast", "slow", "noise", "score", "estimates")
+_HEALTH_COUNTS: Final = ("tx_errors", "rx_errors", "bus_off")
 
 
 class Structs:
@@ -231,7 +232,7 @@ class Structs:
     @staticmethod
     def _set_health(health: Any, value: BusHealth) -> None:
         health.is_bus_off = value.state is BusState.BUS_OFF
-        for name in ("tx_errors", "rx_errors", "bus_off"):
+        for name in _HEALTH_COUNTS:
             setattr(health, name, _count(getattr(value, name)))
 
     def _array(self, member: Any, dtype: Any = np.float64) -> Array:

@@ -17,6 +17,7 @@ detect that its commands are lost.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -35,6 +36,8 @@ from contract.config.vehicle import VehicleConfig
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from ecu.controller_memory import DelayLine
+
+_DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -332,4 +335,4 @@ def _fitting(value: float | None, step: float, least: int, most: int) -> float |
 
 
 def _drives(command: JetCommand) -> bool:
-    return command.enable and command.mode in (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
+    return command.enable and command.mode in _DRIVING

@@ -13,6 +13,7 @@ UNDISTURBED: Final = "undisturbed"
 """Name of the scenario with which all other scenarios are compared; every plan contains it."""
 UNCONTROLLED: Final = "uncontrolled"
 """Name of the runs without control in the undisturbed flow; in a scenario's flow, the scenario's name precedes it."""
+_NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
 
@@ -56,7 +57,7 @@ class Scenario:
     criteria: Criteria = field(default_factory=Criteria)
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[a-z0-9][a-z0-9_.]*", self.name) or len(self.name) > LONGEST_NAME:
+        if not _NAME.fullmatch(self.name) or len(self.name) > LONGEST_NAME:
             rule = f"lower-case letters, digits, dots and underscores, at most {LONGEST_NAME}"
             raise ConfigError(f"name {self.name[:LONGEST_NAME]!r}: must be {rule}")
         if self.name.rpartition(".")[2] == UNCONTROLLED:

@@ -1,6 +1,6 @@
 """The description files in an FMU: `modelDescription.xml` (FMI 3.0 and 2.0), the bus terminal, the bus manifest."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
@@ -12,8 +12,10 @@ from firmware_sim.fmu.kinds import FmuKind
 TERMINAL: Final = "CanChannel"
 """Name of the bus terminal in the FMU."""
 LS_BUS: Final = "org.fmi-standard.fmi-ls-bus"
+_MIME: Final = f'application/{LS_BUS}.can; version="1.0.0"'
 _RX_BYTES, _TX_BYTES = 8192, 16384
 """Sizes in bytes of the buffers for received and sent data; `ecu/c/fmu/sw_fmu.h` has the same sizes."""
+_TYPES_2: Final[Mapping[str, str]] = {"Float64": "Real", "UInt32": "Integer"}
 _add = ElementTree.SubElement
 
 
@@ -82,8 +84,7 @@ def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> di
         return _add(listed, tag, {**facts, "variability": "discrete", **more})
 
     added("Clock", "Rx_Clock", "input", intervalVariability="triggered")
-    mime = f'application/{LS_BUS}.can; version="1.0.0"'
-    data = {"mimeType": mime, "clocks": references["Rx_Clock"], "maxSize": str(_RX_BYTES)}
+    data = {"mimeType": _MIME, "clocks": references["Rx_Clock"], "maxSize": str(_RX_BYTES)}
     _add(added("Binary", "Rx_Data", "input", **data), "Start", value="")
     if kind.triggered:
         added("Clock", "Tx_Clock", "output", intervalVariability="triggered")
@@ -145,8 +146,7 @@ def as_fmi2(about: ElementTree.Element, sources: Sequence[str] = ()) -> ElementT
         places[item.get("valueReference", "")] = str(place)
         own = {name: value for name, value in item.attrib.items() if name in ("start", "unit", "declaredType")}
         facts = {name: value for name, value in item.attrib.items() if name not in own}
-        tag = {"Float64": "Real", "UInt32": "Integer"}.get(item.tag, item.tag)
-        _add(_add(variables, "ScalarVariable", facts), tag, own)
+        _add(_add(variables, "ScalarVariable", facts), _TYPES_2.get(item.tag, item.tag), own)
     structure = _add(root, "ModelStructure")
     for title, old in (("Outputs", "Output"), ("InitialUnknowns", "InitialUnknown")):
         if unknowns := [places[item.get("valueReference", "")] for item in about.findall(f"ModelStructure/{old}")]:

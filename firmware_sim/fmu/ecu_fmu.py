@@ -28,6 +28,9 @@ PLATFORMS_2: Final = {"x86_64-linux": "linux64", "x86_64-darwin": "darwin64", WI
 """Names of platforms in FMI 2.0 by their names in FMI 3.0. All other names are equal in both."""
 FLAGS: Final = ("-O3", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden", "-Wl,--no-undefined")
 """Flags of the compiler, without -march, because an FMU may run on other machines."""
+_FLAGS_WINDOWS: Final = ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s")
+_SETTINGS: Final = "sw_fmu_settings.h"
+_DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 
 def ecu_fmu(
@@ -49,7 +52,7 @@ def ecu_fmu(
             raise ConfigError(f"ecu.{name} = {value:g}: must be shorter than the control period of {period_ms:g} ms")
     made_from = hashlib.sha256(repr(sorted(sources.items())).encode()).digest()
     token = f"{{{uuid.UUID(bytes=made_from[:16])}}}"
-    sources["sw_fmu_settings.h"] = wrapper_settings(variables, token, config, kind)
+    sources[_SETTINGS] = wrapper_settings(variables, token, config, kind)
     described = model_description(variables, token, bundle, config, kind)
     contents = {f"sources/{name}": content for name, content in sorted(sources.items())}
     if kind.fmi2:
@@ -67,7 +70,7 @@ def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
         zig = zig_compiler()
         if zig is None:
             raise LibraryError("no FMU for Windows: ziglang compiles it; pip install '.[mcu]'")
-        made[WINDOWS_64] = zig, ("-target", f"{WINDOWS_64}-gnu", "-O3", "-ffp-contract=off", "-shared", "-s"), "dll"
+        made[WINDOWS_64] = zig, _FLAGS_WINDOWS, "dll"
     found = {}
     for name, (compiler, flags, ending) in made.items():
         with tempfile.TemporaryDirectory() as folder:
@@ -87,7 +90,7 @@ def zipped(contents: Mapping[str, bytes]) -> bytes:
     file = BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():
-            info = zipfile.ZipInfo(name)  # of 1 January 1980
+            info = zipfile.ZipInfo(name, _DAY)
             info.external_attr = 0o644 << 16
             archive.writestr(info, content, zipfile.ZIP_DEFLATED)
     return file.getvalue()

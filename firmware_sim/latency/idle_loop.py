@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
 from types import FrameType
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.privileges import PRIORITY, Wanted, in_words, taken
 from ecu.real_time.stage_times import StageTimes
 from firmware_sim.latency.stages import Times
+
+_WANTED: Final = Wanted(priority=PRIORITY + 1)
+"""Privileges with a priority one above the ECU's, so that the ECU does not delay the idle loop."""
 
 
 class IdleStage(IntEnum):
@@ -67,8 +71,7 @@ def main(arguments: Sequence[str]) -> None:
     signal.signal(signal.SIGTERM, stop)
     # Ctrl-C in a terminal reaches all its processes; only the parent process may end this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # With a priority above the ECU's, so that the ECU does not delay the idle loop.
-    with taken(Wanted(priority=PRIORITY + 1)) as privileges:
+    with taken(_WANTED) as privileges:
         sys.stdout.write(f"{in_words(privileges)}\n")
         sys.stdout.flush()
         table = run(int(period_ns), lambda: bool(stopped), longest=int(periods))

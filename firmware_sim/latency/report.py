@@ -12,12 +12,14 @@ from firmware_sim.latency.budget import KeptLimit
 from firmware_sim.latency.measured import NEEDED_FOR_P99_9, MeasuredRun, Quantiles
 from firmware_sim.latency.stages import Stage
 
+_WIDTH: Final = 9.0
+"""Width of the figure in inches."""
 BINS: Final = 120
 
 
 def histogram_figure(runs: Sequence[MeasuredRun]) -> Figure:
     """Plot histograms of the time from the sampling instant to the command, and of the idle loop's delays."""
-    figure = Figure(figsize=(9.0, 5.6), dpi=110, layout="constrained")
+    figure = Figure(figsize=(_WIDTH, 5.6), dpi=110, layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
     period_ms = runs[0].periods.period_ns / 1e6
     everything = [run.periods.values(Stage.ALL) for run in runs]

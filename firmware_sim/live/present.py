@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from math import isfinite
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
+
+_DIGITS: Final = 5
+"""Number of decimals of plotted values; the last decimal is smaller than a pixel of any curve."""
 
 
 def hello(
@@ -134,5 +137,4 @@ def _number(value: float) -> float | None:
 
 
 def _rounded(values: Array | None) -> Any:
-    # The last decimal is smaller than a pixel of any curve.
-    return np.round(np.asarray(values, dtype=np.float64), 5).tolist()
+    return np.round(np.asarray(values, dtype=np.float64), _DIGITS).tolist()

@@ -68,6 +68,8 @@ SLIDERS: Final = {
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
 """Slider of every cost weight; its bounds are those of a weight in a calibration."""
 _SENSORS: Final = ("dead", "biased")
+_CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
+_SWITCHES: Final = ("enable", "babble")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,13 +136,13 @@ class LiveSettings:
 
 
 def _checked(name: str, value: Any, sensors: Sequence[str]) -> Any:
-    if name in ("enable", "babble"):
+    if name in _SWITCHES:
         if not isinstance(value, bool):
             raise ConfigError(f"live setting {name} = {value!r}: must be true or false")
         return value
     if name in SLIDERS:
         return _within(name, value, SLIDERS[name])
-    choices = {"controller": CONTROLLERS, "plant": PLANTS}.get(name) or ("", *sensors)
+    choices = _CHOICES.get(name) or ("", *sensors)
     if value not in choices:
         raise ConfigError(
             f"live setting {name} = {value!r}: must be one of {', '.join(item or 'none' for item in choices)}"

@@ -13,6 +13,7 @@ from ecu.in_c.compiler import compile_c, zig_compiler
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from firmware_sim.mcu.cores import CORTEX_M7, Core
 
+LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # C allows the contraction of operations within an expression. Contraction gives equal results on all targets that have
 # fused multiply-add.
@@ -37,7 +38,7 @@ def compile_for_cortex_m7(
     the sources do not compile, or `ziglang` is not installed."""
     firmware = {item.name: item.read_bytes() for item in files("firmware_sim").joinpath("mcu/c").iterdir()}
     firmware["sw_board_libc.c"] = sources_in("board")["sw_board_libc.c"]
-    return _linked(library_sources(sources) | firmware | dict(board or {}), "cortex_m7.ld", "mcu_reset", core)
+    return _linked(library_sources(sources) | firmware | dict(board or {}), LINKER_SCRIPT, "mcu_reset", core)
 
 
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:

@@ -2,12 +2,14 @@
 
 import io
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from elftools.common.exceptions import ELFError
 from elftools.elf.elffile import ELFFile
 
 from contract.errors import McuError
+
+_BITS: Final = 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +26,7 @@ def read_elf(image: bytes) -> Firmware:
     try:
         # The type is Any because pyelftools has no type annotations.
         elf: Any = ELFFile(io.BytesIO(image))
-        if elf.elfclass != 32 or not elf.little_endian:
+        if elf.elfclass != _BITS or not elf.little_endian:
             order = "little" if elf.little_endian else "big"
             raise McuError(f"not a 32-bit little-endian ELF file: {elf.elfclass}-bit, {order}-endian")
         loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])

@@ -16,6 +16,7 @@ from firmware_sim.mcu.pipeline import Pipeline
 FLASH: Final = 0x0800_0000
 FLASH_BYTES: Final = 1 << 20
 RAM: Final = 0x2000_0000
+_RAM_BYTES: Final = 1 << 19
 _STACK_BYTES: Final = 8192
 _STACK: Final = 0x3000_0000
 _UNTOUCHED: Final = 0xA5
@@ -97,7 +98,7 @@ class Machine(EmulatedCore):
 
     def __init__(self, firmware: Firmware) -> None:
         stack = (_STACK, _STACK_BYTES)
-        super().__init__(firmware, ((RAM, 1 << 19), stack), stack)
+        super().__init__(firmware, ((RAM, _RAM_BYTES), stack), stack)
         self._core.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x4000_0000)
         self._core.reg_write(arm_const.UC_ARM_REG_SP, _STACK + _STACK_BYTES)
 

@@ -27,6 +27,8 @@ from typing import Any, Final
 import capstone
 
 _MULTIPLY: Final = ("smla", "smul", "smmul", "mla", "mls", "mul", "umull", "smull", "umlal", "smlal")
+_LOAD: Final = ("ldr", "vldr")
+_STORE: Final = ("str", "vstr")
 _MANY: Final = ("ldm", "stm", "vldm", "vstm", "push", "pop", "vpush", "vpop", "strd")
 _DIVIDE: Final = ("vdiv", "vsqrt", "sdiv", "udiv")
 _DIVIDE_CYCLES: Final = 14
@@ -115,9 +117,9 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
         return "many", 2, 1 if name == "strd" else 4
     if name.startswith("ldrd"):
         return "double", 2, 1
-    if name.startswith(("ldr", "vldr")):
+    if name.startswith(_LOAD):
         return "load", 2, 1
-    if name.startswith(("str", "vstr")):
+    if name.startswith(_STORE):
         return "store", 1, 1
     if name.startswith(_MULTIPLY):
         return "multiply", 2, 1

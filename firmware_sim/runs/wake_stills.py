@@ -26,6 +26,9 @@ MOST_STILLS: Final = 640
 """Largest number of stills in a recording, about 2 MB; in a longer run the intervals between the stills are longer."""
 MIDDLE: Final = 128
 """Grey value of level 0."""
+_WEBP: Final = {"quality": 85, "method": 2}
+_SAME_TIME: Final = 1e-6
+"""Largest difference in t_c of two times that are treated as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +80,7 @@ class WakeRecorder:
         if k % self._every == 0:
             buffer = io.BytesIO()
             grey = np.asarray(levels().astype(np.int16) + MIDDLE, dtype=np.uint8)
-            Image.fromarray(grey).save(buffer, format="WEBP", quality=85, method=2)
+            Image.fromarray(grey).save(buffer, format="WEBP", **_WEBP)
             self._kept.append((k, t, buffer.getvalue()))
 
     def recorded(self) -> WakeStills:
@@ -124,7 +127,7 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
     times = log.series["t"]
     if wake.k[0] < 0 or wake.k[-1] >= len(times) or (np.diff(wake.k) <= 0).any():
         raise ValueError(f"the periods of the stills must rise within 0 to {len(times) - 1}")
-    if not np.allclose(wake.t, times[wake.k], rtol=0.0, atol=1e-6):
+    if not np.allclose(wake.t, times[wake.k], rtol=0.0, atol=_SAME_TIME):
         raise ValueError("the stills' times are not the series'")
     for still in wake.stills:
         try:

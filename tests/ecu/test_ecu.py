@@ -226,6 +226,9 @@ def test_errors_of_the_can_controller_are_reported_and_borne_short_of_bus_off(be
         assert reported == (health.tx_errors, health.rx_errors, health.bus_off)
 
 
+PERIOD_MS = 20.0
+
+
 def bench_at(plan: float = 0.01, **settings) -> Bench:
     bench = make_bench(
         RecordingController(lambda i: plan),
@@ -287,7 +290,7 @@ def test_without_a_speed_the_last_one_stands_for_a_while_and_then_no_pressure_is
         modes = []
         while reason(bench) is Reason.NONE:
             modes.append(bench.step(*unknown(), bench.pressure()).mode)
-        assert len(modes) == 500.0 / 20.0 + 1  # ms
+        assert len(modes) == 500.0 / PERIOD_MS + 1
         assert set(modes[:-1]) == {Mode.CONTROL} and reason(bench) is Reason.NO_SPEED
         modes = [bench.step(bench.pressure()).mode for _ in range(3)]
         assert modes == [Mode.DECAY, Mode.DECAY, Mode.FAULT]

@@ -27,6 +27,8 @@ from wake.plant.drive import Drive
 
 LEAD_IN_NS: Final = 50_000_000
 """Time in ns from the start of the loop to its first sampling instant."""
+_ROOM: Final = 4096
+"""Largest number of frames stored in a period: about the number on a fully loaded classic bus in a second."""
 WRITTEN_EVERY: Final = 500
 """Number of periods between two writes of the freshness file: 500 periods of 20 ms are ten seconds."""
 
@@ -72,7 +74,7 @@ def run_vehicle(
     times = None if course.stage_times is None else StageTimes(VehicleStage, course.periods or USUAL_PERIODS)
     bus.receive_all()  # drops the frames that arrived before the run
     # A frame arrives when the receive thread reads it, so its wait in the kernel counts as transmission time.
-    inbox = Inbox(lambda frame: clock.now_ns(), room=4096)  # a second of a full classic bus
+    inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
         receiving = stack.enter_context(ReceiveThread(bus, inbox.put))

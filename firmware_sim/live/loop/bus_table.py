@@ -16,6 +16,10 @@ from firmware_sim.runs.bus_traffic import NodeErrors
 
 ROWS: Final = 64
 """Largest number of rows; if there are more identifiers, those with the lowest priority are left out."""
+_UNKNOWN: Final = "unknown"
+"""Name shown for a message that is not in the message set of the bus."""
+_BABBLER: Final = "babbler"
+"""Sender shown for a message that neither node defines but a node's port sends, at which a babbling is simulated."""
 _NS: Final = 10**9
 
 
@@ -48,9 +52,8 @@ class BusTable:
         key = frame.frame_id, frame.is_extended
         row = self._rows.get(key)
         if row is None:
-            # A babbling is simulated at a node's port.
             babbles = seen.sender in PORT_NAMES.values() and not self._is_ours(key)
-            row = self._rows[key] = _Row(sender="babbler" if babbles else seen.sender)
+            row = self._rows[key] = _Row(sender=_BABBLER if babbles else seen.sender)
         row.last_ns = seen.end_ns
         row.count += 1
         row.seen += 1
@@ -102,7 +105,7 @@ class BusTable:
         seconds = len(row.lately) * self._period_ns / _NS
         return {
             "id": frame_id,
-            "name": self._names[frame_id] if ours else "unknown",
+            "name": self._names[frame_id] if ours else _UNKNOWN,
             "sender": row.sender,
             "count": row.count,
             "rate_hz": row.in_second / seconds if seconds else None,

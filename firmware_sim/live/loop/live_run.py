@@ -139,6 +139,7 @@ class DragMeans:
 
 BOOT_S: Final = 0.2
 """Virtual time in s from power-on to the ECU's first step; it equals the default of the disturbance `reset`."""
+_FOR_GOOD_NS: Final = 10**18
 _AVERAGES_EVERY: Final = 5
 
 
@@ -249,7 +250,7 @@ class LiveRun:
 
     def cut_supply(self) -> None:
         """Cut the ECU's supply: it sends nothing until `power_on`. Its CAN transceiver still acknowledges frames."""
-        self._reset(10**18)  # for good
+        self._reset(_FOR_GOOD_NS)
         self.is_off = True
 
     def seen(self) -> SeenState:

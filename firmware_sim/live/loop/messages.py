@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from wake.pictures.level_picture import Levels
 
 LIVE_SCHEMA: Final = "stillwake-live/1"
+_FIELD: Final = struct.Struct("<IfHH")
 
 PERIOD_COLUMNS: Final = (
     "k", "t", "Cd", "Cl", "base_Cp", "action", "command", "predicted_Cd", "mode", "reason", "step_ms", "age_ms",
@@ -57,4 +58,4 @@ class FieldPicture(NamedTuple):
 def pack_field(picture: FieldPicture) -> bytes:
     """Pack a picture, little-endian: k (uint32), t (float32), width, height (uint16), then rows of levels (int8)."""
     height, width = picture.levels.shape
-    return struct.pack("<IfHH", picture.k, picture.t, width, height) + picture.levels.tobytes()
+    return _FIELD.pack(picture.k, picture.t, width, height) + picture.levels.tobytes()

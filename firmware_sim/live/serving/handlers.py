@@ -25,6 +25,8 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from firmware_sim.live.loop.messages import LiveAnswer, LiveMessage
 from firmware_sim.live.serving.supervisor import STREAMS, Supervisor, Viewer
 
+TOKEN_BYTES: Final = 24
+
 
 @dataclass(frozen=True, kw_only=True)
 class PageAccess:
@@ -35,7 +37,7 @@ class PageAccess:
     @classmethod
     def to(cls, address: str) -> Self:
         """Return the access rules of a server at this address, with a new token unless the address is loopback."""
-        return cls(token=None if is_loopback(address) else token_urlsafe(24))
+        return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
         """Return why a request is refused, or None; `origin` is None in a request of a program that is no browser."""
@@ -121,6 +123,7 @@ _TYPES: Final = {
     ".png": "image/png",
     ".txt": "text/plain; charset=utf-8",
 }
+_log = logging.getLogger("tornado.application")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,8 +172,7 @@ class Guarded(RequestHandler):
         # This method replaces tornado's method, which would log the address with the token. Cancelled answers are
         # normal when the server ends.
         if not isinstance(value, HTTPError | asyncio.CancelledError):
-            log = logging.getLogger("tornado.application")
-            log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
+            _log.error("%s %s", self.request.method, self.request.path, exc_info=(typ, value, tb))
 
 
 class PageFiles(Guarded, StaticFileHandler):

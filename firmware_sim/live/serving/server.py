@@ -32,6 +32,10 @@ LOCALHOST: Final = "127.0.0.1"
 PORT: Final = 8765
 LOOK_S: Final = 0.1
 """Time in s between two calls of `is_stopped`."""
+PING_S: Final = 20.0
+"""Time in s between two WebSocket pings to a viewer."""
+_IDLE_S: Final = 10.0
+"""Time in s after which a connection without a complete request is closed."""
 MOST_CONNECTIONS: Final = 128
 """Largest number of connections: four for each viewer, half of the smallest limit of a process's file descriptors."""
 
@@ -52,14 +56,14 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
         # Addresses are not logged, because they contain the token.
         log_function=lambda handler: None,
         websocket_max_message_size=LONGEST_REQUEST,
-        websocket_ping_interval=20.0,
+        websocket_ping_interval=PING_S,
     )
 
 
 class BoundedServer(HTTPServer):
     """A server that bounds number, duration and bytes of connections, also before clients have sent a token."""
 
-    def initialize(self, application: Application, *, idle_s: float = 10.0) -> None:  # type: ignore[override]
+    def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(
             application,
             idle_connection_timeout=idle_s,

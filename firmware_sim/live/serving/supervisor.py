@@ -23,6 +23,7 @@ MOST_ROWS: Final = 500
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
 """Number of stored periods until a `hello` sets another number."""
+_OF_A_RUN: Final = ("now", "bus", PICTURE)
 
 
 class Hub:
@@ -65,7 +66,7 @@ class Hub:
                 self._run = message["run"]
                 self._periods.restart(message["kept"])
                 self._events.restart(KEPT_EVENTS)
-                for stream in ("now", "bus", PICTURE):
+                for stream in _OF_A_RUN:
                     self._latest.pop(stream, None)
             self._latest[message["type"]] = (self._count, message)
 

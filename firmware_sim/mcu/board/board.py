@@ -34,6 +34,7 @@ DTCM, DTCM_BYTES = 0x2000_0000, 128 * 1024
 SRAM, SRAM_BYTES = 0x2400_0000, 512 * 1024
 BACKUP, BACKUP_BYTES = 0x3880_0000, 4096
 """Address and size in bytes of the battery-supplied SRAM, whose contents survive a power cycle."""
+_STACK_BYTES: Final = 16 * 1024
 _PAGE: Final = 4096
 _COUNTER, _RANDOM, _CAN, _FLASH, _CORE = 0x5C00_8000, 0x4802_1800, 0x4000_A000, 0x5200_2100, 0xE000_E000
 _READABLE: Final = unicorn_const.UC_PROT_READ
@@ -68,7 +69,7 @@ class Board(EmulatedCore):
         backup: bytes = b"",
     ) -> None:
         memories = ((DTCM, DTCM_BYTES), (SRAM, SRAM_BYTES), (BACKUP, BACKUP_BYTES))
-        super().__init__(firmware, memories, (DTCM, 16 * 1024))  # the stack
+        super().__init__(firmware, memories, (DTCM, _STACK_BYTES))
         self.poke(BACKUP, backup)
         self._raised = list[Exception]()
         self.counter, self._registers = Counter(now_ns), CoreRegisters()

@@ -23,6 +23,7 @@ from contract.errors import McuError
 from firmware_sim.mcu.board.transmit_buffers import TransmitBuffers
 
 MESSAGE_RAM: Final = 0xC00
+_RAM_BYTES: Final = 10 * 1024
 CLOCK_HZ: Final = 80_000_000
 _CCCR, _ECR, _PSR, _TSCV, _IR = 0x18, 0x40, 0x44, 0x24, 0x50
 _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC, 0xD0, 0xD4, 0xD8
@@ -34,6 +35,7 @@ _INIT, _CCE = 1, 2
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
 _ELEMENT_WORDS: Final = 18
+_EVER_NS: Final = 1 << 63
 
 
 class CanController:
@@ -42,7 +44,7 @@ class CanController:
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
-        self._ram = bytearray(10 * 1024)
+        self._ram = bytearray(_RAM_BYTES)
         self._kept = dict.fromkeys(_PLAIN, 0) | {_XIDAM: 0x1FFF_FFFF}
         self._control, self._interrupts = _INIT, 0
         self._level = self._get = 0
@@ -97,7 +99,7 @@ class CanController:
 
     def handed_over(self) -> list[Frame]:
         """Return all waiting frames, stamped with the requests for transmission: the bus is modelled elsewhere."""
-        self._sending.progress(1 << 63)  # for ever
+        self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()
         return left

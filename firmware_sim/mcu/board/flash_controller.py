@@ -32,6 +32,7 @@ _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
 """Time in ns that a read of SR2 takes during an operation, so that polling a long one takes few reads."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
+_ERRORS: Final = 0x0FFF_0000
 
 
 class PowerCut(Exception):  # noqa: N818
@@ -131,7 +132,7 @@ class FlashController:
                 elif value & _START:
                     raise McuError(f"flash controller: CR2 {value:#x} is not modelled: only sectors are erased")
         elif offset == 0x14:
-            self._status &= ~(value & 0x0FFF_0000)  # the errors
+            self._status &= ~(value & _ERRORS)
         else:
             raise McuError(f"flash controller: no register to write at {offset:#x}")
 

@@ -22,6 +22,7 @@ _WIDGETS: Final = (
     (*_LIVE, "widgets/event_log.js"),
     *((*_OWN, f"{name}.js") for name in ("latency_histogram", "recorded_wake", "mode_strip", "player", "run_view")),
 )
+_FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 
 class Inlined(NamedTuple):
@@ -52,6 +53,6 @@ def as_json(values: Any) -> Markup:
 
 def _text(package: str, folder: str, name: str) -> str:
     text = files(package).joinpath(folder, *name.split("/")).read_text(encoding="utf-8")
-    if marks := [mark for mark in ("</script", "</style", "<!--") if mark in text.lower()]:
+    if marks := [mark for mark in _FORBIDDEN if mark in text.lower()]:
         raise ValueError(f"{name}: {marks[0]!r} would end its HTML element")
     return text

@@ -4,7 +4,7 @@ import io
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -22,6 +22,9 @@ from firmware_sim.runs.run_page.run_data import events
 from firmware_sim.runs.series_csv import COLUMN_UNITS
 from wake.pictures.drawing import FIELD_COLOURS, outline
 from wake.pictures.level_picture import TOP
+
+_NO_UNIT: Final = {"1": "", "name": ""}
+_BODY: Final = (209, 209, 209)
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
@@ -41,7 +44,7 @@ def write_run(path: Path, folder: RunFolder) -> Counter[str]:
 def run_group(log: RunLog) -> ChannelGroup:
     """Return a run's series as channels, whose times are the periods' starts, in s from the start of the run."""
     point = log.metadata.config.operating_point
-    units = {name: "" if unit in ("1", "name") else unit for name, unit in COLUMN_UNITS.items()}
+    units = {name: _NO_UNIT.get(unit, unit) for name, unit in COLUMN_UNITS.items()}
     channels = [NamedChannel(name, units[name], log.series[name], WORDS.get(name.title(), {})) for name in COLUMNS]
     channels += [NamedChannel(name, "", log.series[name]) for name in WITHOUT if name in log.series]
     wall = log.series.get(WALL, np.empty((0, 0)))
@@ -72,7 +75,7 @@ def _dated(folder: RunFolder, log: RunLog) -> Iterator[tuple[str, int, Any]]:
         colours = np.round(255.0 * mpl.colormaps[FIELD_COLOURS](np.linspace(0.0, 1.0, 2 * TOP + 1))[:, :3])
         for index, k in enumerate(wake.k.tolist()):
             picture = Image.fromarray(colours.astype(np.uint8)[wake.levels(index).astype(int) + TOP])
-            ImageDraw.Draw(picture).polygon(body, fill=(209, 209, 209))
+            ImageDraw.Draw(picture).polygon(body, fill=_BODY)
             buffer = io.BytesIO()
             picture.save(buffer, format="JPEG", quality=90)  # which Foxglove and Rerun both show
             shown = CompressedImage(frame_id="wake", format="jpeg", data=buffer.getvalue())

@@ -25,6 +25,7 @@ from wake.pictures.drawing import BLOWING, SUCKING, check_suffix
 
 _MOST_FRAMES: Final = 50_000
 """Largest number of frames in a log for which a page shows the messages; reading them takes ten seconds."""
+_BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
 
 
 class ReadRun(NamedTuple):
@@ -62,7 +63,7 @@ def write_report(folder: RunFolder, target: Path | None = None) -> Path:
         drag_rows=drag_rows(log),
         averaged=not isinstance(averages(log), NoAverages),
         service_rows=service_rows(log),
-        bus_heads=("identifier", "message", "frames", "per s", "lost", "end-to-end checks"),
+        bus_heads=_BUS_HEADS,
         bus_rows=_bus_rows(folder, log),
         uncontrolled_picture=pages.data_uri(run.uncontrolled),
         controlled_picture=pages.data_uri(run.controlled),

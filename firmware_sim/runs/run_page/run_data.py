@@ -99,6 +99,9 @@ def _states(log: RunLog) -> Iterator[RunEvent]:
 
 
 _COLUMNS: Final = ("t", "Cd", "Cl", "base_Cp", "action", "mode", "step_ms", "speed")
+_DIGITS: Final = 5
+"""Number of decimals of the values; further decimals would not be visible on any screen."""
+_BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
@@ -142,7 +145,7 @@ def _latency(log: RunLog) -> dict[str, Any]:
     """Return a histogram of the wall-clock times of the control steps, in ms, which `latency_histogram.js` draws."""
     budget, timing = log.metadata.budget_ms, latency(log)
     taken = log.series["step_ms"][planned_steps(log)]
-    edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), 61)  # 60 bins
+    edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), _BINS + 1)
     emulated = log.metadata.ecu.clock_mhz is not None
     return {
         "of": "wall clock of the step's emulation" if emulated else "wall clock of the step on the machine of the run",
@@ -156,6 +159,6 @@ def _latency(log: RunLog) -> dict[str, Any]:
 
 
 def _numbers(values: Array) -> list[Any]:
-    rounded = np.round(values, 5).astype(object)  # further decimals would not be visible on any screen
+    rounded = np.round(values, _DIGITS).astype(object)
     rounded[~np.isfinite(np.asarray(values, dtype=float))] = None
     return list(rounded.tolist())

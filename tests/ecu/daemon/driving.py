@@ -19,6 +19,8 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 
 PATIENCE_S = 120.0
 """How long a test waits for another process before it fails; never reached when all is well."""
+ANEW = 50
+"""Periods after which the request is raised again."""
 
 
 class Vehicle:
@@ -48,13 +50,13 @@ class Vehicle:
         self.largest_action = max(self.largest_action, abs(self.action))
 
     def until(self, condition: Callable[[], object], *, request: bool | None = None) -> None:
-        """Drive until it holds; without a stated request, one that is raised anew every 50 periods."""
+        """Drive until it holds; without a stated request, one that is raised anew again and again."""
         begin = time.monotonic()
         number = 0
         while not condition():
             assert time.monotonic() - begin < PATIENCE_S, f"it did not happen: {self.statuses[-1:]}"
             number += 1
-            self.period(request=number % 50 > 5 if request is None else request)
+            self.period(request=number % ANEW > 5 if request is None else request)
 
     def into_control(self) -> None:
         self.largest_action = 0.0

@@ -63,7 +63,9 @@ def fail(*_: object) -> None:
     raise MediumError("the disk does not answer", 0)
 
 
-def test_a_reset_that_fails_ends_the_process_so_that_another_one_boots(tmp_path, monkeypatch) -> None:
+def test_a_reset_that_fails_ends_the_process_so_that_another_one_boots(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(FlashableEcu, "_reset", fail)
     until, requests = time.monotonic() + PATIENCE_S, [SESSION, RESET]
 

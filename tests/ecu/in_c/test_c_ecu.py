@@ -198,12 +198,13 @@ def test_answers_may_be_written_over_what_came_and_nothing_may_have_come(c, pyth
     assert c.trace.mode is Mode.CONTROL
 
 
+X86 = platform.machine() == "x86_64"
 MODE = b"#include <xmmintrin.h>\nvoid set_mode(unsigned mode); void set_mode(unsigned mode) { _mm_setcsr(mode); }\n"
 PLAIN, SMALL_AS_ZERO, ROUNDING_UP = 0x1F80, 0x9FC0, 0x5F80
 """Modes of an x86 processor, for a thread."""
 
 
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="modes of an x86 processor")
+@pytest.mark.skipif(not X86, reason="modes of an x86 processor")
 @each("mode", [SMALL_AS_ZERO, ROUNDING_UP])
 def test_a_mode_of_the_processor_that_another_library_sets_shuts_the_jets(release, sources, tmp_path, mode):
     """As a library linked with -ffast-math does. The control step answers with no plan, and neither is opened."""

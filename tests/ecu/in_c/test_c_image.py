@@ -47,6 +47,7 @@ pytestmark = pytest.mark.compiler
 KINDS = ["int8", pytest.param("float32", marks=pytest.mark.proofs)]
 
 SHIM = Path(__file__).with_name("c").joinpath("from_image.c").read_bytes()
+DECLARED = "int start(sw_ecu *, const uint8_t *); void places(const sw_ecu *, const void **);"
 WINDOW = 8  # the shortest with a sensor estimator in C; the jets stay shut until it is full
 PERIODS = WINDOW + 12
 FEW_PERIODS = WINDOW + 3  # into control, too
@@ -80,7 +81,7 @@ def made(kind: str, seed: int, prior_memory: int = 0):
 class Stepped(CEcu):
     def __init__(self, files):
         super().__init__({**files, "shim.c": SHIM}, flags=("-O0", "-ffp-contract=off"))
-        self.structs.ffi.cdef("int start(sw_ecu *, const uint8_t *); void places(const sw_ecu *, const void **);")
+        self.structs.ffi.cdef(DECLARED)
 
     def start(self, image: bytes, apart: int = 0) -> int:
         ffi = self.structs.ffi

@@ -22,7 +22,8 @@ from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Oscillator, 
 CONFIG = Config()
 PASCAL = CONFIG.operating_point.dynamic_pressure
 UNIT = GLOBAL_DEVIATION * PASCAL
-STEP_PA = 0.05  # half a step of the wire
+STEP_PA = 0.05
+"""Half a step of the wire."""
 
 
 @pytest.fixture(scope="module")

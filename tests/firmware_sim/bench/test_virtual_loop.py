@@ -22,7 +22,9 @@ from tests.firmware_sim.bench.harness import INTERMISSION_NS, WARM
 
 
 @each("ahead, compute_ms", [(ahead, ms) for ahead in (0, 1) for ms in (0.0, 8.0, 19.0)])
-def test_the_command_is_the_target_of_its_period_or_planned_ahead_of_the_next(harness, ahead, compute_ms):
+def test_the_command_is_the_target_of_the_period_it_is_computed_in_or_planned_ahead_of_the_next(
+    harness, ahead, compute_ms
+):
     h = harness(compute_ms, plan_ahead=bool(ahead))
     rows = h.run(20)
     commands = [row.command for row in rows]
@@ -84,7 +86,8 @@ def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute
     rows = h.run(31)
     stepped = [k for k, row in enumerate(rows) if not isnan(row.step_ms)]
     assert stepped == list(range(0, 31, every))
-    assert all(isnan(row.command) and isnan(row.predicted_Cd) for row in rows if isnan(row.step_ms))
+    skipped = [row for row in rows if isnan(row.step_ms)]
+    assert all(isnan(row.command) and isnan(row.predicted_Cd) for row in skipped)
     assert h.ecu.status().overruns == (every - 1) * (len(stepped) - 1)
     assert rows[-1].mode == Mode.CONTROL
     totals = h.loop.totals()

@@ -67,7 +67,8 @@ def test_the_page_needs_no_other_file_and_has_the_matrix_first(campaign, some_ro
     assert sorted(path.name for path in folder.figures.iterdir()) == ["delay.png", "noise.png", "overview.png"]
     with folder.table.open(encoding="utf-8", newline="") as file:
         table = {row["name"]: row for row in csv.DictReader(file)}
-    assert [float(table["noise_0.5"][f"reduction_percent{end}"]) for end in ("", "_min")] == pytest.approx([14.0, 13.0])
+    figures = [float(table["noise_0.5"][f"reduction_percent{end}"]) for end in ("", "_min")]
+    assert figures == pytest.approx([14.0, 13.0])
     assert (table["lost"]["not_in_control_reasons"], table["lost"]["safe"]) == ("STREAM_LOST 91", "True")
 
 

@@ -30,11 +30,14 @@ def test_phases_follow_each_other_in_the_developed_wake(shared_wake, tmp_path) -
     np.testing.assert_array_equal(states[1].flat, shared_wake.state().flat)
     assert list(tmp_path.iterdir()) == []
     keep_states(folder, states)
-    assert [digest_of(state) for state in starting_states(folder, config, 2)] == [digest_of(state) for state in states]
+    again = starting_states(folder, config, 2)
+    assert [digest_of(state) for state in again] == [digest_of(state) for state in states]
     assert digest_of(states[0]) != digest_of(states[1])
 
 
-def test_another_bodys_wake_is_developed_once_and_not_taken_from_the_truck(coarse, tmp_path, monkeypatch) -> None:
+def test_another_bodys_wake_is_developed_once_and_a_start_of_the_trucks_is_not_taken_for_it(
+    coarse, tmp_path, monkeypatch
+) -> None:
     folder, developed = CampaignFolder(tmp_path), list[BodyConfig]()
     config = Config(flow=coarse.flow, body=BodyConfig(length=1.0, leading_edge_radius=0.0))
     keep_states(folder, [coarse.start], "box")

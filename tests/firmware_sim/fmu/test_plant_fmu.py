@@ -74,7 +74,8 @@ def test_both_fmus_together_are_the_own_loop_to_the_bit(plant_path, config, star
     )
     log = own_loop.run(own_wake(config, start=start))
     assert np.abs(log.series["action"]).max() > 0.01
-    np.testing.assert_array_equal(np.array(found).T, [log.series[name] for name in ("Cd", "Cl", "t")])
+    own = np.stack([log.series[name] for name in ("Cd", "Cl", "t")], axis=1)
+    np.testing.assert_array_equal(np.array(found), own)
 
 
 def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path, config, start):

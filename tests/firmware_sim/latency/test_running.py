@@ -55,4 +55,5 @@ def test_a_process_that_fails_ends_in_one_line_and_the_others_with_it(tmp_path, 
         with pytest.raises((BusError, StillwakeError), match=message):
             recorded(tmp_path, ecu=ecu, vehicle=vehicle, periods=10, period_ns=PERIOD, progress=lambda _: None)
         if "getpid" in ecu[-1]:
-            assert not Path("/proc", (tmp_path / "ecu.log").read_text().strip()).exists(), message
+            pid = int((tmp_path / "ecu.log").read_text())
+            assert not Path(f"/proc/{pid}").exists(), message

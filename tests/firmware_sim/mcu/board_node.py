@@ -36,6 +36,7 @@ LOOK_NS = 250_000
 QUICK = FlashTimes(erase_ns=20_000_000, word_ns=10_000)
 """Of a flash for tests in which time has no part."""
 READ = [bytes.fromhex(text) for text in ("22FD01", "22" + 5 * "FD11", "22F18C", "1902FF", "22" + 16 * "F186", "190A")]
+PATIENCE_NS = 60_000_000
 
 
 class Built:
@@ -115,7 +116,7 @@ class Traffic:
         while self.now_ns < began_ns + periods * CONFIG.period_ns:
             if self.now_ns >= until_ns:
                 self.send(READ[asked % len(READ)])
-                asked, until_ns = asked + 1, self.now_ns + 60_000_000  # its patience
+                asked, until_ns = asked + 1, self.now_ns + PATIENCE_NS
             for answer in self.look():
                 answers[READ[(asked - 1) % len(READ)], len(answer)] += 1
                 until_ns = 0

@@ -97,7 +97,9 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
     assert len(load(tmp_path / "times.npz", VehicleStage)) == 160
 
 
-def test_with_a_key_both_are_believed_and_power_cycles_count(bundle_of, recording_controller, replay, tmp_path):
+def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(
+    bundle_of, recording_controller, replay, tmp_path: Path
+) -> None:
     key = tmp_path / "bus.key"
     key.write_text("00112233445566778899aabbccddeeff\n", encoding="ascii")
     key.chmod(0o600)

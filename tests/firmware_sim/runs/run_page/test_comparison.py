@@ -32,8 +32,8 @@ def test_only_what_is_not_the_same_is_listed(shedding):
     one = shedding()
     assert differing([one, shedding(0.99)]) == []
     weights = replace(one.metadata.weights, lift=9.0)
-    faults = (InjectedFault(text="dead:sensor=base_0@4..", acted=3),)
-    other = shedding(weights=weights, faults=faults, settle=8.0)
+    fault = InjectedFault(text="dead:sensor=base_0@4..", acted=3)
+    other = shedding(weights=weights, faults=(fault,), settle=8.0)
     assert differing([one, other]) == [
         ("left out of the averages / t_c", ["4", "8"]),
         ("disturbances", ["none", "dead:sensor=base_0@4.."]),
