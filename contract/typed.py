@@ -4,7 +4,7 @@ with the place, the value and the allowed values."""
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, asdict, fields, is_dataclass
 from importlib.resources.abc import Traversable
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -47,6 +47,11 @@ def read_toml(source: Traversable, what: str) -> dict[str, Any]:
         raise ConfigError(f"{what} {source}: is not UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # tomllib's errors, or that of a NUL in the path
         raise ConfigError(f"{what} {source}: {error}") from error
+
+
+def untyped(value: Any) -> dict[str, Any]:
+    """Convert a dataclass to the tree from which `typed` reads it, without its fields that are None."""
+    return {name: item for name, item in asdict(value).items() if item is not None}
 
 
 def typed(tree: object, kind: type[T], *, complete: bool = False) -> T:

@@ -178,11 +178,10 @@ def _random_release(folder: Path, window: int) -> None:
 def write_random(path: Path, gated: "Gated") -> None:
     """As a release of the default vehicle that nobody trained."""
     from contract.model.model_folder import Provenance
-    from export.release.bundle import Vehicle, write_release
+    from export.release.bundle import write_release
 
     provenance = Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={})
-    vehicle, day = Vehicle.of(Config()), date(2026, 1, 2)
-    write_release(path, gated, name="random", created=day, vehicle=vehicle, provenance=provenance)
+    write_release(path, gated, name="random", created=date(2026, 1, 2), config=Config(), provenance=provenance)
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from contract.model.model_folder import DESCRIPTION, MODEL_WEIGHTS, PRIOR, Descr
 from contract.release.manifest import Scaling
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
+from contract.typed import typed, untyped
 from train.distillation.evaluate import ModelMetrics
 from train.networks.model import Encoder, Predictor, WakeModel
 from train.selection.ranking import SensorChoice
@@ -61,8 +62,8 @@ def save(path: Path, model: TrainedModel) -> None:
         scaling=model.scaling,
         sensors=model.sensors,
         dataset_sha256=model.dataset_sha256,
-        metrics=model.metrics.as_tree(),
-        ranking=model.ranking.as_tree(),
+        metrics=untyped(model.metrics),
+        ranking=untyped(model.ranking),
         versions=model.versions,
         layout=model.layout,
     )
@@ -81,7 +82,7 @@ def load(path: Path) -> TrainedModel:
     networks = {name: value for name, value in folder.tensors.items() if not name.startswith(f"{PRIOR}.")}
     _fill(path, _parts(teacher, slim, predictor), networks)
     try:
-        metrics, ranking = ModelMetrics.from_tree(about.metrics), SensorChoice.from_tree(about.ranking)
+        metrics, ranking = typed(about.metrics, ModelMetrics), typed(about.ranking, SensorChoice)
     except ConfigError as error:
         raise ModelError(f"model {path}: {DESCRIPTION}: {error}") from error
     return TrainedModel(

@@ -6,7 +6,7 @@ quantum is a power of two, so that reading is exact, and writing unchanged data 
 
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.atomic import replacing
+from contract.differences import differences
 from contract.errors import ConfigError, DatasetError
 from contract.recording.episode import FACTS, PlantFacts, facts_in, first_known, problems_of
 from contract.recording.episode import REQUIRED as REQUIRED
@@ -179,7 +180,7 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
         raise DatasetError(f"{path}: its sensors differ from those of the new episodes, in {difference}")
     for episode in there.episodes:
         found = {name: episode.provenance[name] for name in facts if name in episode.provenance}
-        for name, there, here in _differences(found, facts):
+        for name, there, here in differences(found, facts):
             raise DatasetError(
                 f"{path}: episode {episode.name} was recorded with {name} = {there}, the new episodes have {here}: "
                 f"name another file"
@@ -193,16 +194,6 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
     DatasetError if a name is already used."""
     there = _to_append(path, facts, layout)
     write(path, replace(there, episodes=(*there.episodes, *episodes)))
-
-
-def _differences(there: Mapping[str, Any], here: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """List the differences between two mappings as (dotted name, value in `there`, value in `here`)."""
-    for key in sorted(there.keys() | here.keys()):
-        a, b = there.get(key), here.get(key)
-        if isinstance(a, Mapping) and isinstance(b, Mapping):
-            yield from _differences(a, b, f"{above}{key}.")
-        elif a != b:
-            yield f"{above}{key}", a, b
 
 
 def _schema(path: Path, file: h5py.File) -> str:

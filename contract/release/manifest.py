@@ -195,7 +195,6 @@ class Manifest:
             raise BundleManifestError(wrong)
 
     def _wrong(self) -> Iterator[str]:
-        """Yield a description of each invalid field."""
         if self.provenance.get("kind") == "linear":
             yield "a linear controller, which only version 1.0.0 accepts: examples/linear_feedback.py makes a new one"
         for what, name in (("name", self.name), ("hardware", self.hardware)):

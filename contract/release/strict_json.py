@@ -72,7 +72,6 @@ def _short(text: str) -> int:
 
 
 def _check(tree: Any, depth: int) -> None:
-    """Raise ValueError for nesting that is too deep and for text that is not Unicode."""
     if depth > MAX_DEPTH:
         raise ValueError(f"nested more than {MAX_DEPTH} deep")
     if isinstance(tree, str):

@@ -4,7 +4,7 @@ specification with which tests compare every lowering.
 All functions act on the last axes of their arrays, with any leading axes: windows are (..., L, S+1), latent states z
 (..., n_z), actions a (...,) in U_inf W, and forces (..., 2) are the physical (Cd, Cl). The `*_layers` functions return
 the inputs of every layer of a network, for the adjoints and int8 calibration. A layer's adjoint (vector-Jacobian
-product) takes its input and the gradient dJ/d(output), and returns dJ/d(input).
+product) takes its input and the gradient dJ/d(output), and returns dJ/d(input); that of y = W x + b is dx = W^T dy.
 """
 
 from dataclasses import dataclass
@@ -19,11 +19,6 @@ from export.program.weights import LAYER_NORM_EPSILON, Linear, Lstm, Norm
 def linear(layer: Linear, x: Array) -> Array:
     """Compute y = W x + b; (..., inputs) -> (..., outputs)."""
     return x @ layer.weight.T + layer.bias
-
-
-def linear_adjoint(layer: Linear, dy: Array) -> Array:
-    """Compute dx = W^T dy; (..., outputs) -> (..., inputs)."""
-    return dy @ layer.weight
 
 
 def elu(x: Array) -> Array:
@@ -139,11 +134,11 @@ def step(program: ControllerProgram, z: Array, a: Array) -> Array:
 def step_adjoint(program: ControllerProgram, z: Array, a: Array, dz_next: Array) -> tuple[Array, Array]:
     """Compute the adjoint of `step`: dJ/dz_{t+1} -> (dJ/dz_t, dJ/da_t), shapes (..., n_z) -> (..., n_z), (...,)."""
     weights, layers = program.dynamics, dynamics_layers(program, z, a)
-    d = linear_adjoint(weights.output, dz_next)
+    d = dz_next @ weights.output.weight
     d = layer_norm_adjoint(weights.norm_hidden, layers.product2, elu_adjoint(layers.normed2, d))
-    d = linear_adjoint(weights.hidden, d)
+    d = d @ weights.hidden.weight
     d = layer_norm_adjoint(weights.norm_in, layers.product1, elu_adjoint(layers.normed1, d))
-    d = linear_adjoint(weights.input, d)
+    d = d @ weights.input.weight
     return dz_next + d[..., :-1], d[..., -1] / program.scaling.action_std
 
 
@@ -179,11 +174,11 @@ def decode(program: ControllerProgram, z: Array) -> Array:
 def decode_adjoint(program: ControllerProgram, z: Array, dforces: Array) -> Array:
     """Compute the adjoint of `decode`: dJ/d(Cd, Cl) (..., 2) -> dJ/dz (..., n_z)."""
     weights, layers = program.decoder, decoder_layers(program, z)
-    d = linear_adjoint(weights.output, dforces * program.scaling.force_std)
+    d = (dforces * program.scaling.force_std) @ weights.output.weight
     for block, inside in zip(reversed(weights.blocks), reversed(layers.blocks), strict=True):
         through = layer_norm_adjoint(block.norm, inside.product, elu_adjoint(inside.normed, d))
-        d = d + linear_adjoint(block.linear, through)
-    return linear_adjoint(weights.input, d)
+        d = d + through @ block.linear.weight
+    return d @ weights.input.weight
 
 
 def decoder_layers(program: ControllerProgram, z: Array) -> DecoderLayers:

@@ -159,7 +159,7 @@ def adam(
 
     With gradient g, moments m and v, and constants b1 and b2, for i = 1, 2, ..:
     m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,
-    a <- project(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
+    a <- clip(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
 
     Args:
         learning_rates: lr of each iteration, one for all plans or one per plan, (...,).
@@ -176,14 +176,9 @@ def adam(
         m = beta1 * m + (1.0 - beta1) * g
         v = beta2 * v + (1.0 - beta2) * g**2
         direction = (m / (1.0 - beta1**i)) / (np.sqrt(v / (1.0 - beta2**i)) + program.mpc.epsilon)
-        moved = project(plan - np.asarray(learning_rate)[..., None] * direction, bound)
+        moved = np.clip(plan - np.asarray(learning_rate)[..., None] * direction, -bound, bound)
         plan = np.where(is_free, moved, plan)
         yield plan
-
-
-def project(plan: Array, limit: float) -> Array:
-    """Return the nearest plan with every |a| <= limit."""
-    return np.clip(plan, -limit, limit)
 
 
 def _bound(program: ControllerProgram, limit: float | None) -> float:

@@ -46,7 +46,8 @@ def prior_plan(
     past, y = past_of(window, prior.memory)
     scheduled = np.array(schedule(speed, goal))
     hidden = np.tensordot(scheduled, prior.first, axes=1)
-    gates = gates_of(prior, window, scheduled)
+    by_sums = np.tensordot(prior.sums, filtered_sums(prior, window), axes=2)
+    gates = 1.0 + np.tanh(prior.gate @ scheduled + by_sums)
     plan = []
     for k, action in enumerate(committed):
         if free[k] > 0.5:
@@ -56,12 +57,6 @@ def prior_plan(
         past = np.vstack([past[1:], [*y, action]])
         y = np.tensordot(prior.predictor, past, axes=2)
     return np.array(plan)
-
-
-def gates_of(prior: PriorWeights, window: Array, scheduled: Array) -> Array:
-    """Compute the gates g of the n units, (n,), from a window and a schedule (6,)."""
-    by_sums = np.tensordot(prior.sums, filtered_sums(prior, window), axes=2)
-    return np.asarray(1.0 + np.tanh(prior.gate @ scheduled + by_sums))
 
 
 def filtered_sums(prior: PriorWeights, window: Array) -> Array:

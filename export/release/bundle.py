@@ -1,13 +1,12 @@
 """The writer of a release bundle from lowerings that passed the gates, with a manifest of their assumptions and
 origin."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.model.model_folder import Provenance
 from contract.release import bundle
@@ -18,42 +17,13 @@ from contract.runtime.onnx_session import OnnxEstimator
 from export.release.gated import Gated
 
 
-@dataclass(frozen=True, kw_only=True)
-class Vehicle:
-    """A release's assumptions about the vehicle: control period in t_c; `budget_ms`, the largest time from a pressure
-    frame to the command; `compute_time_ms`, its part that is assigned to the control step."""
-
-    operating_point: OperatingPoint
-    control_period: float
-    budget_ms: float
-    compute_time_ms: float
-
-    @classmethod
-    def of(cls, config: Config) -> "Vehicle":
-        """Return the assumptions about the vehicle that follow from the settings."""
-        return cls(
-            operating_point=config.operating_point,
-            control_period=config.flow.control_period,
-            budget_ms=config.period_ns / 1e6,
-            compute_time_ms=config.ecu.compute_time_ms,
-        )
-
-
-def speeds_of(provenance: Provenance) -> SpeedRange | None:
-    """Return the range of speeds at which a model's prior was trained; None if there is no prior, or if the prior was
-    trained for the design speed only."""
-    refined = provenance.config.get("refine", {})
-    slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
-    return SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None
-
-
 def write_release(
     path: Path,
     gated: Gated,
     *,
     name: str,
     created: date,
-    vehicle: Vehicle,
+    config: Config,
     provenance: Provenance,
     positions: tuple[tuple[float, float], ...] | None = None,
     resting: RestingWake | None = None,
@@ -65,6 +35,7 @@ def write_release(
     window.
 
     Args:
+        config: settings of the vehicle: operating point, control period, and time that is assigned to a control step.
         provenance: provenance of the training; the gates' figures are added under `export`.
         positions: (x, y) of every sensor in the body's reference length W, if they are known.
         resting: the wake without jets by speed, if it is known.
@@ -73,6 +44,9 @@ def write_release(
     """
     lowered = gated.lowered
     program = lowered.effective
+    # A prior that was trained for the design speed only, and a model without a prior, have no range of speeds.
+    refined = provenance.config.get("refine", {})
+    slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
     manifest = Manifest(
         name=name,
         created=created.isoformat(),
@@ -83,16 +57,16 @@ def write_release(
         action_limit=program.action_limit,
         mpc=program.mpc,
         scaling=program.scaling,
-        operating_point=vehicle.operating_point,
-        control_period=vehicle.control_period,
-        budget_ms=vehicle.budget_ms,
-        compute_time_ms=vehicle.compute_time_ms,
+        operating_point=config.operating_point,
+        control_period=config.flow.control_period,
+        budget_ms=config.period_ns / 1e6,
+        compute_time_ms=config.ecu.compute_time_ms,
         dataset_sha256=provenance.dataset_sha256,
         weights_sha256=provenance.weights_sha256,
         program_sha256=lowered.program_sha256,
         provenance={**provenance.training(), "export": asdict(gated.graph)},
         security_version=FIRST_SECURITY_VERSION,
-        speeds=speeds_of(provenance),
+        speeds=SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None,
         resting=resting,
     )
     contents = {CONTROLLER: lowered.graph}

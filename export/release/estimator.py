@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from contract.arrays import Array
-from contract.controller.estimator import REACH, EstimatorNetwork, Hypotheses, views
+from contract.controller.estimator import EstimatorNetwork, Hypotheses
 from contract.recording.dataset import Dataset
 from contract.release.bundle import MadeEstimator
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
@@ -48,25 +48,10 @@ def lowered_estimator(
 def _residuals(network: EstimatorNetwork, rows: Array) -> Array:
     """Compute the residuals over n rows, (n - L + 1, S, S). Entry [., j, i] is the residual of sensor i, whose estimate
     uses neither sensor j nor sensor i."""
-    sensors, length = network.sensors, network.window
-    windows = np.lib.stride_tricks.sliding_window_view(rows, length, axis=0).transpose(0, 2, 1)
-    hypotheses = Hypotheses.of(sensors)
-    weight, bias = network.layers[0]
-    deviations = np.empty((len(windows), sensors, sensors))
-    scaled = np.clip((windows - network.mean) / network.std, -REACH, REACH)
-    for row, view in enumerate(views(sensors)):
-        if view.exchanged:
-            break
-        seen = np.ones(sensors + 1)
-        seen[list(view.left_out)] = 0.0
-        values = (scaled * seen).reshape(len(windows), -1) @ weight[:, : length * (sensors + 1)].T
-        values += weight[:, length * (sensors + 1) :] @ (1.0 - seen[:-1]) + bias
-        for matrix, offset in network.layers[1:]:
-            values = np.maximum(values, 0.0) @ matrix.T + offset
-        estimates = values * network.std[:-1] + network.mean[:-1]
-        for j, i in np.argwhere(hypotheses.view[:sensors] == row):
-            deviations[:, j, i] = windows[:, -1, i] - estimates[:, i]
-    return deviations
+    hypotheses = Hypotheses.of(network.sensors)
+    windows = np.lib.stride_tricks.sliding_window_view(rows, network.window, axis=0).transpose(0, 2, 1)
+    found = [hypotheses.residuals(window[-1, :-1], network.estimates(window)) for window in windows]
+    return np.array(found)[:, : network.sensors]
 
 
 def _deviation(residuals: Sequence[Array], periods: int) -> tuple[tuple[float, ...], ...]:

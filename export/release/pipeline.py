@@ -34,7 +34,7 @@ from contract.sensors import TRUCK
 from export.int8.calibrate import rounded_on
 from export.program.controller_program import ControllerProgram, program_of
 from export.program.windows import recorded_windows
-from export.release.bundle import Vehicle, write_release
+from export.release.bundle import write_release
 from export.release.gated import Gated, gate
 from export.release.lowering import Lowered, lower
 from export.to_c.builds import build_files
@@ -170,7 +170,7 @@ def export_all(
         gated,
         name=name,
         created=created,
-        vehicle=Vehicle.of(config),
+        config=config,
         provenance=trained.provenance,
         positions=tuple((float(x), float(y)) for x, y in chosen),
         resting=trained.resting,
@@ -242,11 +242,11 @@ def _lowered(
 def check_settings(own: Config, config: Config) -> None:
     """Raise ExportError if control period or action limit differ from the model's, or if the computing time exceeds the
     period. The manifest would refuse such settings only at the end, when the C library is already written."""
-    vehicle = Vehicle.of(config)
-    if vehicle.compute_time_ms > vehicle.budget_ms:
+    period_ms = config.period_ns / 1e6
+    if config.ecu.compute_time_ms > period_ms:
         raise ExportError(
-            f"ecu.compute_time_ms = {vehicle.compute_time_ms:g}: must be within the control period of "
-            f"{vehicle.budget_ms:g} ms (flow.control_period in W / U_inf of operating_point)"
+            f"ecu.compute_time_ms = {config.ecu.compute_time_ms:g}: must be within the control period of "
+            f"{period_ms:g} ms (flow.control_period in W / U_inf of operating_point)"
         )
     for name in ("control_period", "action_limit"):
         trained, here = getattr(own.flow, name), getattr(config.flow, name)

@@ -37,18 +37,21 @@ class Cost:
 
     def terms(self, graph: Graph, forces: str, plan: str) -> str:
         """Add nodes that compute the unweighted terms, (8,)."""
-        cd, cl = self._drag_and_lift(graph, forces)
+        h, column = self._horizon, graph.index([1])
+        columns = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)
+        cd, cl = (graph.op("Squeeze", one, column) for one in columns)
         mean_lift = _reduce(graph, "ReduceMean", cl)
-        first = graph.slice(plan, 0, 1)
+        increments = graph.op("Sub", graph.slice(plan, 1, h), graph.slice(plan, 0, h - 1))
+        start = graph.op("Reshape", self._start, graph.index([h]))
         terms = {
             "drag_mean": graph.op("Sub", _reduce(graph, "ReduceMean", cd), self._drag_reference),
             "drag_fluctuation": graph.op("Sub", _reduce(graph, "ReduceMax", cd), _reduce(graph, "ReduceMin", cd)),
             "lift": _reduce(graph, "ReduceMean", graph.op("Abs", cl)),
             "lift_mean": _square(graph, mean_lift),
-            "smoothness": _reduce(graph, "ReduceMean", _square(graph, self._increments(graph, plan))),
+            "smoothness": _reduce(graph, "ReduceMean", _square(graph, increments)),
             "effort": _reduce(graph, "ReduceMean", _square(graph, plan)),
-            "rate": _square(graph, graph.op("Sub", first, self._previous_action)),
-            "prior": self._distance(graph, plan, self._start),
+            "rate": _square(graph, graph.op("Sub", graph.slice(plan, 0, 1), self._previous_action)),
+            "prior": _reduce(graph, "ReduceMean", _square(graph, graph.op("Sub", plan, start))),
         }
         return graph.op("Concat", *(terms[name] for name in TERMS), axis=0)
 
@@ -63,7 +66,9 @@ class Cost:
         The drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd). Because -Cd has a column of its own, only maxima
         are needed, and the same nodes serve all columns.
         """
-        share = _share_of_maximum(graph, signed_forces)
+        # The gradient is 1 at the largest value of a column; several largest values share it evenly.
+        ties = graph.op("Cast", graph.op("Equal", signed_forces, _reduce(graph, "ReduceMax", signed_forces)), to=1)
+        share = graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))
         fluctuation = graph.op("Mul", share, self._by_maximum)
         lift = graph.op("Mul", graph.op("Sign", signed_forces), self._by_sign)
         mean = graph.op("Mul", _reduce(graph, "ReduceMean", signed_forces), self._by_mean)
@@ -107,19 +112,6 @@ class Cost:
         self._by_sign = graph.op("Mul", self._weight["lift"], graph.constant([0.0, 0.0, 1.0 / h]))
         self._by_mean = graph.op("Mul", self._weight["lift_mean"], graph.constant([0.0, 0.0, 2.0 / h]))
 
-    def _distance(self, graph: Graph, plan: str, start: str) -> str:
-        row = graph.op("Reshape", start, graph.index([self._horizon]))
-        return _reduce(graph, "ReduceMean", _square(graph, graph.op("Sub", plan, row)))
-
-    def _increments(self, graph: Graph, plan: str) -> str:
-        h = self._horizon
-        return graph.op("Sub", graph.slice(plan, 1, h), graph.slice(plan, 0, h - 1))
-
-    def _drag_and_lift(self, graph: Graph, forces: str) -> tuple[str, str]:
-        cd, cl = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)
-        column = graph.index([1])
-        return graph.op("Squeeze", cd, column), graph.op("Squeeze", cl, column)
-
 
 def _reduce(graph: Graph, kind: str, x: str) -> str:
     return graph.op(kind, x, graph.index([0]), keepdims=1)
@@ -127,10 +119,3 @@ def _reduce(graph: Graph, kind: str, x: str) -> str:
 
 def _square(graph: Graph, x: str) -> str:
     return graph.op("Mul", x, x)
-
-
-def _share_of_maximum(graph: Graph, x: str) -> str:
-    # The gradient is 1 at the largest value of a column. If several values are the largest, they share the gradient
-    # evenly.
-    ties = graph.op("Cast", graph.op("Equal", x, _reduce(graph, "ReduceMax", x)), to=1)
-    return graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))

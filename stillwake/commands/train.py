@@ -10,6 +10,7 @@ from rich.table import Table
 from contract.config.loading import to_tree
 from contract.config.loading import training as training_settings
 from contract.shipped import recording as shipped_recording
+from contract.typed import untyped
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_json, save_json
 from stillwake.console.progress import progress
@@ -88,7 +89,7 @@ def train(
     save_json(
         json_file,
         figures={
-            "metrics": trained.metrics.as_tree(),
+            "metrics": untyped(trained.metrics),
             "sensors": trained.sensors,
             "stable": trained.ranking.stable or {},
             "phases": show.watch.figures(),

@@ -52,7 +52,9 @@ def status_of(command: Callable[[], object]) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:
-        _forget_stdout()
+        # Python would write the rest of the buffer again when it ends, and fail again, so the output is redirected.
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1 if error.errno == errno.EPIPE else _fail(f"cannot write to standard output: {_reason(error)}")
     return status
 
@@ -126,9 +128,3 @@ def _code(stop: SystemExit) -> int:
     if isinstance(stop.code, int):
         return stop.code
     return 0 if stop.code is None else _fail(str(stop.code))
-
-
-def _forget_stdout() -> None:
-    # Python would write the rest of the buffer again when it ends, and fail again, so the output is redirected.
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -4,9 +4,8 @@ R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat|
 Neither number depends on the scaling, so scaled forces are used.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -14,7 +13,6 @@ from torch import Tensor
 from contract.arrays import Index
 from contract.errors import DatasetError
 from contract.recording.needs import HORIZONS as HORIZONS
-from contract.typed import typed
 from train.distillation.distil import encode_all
 from train.networks.model import Encoder, Predictor, WakeModel
 from train.samples.rows import Rows
@@ -59,15 +57,6 @@ class ModelMetrics:
     slim: EncoderMetrics
     slim_latent: float
     deployed: EncoderMetrics | None = None
-
-    def as_tree(self) -> dict[str, Any]:
-        """Return nested plain values for JSON; "deployed" is left out if it is None."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
-
-    @classmethod
-    def from_tree(cls, tree: Mapping[str, Any]) -> "ModelMetrics":
-        """Read the values that `as_tree` returns; raises ConfigError for a tree of another form."""
-        return typed(tree, cls)
 
 
 def evaluate_model(

@@ -6,13 +6,14 @@ delay.
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from contract.atomic import replacing
 from contract.config.tree import Config
+from contract.differences import differences
 from contract.errors import ConfigError, DatasetError
 from train.fitting.progress import Phase
 
@@ -76,15 +77,14 @@ def folder_of(output: Path) -> Path:
 def check(folder: Path, identity: Identity) -> Reached | None:
     """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError for
     checkpoints of other settings, with the first difference; DatasetError for checkpoints of another recording."""
-    if not has_checkpoints(folder):
+    if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)
     # If the folder states no settings, each checkpoint is still checked when it is loaded (`train.fitting.checkpoint`).
     if label is not None and "settings" in label:
         settings = json.loads(identity.settings)
-        difference = next(_differences(label.get("settings"), settings), None)
-        if difference is not None:
-            raise ConfigError(f"{folder} holds an unfinished training with {difference}: {_WAYS}")
+        for name, there, here in differences(label.get("settings"), settings):
+            raise ConfigError(f"{folder} holds an unfinished training with {name} = {there}, not {here}: {_WAYS}")
         if label.get("dataset_sha256") != identity.dataset_sha256:
             raise DatasetError(f"{folder} holds an unfinished training on another recording: {_WAYS}")
     return reached(folder)
@@ -119,10 +119,6 @@ def threads(folder: Path) -> tuple[int, ...]:
     return tuple(noted) if isinstance(noted, list) and all(isinstance(item, int) for item in noted) else ()
 
 
-def has_checkpoints(folder: Path) -> bool:
-    return any(folder.glob("*.pt"))
-
-
 def clear(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
@@ -133,11 +129,3 @@ def _label(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return label if isinstance(label, dict) else None
-
-
-def _differences(there: Any, here: Any, name: str = "") -> Iterator[str]:
-    if isinstance(there, Mapping) and isinstance(here, Mapping):
-        for key in sorted(there.keys() | here.keys()):
-            yield from _differences(there.get(key), here.get(key), f"{name}.{key}".lstrip("."))
-    elif there != here:
-        yield f"{name} = {there}, not {here}"

@@ -52,14 +52,11 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
     )
 
 
-def global_deviation(scaling: Scaling) -> float:
-    """Return the root mean square of the pressures' standard deviations, in Cp (paper, appendix B)."""
-    return float(np.sqrt(np.square(scaling.pressure_std).mean()))
-
-
 def unit_steps(scaling: Scaling, chosen: Index) -> Array:
-    """Return one global deviation in units of each chosen sensor's standard deviation, (N,) for N sensors."""
-    steps: Array = global_deviation(scaling) / np.array(scaling.pressure_std)[chosen]
+    """Return the global deviation, the root mean square of all pressures' standard deviations (paper, appendix B), in
+    units of each chosen sensor's standard deviation, (N,) for N sensors."""
+    std = np.array(scaling.pressure_std)
+    steps: Array = np.sqrt(np.square(std).mean()) / std[chosen]
     return steps
 
 

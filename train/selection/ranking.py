@@ -2,15 +2,14 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from contract.arrays import Array, Index
 from contract.errors import ConfigError
 from contract.sensors import NAMES
-from contract.typed import typed
 
 
 def check_count(count: int, available: int) -> None:
@@ -113,12 +112,3 @@ class SensorChoice:
             stable={str(count): ranking.is_stable(count) for count in sizes},
             differences={str(count): dict(ranking.differences(count)) for count in sizes},
         )
-
-    def as_tree(self) -> dict[str, Any]:
-        """Return plain values for JSON, without fields that are None."""
-        return {name: value for name, value in asdict(self).items() if value is not None}
-
-    @classmethod
-    def from_tree(cls, tree: Mapping[str, Any]) -> "SensorChoice":
-        """Read the values that `as_tree` returns; raises ConfigError for a tree of another form."""
-        return typed(tree, cls)

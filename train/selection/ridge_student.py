@@ -48,14 +48,9 @@ JUDGED: Final = 2000
 _CHUNK = 1024
 
 
-def lagged(windows: Array) -> Array:
-    """Convert n windows (n, L, F) to lags (n, F x lags); the lags of a column are side by side, newest first."""
-    return windows[:, ::-1][:, ::STRIDE].transpose(0, 2, 1).reshape(len(windows), -1)
-
-
 def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return lags of all columns and the encoder's latents, once for the windows of the fit and once for the windows of
-    the test. Raises DatasetError if there are fewer than 6 windows."""
+    """Return the lags of all columns, (n, F x lags), and the encoder's latents, for the windows of the fit and for the
+    windows of the test. Raises DatasetError if there are fewer than 6 windows."""
     firsts = first_rows(rows, encoder.window)
     total = min(len(firsts), FITTED + JUDGED)
     if total < 6:
@@ -66,7 +61,9 @@ def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array]
         for chunk in np.array_split(drawn, -(-total // _CHUNK)):
             windows = windows_at(rows, chunk, encoder.window)
             latents.append(encoder.encode_segments(windows)[:, 0].cpu().numpy().astype(np.float64))
-            inputs.append(lagged(windows.cpu().numpy().astype(np.float64)))
+            # The lags of a column are side by side, newest first.
+            lags = windows.cpu().numpy().astype(np.float64)[:, ::-1][:, ::STRIDE]
+            inputs.append(lags.transpose(0, 2, 1).reshape(len(chunk), -1))
     x, z = np.concatenate(inputs), np.concatenate(latents)
     fitted = total * FITTED // (FITTED + JUDGED)
     return (x[:fitted], z[:fitted]), (x[fitted:], z[fitted:])

@@ -88,7 +88,9 @@ class WakePicture:
             norm=Normalize(*limits), edgecolors="black", linewidths=0.4, zorder=5, clip_on=False,
         )  # fmt: skip
         self._jets = {
-            side: Polygon(self._arrow(0.0, side), closed=True, edgecolor="black", linewidth=0.5, zorder=6)
+            side: Polygon(
+                jet_arrow(0.0, side, wake.body.length), closed=True, edgecolor="black", linewidth=0.5, zorder=6
+            )
             for side in (1, -1)
         }
         for arrow in self._jets.values():
@@ -107,7 +109,7 @@ class WakePicture:
         self._dots.set_array(sample.Cp[self._chosen])
         for side, arrow in self._jets.items():
             share = side * sample.action / self._wake.config.action_limit
-            arrow.set_xy(self._arrow(share, side))
+            arrow.set_xy(jet_arrow(share, side, self._wake.body.length))
             arrow.set_facecolor(BLOWING if share > 0 else SUCKING)
             arrow.set_visible(abs(share) > 1e-3)
         numbers = f"t = {sample.t:.1f} W/U∞".ljust(18) + f"Cd = {sample.Cd:.3f}  action = {sample.action:+.3f}"
@@ -127,9 +129,6 @@ class WakePicture:
             np.linspace(end, mpl.colors.to_rgb(c), 6)[1:] for c in (BLOWING, SUCKING) for end in ((0, 0, 0), (1, 1, 1))
         ]
         return np.vstack([*colours, *blends])
-
-    def _arrow(self, share: float, side: int) -> Array:
-        return jet_arrow(share, side, self._wake.body.length)
 
     def pixels(self) -> npt.NDArray[np.uint8]:
         """Draw the present state as RGB pixels (height, width, 3)."""

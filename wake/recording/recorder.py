@@ -14,6 +14,7 @@ import numpy as np
 
 from contract.config.body import layout_of
 from contract.config.tree import Config
+from contract.differences import differences
 from contract.errors import DatasetError, OutputError, StillwakeError
 from contract.recording.dataset import Dataset, Episode, append, read, read_to_append, write
 from contract.side_by_side import spread
@@ -61,20 +62,12 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
         if made.get("start_sha256") == wanted.get("start_sha256"):
             # Both recordings begin in the same state, so the names of its files may differ.
             made.pop("start", None)
-        difference = _first("", made, wanted)
-        if difference:
-            return f"episode {plan.name} has {difference}"
+        for name, before, now in differences(made, wanted):
+            # Entries that only one version of the software stores are not compared.
+            if before is not None and now is not None:
+                return f"episode {plan.name} has {name} = {before}, not {now}"
     others = [name for name, episode in by_name.items() if "round" not in episode.provenance]
     return f"it also has episode {others[0]}" if others else None
-
-
-def _first(name: str, there: Any, here: Any) -> str | None:
-    """Describe the first entry whose values differ; entries that are only in `there` or only in `here` are skipped."""
-    if isinstance(there, Mapping) and isinstance(here, Mapping):
-        common = sorted(there.keys() & here.keys())
-        differences = (_first(f"{name}.{key}".lstrip("."), there[key], here[key]) for key in common)
-        return next((text for text in differences if text), None)
-    return None if there == here else f"{name} = {there}, not {here}"
 
 
 BLOCK_STEPS: Final = 100

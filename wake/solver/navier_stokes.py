@@ -131,8 +131,7 @@ class FlowSolver(CopiedWhole):
             before.faces_u[self.domain.slot_column, rows] = (
                 max(abs(action_from), abs(action_to)) * self.slot_profile[rows]
             )
-            convective = stability.convective_number(self.grid, before, dt)
-            advice = stability.advice(convective, stability.viscous_number(self.grid, self.viscosity, dt), dt)
+            advice = stability.advice(self.grid, before, self.viscosity, dt)
             raise PlantError(f"the flow diverged within {steps} steps of dt = {dt:.3g}: {advice}")
 
     def slot_velocity(self, action_from: float, action_to: float, steps: int) -> Array:

@@ -25,21 +25,14 @@ _SAFE: Final = 1.7
 """Largest convective and viscous number of the time step that `advice` recommends."""
 
 
-def convective_number(grid: Grid, flow: Flow, dt: float) -> float:
-    """Return the largest convective number of all cells."""
-    u, v = np.abs(flow.faces_u), np.abs(flow.faces_v)
+def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
+    """Return a message with the largest numbers of all cells for a time step with which the flow diverged from the flow
+    `before`, and with a stable time step."""
+    u, v = np.abs(before.faces_u), np.abs(before.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
     across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy
-    return float(dt * (along + across).max())
-
-
-def viscous_number(grid: Grid, viscosity: float, dt: float) -> float:
-    """Return the largest viscous number of all cells."""
-    return float(4.0 * viscosity * dt * (1.0 / grid.dx.min() ** 2 + 1.0 / grid.dy.min() ** 2))
-
-
-def advice(convective: float, viscous: float, dt: float) -> str:
-    """Return a message with the numbers of a time step with which the flow diverged, and with a stable time step."""
+    convective = float(dt * (along + across).max())
+    viscous = float(4.0 * viscosity * dt * (1.0 / grid.dx.min() ** 2 + 1.0 / grid.dy.min() ** 2))
     held = dt / max(2.0, convective / _SAFE, viscous / _SAFE)
     return (
         f"convective number {convective:.2f} before, must be below {CONVECTIVE_LIMIT:g}; viscous number "

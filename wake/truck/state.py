@@ -29,10 +29,6 @@ class Origin:
     body_length: float = TRUCK_BODY.length
     leading_edge_radius: float = TRUCK_BODY.leading_edge_radius
 
-    @property
-    def is_truck(self) -> bool:
-        return self.is_of(TRUCK_BODY)
-
     def is_of(self, body: BodyConfig) -> bool:
         """Return whether the flow of this origin is around the given body."""
         return (self.body_length, self.leading_edge_radius) == (body.length, body.leading_edge_radius)
@@ -99,7 +95,7 @@ def save_state(path: Path, state: State) -> None:
         {} if origin.substeps is None else {"control_period": origin.control_period, "substeps": origin.substeps}
     )
     # The truck's files hold no entries of the body, as in earlier releases.
-    shape: dict[str, Any] = {} if origin.is_truck else {name: getattr(origin, name) for name in _BODY}
+    shape: dict[str, Any] = {} if origin.is_of(TRUCK_BODY) else {name: getattr(origin, name) for name in _BODY}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,

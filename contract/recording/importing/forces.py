@@ -118,7 +118,6 @@ def read_forces(
 
 
 def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> dict[str, str]:
-    """Return the names of t, Cd and Cl in the file."""
     found = {}
     for name in ("t", *FORCE_COLUMNS):
         wanted = renamed.get(name, name)

@@ -109,7 +109,6 @@ def _table(path: Path, case: Path, file: str, what: str) -> FoamTable:
 
 
 def _speed(forces: FoamTable) -> float | None:
-    """Return U_inf as stated in the coefficients' header; None if the header does not state it."""
     for line in forces.header:
         name, _, value = line.partition(":")
         if name.strip() == "magUInf" and _NUMBER.fullmatch(value.strip()):

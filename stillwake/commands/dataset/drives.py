@@ -71,13 +71,6 @@ class DriveOptions:
         return any(map(bool, options))
 
 
-def is_log(path: Path) -> bool:
-    """Return whether a file is a log of the bus; the first line of a CSV file decides whether it is a log."""
-    from can_bridge.logs import log_reader
-
-    return log_reader.is_log(path)
-
-
 def zone_of(text: str) -> tzinfo | None:
     """Return the time zone with a name such as Europe/Berlin, or with an offset such as +02:00; None for an empty text.
     Raises ConfigError for another text."""
@@ -161,13 +154,14 @@ def read_drive(
     role: "Role",
     forces: Path,
     layout: SensorLayout,
-    scales: "Scales",
+    facts: PlantFacts,
     options: DriveOptions,
     loaded: Loaded,
     progress: Callable[[str], None],
 ) -> _MadeLog:
     """Read a log and its forces. Raises DatasetError, BusError or KeyFileError, with the file's name, for invalid
     content. `progress` is called with a text that states the file and the number of frames read so far."""
+    from can_bridge.drives.log_periods import Scales
     from can_bridge.drives.log_to_series import series_of
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.wire.message_sets import message_set
@@ -179,6 +173,14 @@ def read_drive(
             f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(layout)}: list the sensors of the "
             f"message, in its order"
         )
+    assert facts.control_period is not None and facts.action_limit is not None
+    scales = Scales(
+        period=facts.control_period,
+        point=loaded.config.operating_point,
+        action_limit=facts.action_limit,
+        given=loaded.given,
+        believed=loaded.config.ecu.speed,
+    )
     log = CanLog(path, zone=options.zone, channels=options.channels)
     series = series_of(
         path,
@@ -219,21 +221,6 @@ def read_drive(
         )
         sources.append(EpisodeSource(path=path, role=role, made=made))
     return _MadeLog(path=path, sources=tuple(sources), report=series.report, log=log)
-
-
-def scales_of(facts: PlantFacts, loaded: Loaded) -> "Scales":
-    """Return the factors that convert the messages' units to the data set's units, at the operating point."""
-    from can_bridge.drives.log_periods import Scales
-
-    assert facts.control_period is not None
-    assert facts.action_limit is not None
-    return Scales(
-        period=facts.control_period,
-        point=loaded.config.operating_point,
-        action_limit=facts.action_limit,
-        given=loaded.given,
-        believed=loaded.config.ecu.speed,
-    )
 
 
 def notes_on(drive: _MadeLog) -> list[str]:

@@ -10,18 +10,7 @@ import typer
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError, OutputError
 from contract.recording.episode import ForcesClock
-from stillwake.commands.dataset.drives import (
-    FORCES_NAMES,
-    USES,
-    DriveOptions,
-    forces_of,
-    is_log,
-    names_of,
-    notes_on,
-    read_drive,
-    scales_of,
-    zone_of,
-)
+from stillwake.commands.dataset import drives
 from stillwake.commands.dataset.inspecting import episodes_table, sensors_line
 from stillwake.console import options as shared
 from stillwake.console.outputs import check_dataset_name, check_output
@@ -100,6 +89,7 @@ def import_(
     Nothing is written unless every file is valid. docs/how-to/use-your-own-data.md and
     docs/how-to/train-from-a-can-log.md have examples.
     """
+    from can_bridge.logs.log_reader import is_log
     from contract.recording.dataset import write
     from contract.recording.importing.csv_table import read_sensors
     from contract.recording.importing.source_file import references_of
@@ -108,18 +98,21 @@ def import_(
     _check_places(output, [*(path for path, _ in roles), layout], overwrite=overwrite)
     references, renamed = references_of(reference), dict(shared.pairs(rename, "Cd=drag_coefficient"))
     logs = [path for path, _ in roles if is_log(path)]
-    options = DriveOptions(
+    for path in logs:
+        if logs.count(path) > 1:
+            raise DatasetError(f"{path}: given twice; an episode has one role: if you have no other log, cut it in two")
+    options = drives.DriveOptions(
         fill=fill,
         split=split,
         forces=forces,
-        names={name: column for name, column in renamed.items() if name in FORCES_NAMES},
+        names={name: column for name, column in renamed.items() if name in drives.FORCES_NAMES},
         references=references,
         clock=forces_clock,
         shift_s=forces_shift,
         channels=channel,
-        zone=zone_of(log_zone),
+        zone=drives.zone_of(log_zone),
     )
-    loaded = settings("dataset import", given, uses=(*USES, *_FLOW))
+    loaded = settings("dataset import", given, uses=(*drives.USES, *_FLOW))
     if not logs and (options.is_given or loaded.in_overrides - set(_FLOW)):
         raise ConfigError(
             "--forces, --split, --channel, --log-zone and settings outside flow are for CAN logs; no log is given"
@@ -127,19 +120,15 @@ def import_(
     notes: list[str] = []
     read = _Import(roles=roles, facts=_facts(loaded), options=options, loaded=loaded, renamed=renamed, notes=notes)
     found = read_sensors(layout, symmetric=not asymmetric, told=read.told)
-    made = read.assembled(found, forces_of(logs, forces), names_of(logs))
+    made = read.assembled(found, drives.forces_of(logs, forces), drives.names_of(logs))
     write(output, made)
     _print(made, found, notes)
     console.print(f"wrote {output}; next: stillwake dataset inspect {output}")
 
 
 def roles_of(texts: list[str]) -> "list[tuple[Path, Role]]":
-    """Split the texts ROLE=FILE into files and roles, ordered by role. Raises DatasetError if a log is given twice."""
+    """Split the texts ROLE=FILE into files and roles, ordered by role."""
     found = [(Path(file), role) for role, file in shared.pairs(texts, "train=sweep.csv", _ROLES)]
-    paths = [path for path, _ in found]
-    for path in paths:
-        if paths.count(path) > 1 and is_log(path):
-            raise DatasetError(f"{path}: given twice; an episode has one role: if you have no other log, cut it in two")
     return [(path, cast("Role", role)) for path, role in sorted(found, key=lambda one: _ROLES.index(one[1]))]
 
 
@@ -168,7 +157,7 @@ class _Import:
 
     roles: "list[tuple[Path, Role]]"
     facts: "PlantFacts"
-    options: DriveOptions
+    options: drives.DriveOptions
     loaded: Loaded
     renamed: dict[str, str]
     notes: list[str]
@@ -180,45 +169,46 @@ class _Import:
         """Build the data set from all files and show the progress."""
         from contract.recording.importing.assemble import EpisodeSource, assemble
 
-        drives = []
+        read = []
         with progress("files") as report:
             sources: list[EpisodeSource] = []
             for number, (path, role) in enumerate(self.roles):
                 if path not in forces:
                     sources.append(EpisodeSource(path=path, role=role))
                     continue
-                drive = read_drive(
+                drive = drives.read_drive(
                     path,
                     names[path],
                     role,
                     forces[path],
                     layout,
-                    scales_of(self.facts, self.loaded),
+                    self.facts,
                     self.options,
                     self.loaded,
                     lambda what, number=number: report("reading", number, len(self.roles), what),  # type: ignore[misc]
                 )
                 _check_pressure(path, drive.report.dynamic_pressure, self.options.references.get("Cp"))
-                drives.append(drive)
+                read.append(drive)
                 sources += drive.sources
-                self.notes.extend(notes_on(drive))
-            if self.options.zone is not None and not any(drive.log.is_local for drive in drives):
+                self.notes.extend(drives.notes_on(drive))
+            if self.options.zone is not None and not any(drive.log.is_local for drive in read):
                 raise ConfigError(f"--log-zone {self.options.zone}: no log begins in local time")
+            # Of the columns in a log's files of forces, only t, Cd and Cl can be renamed.
+            only_logs = all(path in forces for path, _ in self.roles)
             places = {source.path: number for number, source in enumerate(sources)}
             return assemble(
                 sources,
                 layout,
                 self.facts,
                 references=self.options.references,
-                renamed={name: column for name, column in self.renamed.items() if self._is_of_tables(name)},
+                renamed={
+                    name: column
+                    for name, column in self.renamed.items()
+                    if not (only_logs and name in drives.FORCES_NAMES)
+                },
                 progress=lambda path: report("assembling", places[path], len(sources), str(path)),
                 told=self.told,
             )
-
-    def _is_of_tables(self, name: str) -> bool:
-        """Return whether the option that renames this column is meant for a table or an array file. For logs, only the
-        columns t, Cd and Cl of the files of forces can be renamed."""
-        return name not in FORCES_NAMES or any(not is_log(path) for path, _ in self.roles)
 
 
 def _print(made: "Dataset", layout: "SensorLayout", notes: list[str]) -> None:

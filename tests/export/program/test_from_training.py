@@ -15,41 +15,21 @@ from contract.config.tree import Config
 from contract.errors import ExportError
 from contract.model import model_folder
 from contract.recording.dataset import UNITS, Episode
-from contract.release.manifest import Scaling
 from examples.random_programs import random_program
 from export.program.controller_program import program_of
 from export.program.windows import recorded_windows
 from export.reference.model import decode, encode, step
+from tests.untrained_model import untrained
 from train import model_store
-from train.networks.model import Encoder, WakeModel
-from train.selection.ranking import GIVEN, SensorChoice
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8, decoder_blocks=3)
 CHOSEN = ("base_9", "upper_39", "base_0", "lower_39")
 
 
 @pytest.fixture
-def trained(metrics):
-    torch.manual_seed(0)
-    rng = np.random.default_rng(0)
-    return model_store.TrainedModel(
-        config=Config(model=MODEL),
-        scaling=Scaling(
-            pressure_mean=tuple(rng.normal(size=sensors.COUNT).tolist()),
-            pressure_std=tuple(rng.uniform(0.1, 1.0, sensors.COUNT).tolist()),
-            action_std=0.04,
-            force_mean=(1.0, 0.1),
-            force_std=(0.2, 0.7),
-        ),
-        teacher=WakeModel(sensors.COUNT, MODEL).eval(),
-        slim=Encoder(len(CHOSEN), MODEL).eval(),
-        predictor=None,
-        sensors=CHOSEN,
-        dataset_sha256="d" * 64,
-        metrics=metrics,
-        ranking=SensorChoice(method=GIVEN, order=CHOSEN),
-        versions={"torch": torch.__version__},
-    )
+def trained():
+    drawn = random_program(0, sensors=sensors.NAMES).scaling
+    return untrained(Config(model=MODEL), replace(drawn, action_std=0.04, force_mean=(1.0, 0.1)), CHOSEN)
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from export.int8.rounded_program import rounded_estimator
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step
-from export.release.bundle import Vehicle, write_release
+from export.release.bundle import write_release
 from export.release.gated import Gated, gate
 from export.release.lowering import lower
 from export.to_onnx.sensor_estimator import build_estimator
@@ -55,7 +55,7 @@ def release(path, lowerings: Gated, config=None, **changes) -> None:
         versions={"torch": "2"},
         config=config or {"model": {"latent": 3}},
     )
-    settings = {"name": "test", "created": date(2026, 1, 2), "vehicle": Vehicle.of(Config()), "provenance": provenance}
+    settings = {"name": "test", "created": date(2026, 1, 2), "config": Config(), "provenance": provenance}
     write_release(path, lowerings, **{**settings, **changes})
 
 

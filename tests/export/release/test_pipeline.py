@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -34,10 +33,9 @@ from export.release.lowering import Lowered, library_of, lower
 from export.to_onnx.control_step import build_controller
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
+from tests.untrained_model import untrained
 from train import model_store
-from train.networks.model import Encoder, WakeModel
 from train.samples.rows import fit_scaling
-from train.selection.ranking import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated
 
@@ -65,26 +63,10 @@ def recording(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory, recording, metrics) -> Path:
-    """Untrained, but for that as `train` writes it."""
-    torch.manual_seed(0)
+def model(tmp_path_factory, recording) -> Path:
     path: Path = tmp_path_factory.mktemp("model") / "model"
-    model_store.save(
-        path,
-        model_store.TrainedModel(
-            config=CONFIG,
-            scaling=fit_scaling(EPISODES[:1], LAYOUT),
-            teacher=WakeModel(len(NAMES), MODEL).eval(),
-            slim=Encoder(len(CHOSEN), MODEL).eval(),
-            predictor=None,
-            sensors=CHOSEN,
-            dataset_sha256=hashlib.sha256(recording.read_bytes()).hexdigest(),
-            metrics=metrics,
-            ranking=SensorChoice(method=GIVEN, order=CHOSEN),
-            versions={},
-            layout=LAYOUT,
-        ),
-    )
+    digest = hashlib.sha256(recording.read_bytes()).hexdigest()
+    model_store.save(path, untrained(CONFIG, fit_scaling(EPISODES[:1], LAYOUT), CHOSEN, LAYOUT, digest))
     return path
 
 

@@ -4,7 +4,6 @@ import hashlib
 
 import numpy as np
 import pytest
-import torch
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -14,11 +13,9 @@ from contract.model import model_folder
 from contract.recording import dataset
 from export.program.controller_program import program_of
 from export.reference.mpc import starting_plan
+from tests.untrained_model import untrained
 from train import model_store
-from train.distillation.evaluate import EncoderMetrics, ForceError, ModelMetrics, RolloutError
-from train.networks.model import Encoder, WakeModel
 from train.samples.rows import fit_scaling
-from train.selection.ranking import GIVEN, SensorChoice
 
 pytestmark = pytest.mark.slow  # numba compiles the adjoint
 
@@ -36,23 +33,10 @@ SMALL = tuple(
 
 @pytest.fixture
 def model(tmp_path, short_recording):
-    """Untrained, but for that as `train` writes it, with the sensors of the refinement."""
-    torch.manual_seed(0)
-    force = ForceError(r2=0.9, l1_over_sigma=0.2)
-    one = EncoderMetrics(drag=force, lift=force, rollout=(RolloutError(horizon=5, latent=0.1, drag=0.2, lift=0.3),))
-    recording = dataset.read(short_recording)
-    made = model_store.TrainedModel(
-        config=Config(model=MODEL, mpc=MpcConfig(horizon=6)),
-        scaling=fit_scaling(recording.episodes[:1], recording.layout),
-        teacher=WakeModel(len(recording.layout), MODEL).eval(),
-        slim=Encoder(len(SENSORS), MODEL).eval(),
-        predictor=None,
-        sensors=SENSORS,
-        dataset_sha256=hashlib.sha256(short_recording.read_bytes()).hexdigest(),
-        metrics=ModelMetrics(teacher=one, slim=one, slim_latent=0.1),
-        ranking=SensorChoice(method=GIVEN, order=SENSORS),
-        versions={},
-    )
+    """With the sensors of the refinement."""
+    recording, digest = dataset.read(short_recording), hashlib.sha256(short_recording.read_bytes()).hexdigest()
+    scaling = fit_scaling(recording.episodes[:1], recording.layout)
+    made = untrained(Config(model=MODEL, mpc=MpcConfig(horizon=6)), scaling, SENSORS, recording.layout, digest)
     model_store.save(tmp_path / "model", made)
     return tmp_path / "model"
 

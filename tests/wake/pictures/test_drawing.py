@@ -7,22 +7,13 @@ from PIL import Image
 from contract import sensors
 from contract.errors import ConfigError
 from contract.geometry import LENGTH
-from wake.pictures.drawing import (
-    BLOWING,
-    FIELD_COLOURS,
-    SENSOR_COLOURS,
-    SENSOR_RANGE,
-    SUCKING,
-    WakePicture,
-    mean_figure,
-    save_figure,
-)
+from wake.pictures import drawing
 from wake.truck.state import State
 
 pytestmark = pytest.mark.slow  # figures are drawn and written
 
 
-def colour_at(picture: WakePicture, x: float, y: float) -> npt.NDArray[np.float64]:
+def colour_at(picture: drawing.WakePicture, x: float, y: float) -> npt.NDArray[np.float64]:
     """The colour (3,) in [0, 1] drawn at a place in W."""
     pixels = picture.pixels()
     column, row = picture.figure.axes[0].transData.transform((x, y))
@@ -33,25 +24,25 @@ def test_fields_and_sensors_have_the_colours_of_their_values(wake, monkeypatch):
     grid = wake.grid
     wake.flow.faces_u[:], wake.flow.faces_v[:] = -grid.yc, grid.xc[:, None]
     # Vorticity 2 on a scale of +-4, turning to the left; one step of an 8-bit colour map.
-    drawn = colour_at(WakePicture(wake), 13.0, 1.5)
-    assert drawn == pytest.approx(mpl.colormaps[FIELD_COLOURS](0.75)[:3], abs=0.02)
+    drawn = colour_at(drawing.WakePicture(wake), 13.0, 1.5)
+    assert drawn == pytest.approx(mpl.colormaps[drawing.FIELD_COLOURS](0.75)[:3], abs=0.02)
     wake.flow.flat[:] = 0.0
     wake.flow.p[:] = -0.2
-    picture = WakePicture(wake, "vorticity", ("upper_10", "base_4"))
-    drawn = colour_at(WakePicture(wake, "pressure"), 13.0, 1.5)
-    assert drawn == pytest.approx(mpl.colormaps[FIELD_COLOURS](0.3)[:3], abs=0.02)
-    share = (-0.4 - SENSOR_RANGE[0]) / (SENSOR_RANGE[1] - SENSOR_RANGE[0])
+    picture = drawing.WakePicture(wake, "vorticity", ("upper_10", "base_4"))
+    drawn = colour_at(drawing.WakePicture(wake, "pressure"), 13.0, 1.5)
+    assert drawn == pytest.approx(mpl.colormaps[drawing.FIELD_COLOURS](0.3)[:3], abs=0.02)
+    share = (-0.4 - drawing.SENSOR_RANGE[0]) / (drawing.SENSOR_RANGE[1] - drawing.SENSOR_RANGE[0])
     for x, y in sensors.TRUCK.positions[sensors.TRUCK.indices(("upper_10", "base_4"))]:
-        assert colour_at(picture, x, y) == pytest.approx(mpl.colormaps[SENSOR_COLOURS](share)[:3], abs=0.02)
+        assert colour_at(picture, x, y) == pytest.approx(mpl.colormaps[drawing.SENSOR_COLOURS](share)[:3], abs=0.02)
     monkeypatch.setattr(wake, "pressure", lambda: None)
     with pytest.raises(ConfigError, match="only with stillwake's solver"):
-        WakePicture(wake, "pressure")
+        drawing.WakePicture(wake, "pressure")
 
 
 def test_blowing_and_sucking_differ_and_grow_with_the_action(wake):
     state = wake.state()
     # The picture of a wake this long resolves an arrow only at some width.
-    picture = WakePicture(wake, width=2200)
+    picture = drawing.WakePicture(wake, width=2200)
     picture.pixels()
     # Behind the base and clear of the slots' own marks.
     column, row = picture.figure.axes[0].transData.transform((LENGTH + 0.15, 0.0))
@@ -60,7 +51,7 @@ def test_blowing_and_sucking_differ_and_grow_with_the_action(wake):
         wake.reset(State(flat=state.flat, substep=0, action=action))
         behind = picture.pixels()[:, int(column) : int(column) + 60]
         halves = behind[: len(behind) - int(row)], behind[len(behind) - int(row) :]
-        for colour in (BLOWING, SUCKING):
+        for colour in (drawing.BLOWING, drawing.SUCKING):
             wanted = 255.0 * np.array(mpl.colors.to_rgb(colour))
             found.append([int((np.abs(half - wanted) < 3.0).all(axis=2).sum()) for half in halves])
     drawn = np.array(found).reshape(4, 2, 2)  # action, colour, half
@@ -72,11 +63,11 @@ def test_blowing_and_sucking_differ_and_grow_with_the_action(wake):
 
 def test_figures_are_written_in_the_format_they_are_named_after(wake, tmp_path):
     wake.flow.faces_u[:] = wake.grid.xf[:, None] - LENGTH - 1.25
-    figure = mean_figure(wake.grid, wake.body, wake.flow, 10.0)
+    figure = drawing.mean_figure(wake.grid, wake.body, wake.flow, 10.0)
     assert "bubble 1.25 W" in figure.axes[0].get_title()
     for name, head in (("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")):
-        save_figure(tmp_path / name, figure)
+        drawing.save_figure(tmp_path / name, figure)
         assert (tmp_path / name).read_bytes().startswith(head)
     assert Image.open(tmp_path / "a.png").size == (1100, 506)
     with pytest.raises(ConfigError, match=r"a\.bmp: must be a file ending in \.png, \.pdf, \.svg"):
-        save_figure(tmp_path / "a.bmp", figure)
+        drawing.save_figure(tmp_path / "a.bmp", figure)
