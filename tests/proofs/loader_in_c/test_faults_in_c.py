@@ -210,4 +210,4 @@ def test_both_live_alike_through_every_branch_and_a_planted_fault_is_found(tmp_p
     for number, (old, new) in enumerate(PLANTED):
         spoilt = changed(contents, FILE, old, new)
         with pytest.raises(AssertionError):
-            lives(spoilt, tmp_path / "planted", f"planted_{number}")
+            lives(spoilt, tmp_path / "planted", f"planted_{number}", (*QUICK, "-w"))
