@@ -32,7 +32,7 @@ PLANTED = (
     ("status &= ~PENDING;", ""),
     ("(fault->status & FAILED_THIS_CYCLE) == 0u", "1"),
     ("status |= NOT_COMPLETED_THIS_CYCLE;", ""),
-    ("if (faults->is_changed && !faults->request->drives_jets)", "if (faults->is_changed)"),
+    (" && !faults->request->drives_jets", ""),
     ("if (faults->request->drives_jets) return", "if (0) return"),
     ("faults->has_latest = 0;", ""),
     ("group == ALL_GROUPS || i == place", "1"),
