@@ -75,7 +75,7 @@ def spread(
         return
     waiting = list(reversed(jobs))
     running: dict[Future, J] = {}
-    with _dask_client(min(workers, len(jobs)), scheduler) as client:
+    with dask_client(min(workers, len(jobs)), scheduler) as client:
         while waiting or running:
             # A job's arguments may be megabytes, so a job is only sent when a slot is free.
             threads: Mapping[str, int] = client.nthreads()
@@ -113,8 +113,8 @@ def _result(future: "Future", name: str, kept: str) -> Any:
 
 
 @contextmanager
-def _dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
-    """Open a client of the scheduler, or of a new local cluster of single-threaded processes."""
+def dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
+    """Open a client of the scheduler, or of a new local cluster of single-threaded processes. Raises as `spread`."""
     import dask.config
     from distributed import Client
 

@@ -40,7 +40,6 @@ def latency(found: Any) -> str:
             figures[key],
             figures["min"][key],
             *(of["eager_ms"] / of[key] for of in (figures, figures["min"])),
-            *((figures["floors"]["over_floor"][key],) if "floors" in figures else ()),
             None if size is None else figures[size] / 1024,
         )
         for label, key, size in (
@@ -51,15 +50,12 @@ def latency(found: Any) -> str:
             ("C int8, integer products", "c_int8_ms", None),
         )
     ]
-    floors = ("median over lower limit",) if "floors" in figures else ()
-    heads = ("", "median ms", "least ms", "speed relative to PyTorch, median", "least", *floors, "KiB")
-    by_median, by_minimum = (of["onnx_ms"] / of["c_ms"] for of in (figures, figures["min"]))
+    heads = ("", "median ms", "least ms", "speed relative to PyTorch, median", "least", "KiB")
     workspace = " and ".join(f"{figures[f'{name}_workspace_bytes'] / 1024:.0f}" for name in ("c", "c_int8")) + " KiB"
     return f"""{table(heads, rows)}
 
 The C library, compiled with `{facts["settings"]["c_flags"]}` by
-{facts["versions"]["c_compiler"]}, needs a workspace of {workspace} (int8). In float32 it is faster
-than ONNX float32 by a factor of {by_median:.1f} in the median, and of {by_minimum:.1f} in the shortest times."""
+{facts["versions"]["c_compiler"]}, needs a workspace of {workspace} (int8)."""
 
 
 def mcu(found: Any) -> str:

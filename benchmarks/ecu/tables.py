@@ -1,9 +1,11 @@
 """The tables of the ECU: sensor check, comparison of Python and C, proofs about the C code, flashing, and the loop with
 each ECU."""
 
+import tomllib
 from itertools import groupby
 from typing import Any, Final
 
+from benchmarks.common.command_line import ROOT
 from benchmarks.common.markdown import table
 
 _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
@@ -18,69 +20,7 @@ _LOST: Final = {
 _LONG_MS: Final = 3.0
 """Smallest modelled time in ms for which a piece of work for flashing is listed in the table. With a shorter piece, the
 control step still ends long before the end of its period."""
-PROVED: Final = {
-    "bytes.any_bytes": "copies, comparisons and fills have the right result",
-    "codec.main": "sent messages contain the given values; counts stay at their largest value",
-    "e2e.any_frame": "a frame shorter than its header is rejected",
-    "e2e.one_bit": "a protected message is accepted, with one wrong bit rejected",
-    "reception.any_stream": "an accepted frame has the right identifier, length and counter",
-    "reception.any_pressures": "usable pressures are recent, of a valid stream, at a known speed; only a valid stream "
-    "can request control",
-    "reception.another_ecu": "another ECU is present until it has been silent for the set time",
-    "gate.any_command": "no command exceeds the range; a command other than zero is enabled, finite, and based on "
-    "pressures that are not too old, and the clock has advanced",
-    "gate.largest_step": "a command differs from the previous command by at most one step",
-    "gate.old_pressures": "with pressures too old for a new command, only a command between the previous "
-    "command and zero passes",
-    "fail_safe.any_period": "the jets are not driven with a fault, without a request, or after too many misses; only a "
-    "reset leaves UPDATE",
-    "fail_safe.any_latch": "a fault that latches during a period shuts the jets",
-    "fail_safe.into_a_fault": "every fault latches",
-    "fail_safe.out_of_a_fault": "only good frames in a row, and a request that was seen low and rises, clear it",
-    "calibration.any_values": "accepted values, and the gate's limits that follow from them, are within their limits",
-    "calibration.own_values": "so are the release's own values",
-    "secoc.any_frame": "an accepted frame has the right length and MAC, and a higher freshness value than all earlier "
-    "frames",
-    "secoc.any_sent": "a secured frame is accepted by a node that has accepted only lower values",
-    "secoc.any_key": "a key of zeros counts as no key",
-    "xcp.key_given": "UNLOCK unlocks the calibration only after the key check",
-    "xcp.connected": "CONNECT does not unlock it",
-    "xcp.seed_asked": "GET_SEED does not",
-    "xcp.disconnected": "it is locked without a connection",
-    "xcp.store_asked": "values are stored only if it is unlocked",
-    "xcp.written": "DOWNLOAD, a sample of the writing commands, writes only if it is unlocked",
-    "memory.any_command": "each access is within the calibration or the measured values, and never writes the "
-    "reference page",
-    "isotp.any_consecutive": "no message is longer than its buffer",
-    "isotp.any_queued": "an answer is queued if there is room, or else dropped",
-    "services.faults_cleared": "the fault record is written only with the jets shut",
-    "services.written_values": "a calibration is stored only in the extended session, a key list only in the "
-    "programming session, both only unlocked, with the jets shut",
-    "services.block_sent": "a block is written only in the programming session, unlocked",
-    "release.any_image": "an accepted image is signed, not older than the smallest accepted security version, and of "
-    "the stated length",
-    "release.any_key_list": "an accepted key list is signed and of the stated length",
-    "flashing.activate": "an activation, even if the supply is cut, leaves a bootable release and writes only the "
-    "other slot",
-    "flashing.confirm": "so does a confirmation",
-}
-"""The statements of the table of proofs, shortened, by the names of their items. The table leaves out statements that
-contain only the absence of undefined behaviour, and those that serve other statements."""
-_BOUNDS: Final = {
-    "bytes": "8 bytes",
-    "end-to-end check": "16 bytes; wrong bit: a JetCommand of 8 bytes",
-    "reception": "2 frames in a period; any result of the CRC check; a known dynamic pressure is at least 0.001 Pa",
-    "command gate": "times up to 2^61 ns; the calibration's limits; the previous command is within the range; one "
-    "step: after a period or more, or the first command",
-    "calibration": "the release's weights are not negative",
-    "SecOC": "frames of 32 and 48 bytes, MACs of 58 bytes; AES-CMAC gives equal frames equal MACs",
-    "SHA-256": "pieces of 64 bytes",
-    "XCP": "a queue of 2 answers; room for 2 frames; lists of 2 packets, 3 entries; any result of the key check",
-    "UDS": "requests of 3 to 48 bytes, by service; 2 identifiers; texts of 3 bytes",
-    "images": "2 allowed and 2 revoked keys; Ed25519 and SHA-256 are correct",
-    "flashing": "slots of one sector with 2 words; 2 further parts of the work",
-}
-"""Largest sizes, and assumptions, of the proved items of a part, shortened."""
+_ITEMS: Final = ROOT / "tests" / "proofs" / "prove" / "items.toml"
 
 
 def twin(found: Any) -> str:
@@ -112,11 +52,12 @@ def proofs(found: Any) -> str:
         if item["state"] != "proved":
             undecided.setdefault(item["open"] or item["why"].partition(": ERROR")[0], []).append(f"`{item['name']}`")
     rows = []
+    planned = {item["name"]: item for item in tomllib.loads(_ITEMS.read_text(encoding="utf-8"))["item"]}
     for part, items in parts.items():
-        proved = {item["name"] for item in items if item["state"] == "proved"}
-        texts = "; ".join(text for name, text in PROVED.items() if name in proved)
+        proved = [planned[item["name"]] for item in items if item["state"] == "proved"]
+        texts = ("; ".join(one[name] for one in proved if name in one) or None for name in ("short", "short_bound"))
         eva = " (Eva)" if items[0]["tool"] == "Eva" else ""
-        rows.append((part + eva, f"{len(proved)}/{len(items)}", texts or None, _BOUNDS.get(part)))
+        rows.append((part + eva, f"{len(proved)}/{len(items)}", *texts))
     counts = ", ".join(f"{of[name]} {name}" for name in ("proved", "failed", "open"))
     conditions = sum(item["conditions"] for item in of["items"] if item["state"] == "proved")
     missed = [f"`{one['item']}`" for one in of["sabotaged"] if one["state"] != "failed"]

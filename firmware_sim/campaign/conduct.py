@@ -11,7 +11,7 @@ from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
-from contract.side_by_side import spread
+from contract.side_by_side import dask_client, spread
 from firmware_sim.bench.spans import Spans
 from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
 from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
@@ -98,6 +98,9 @@ def conduct(
         progress: called with (runs done, total runs, name of the run just finished); before the first run it is called
             with (0, 0, text on the wake that is being computed).
     """
+    if scheduler is not None:
+        with dask_client(1, scheduler):
+            pass  # the starts may take minutes, after which an error would come late
     pairs = {scenario.name: _tasks(campaign, scenario) for scenario in campaign.scenarios}
     tasks = {task.name: task for found in pairs.values() for pair in found for task in pair}
     plants = {plant_of(campaign.config): ""}
@@ -116,8 +119,7 @@ def conduct(
         task.name: task.key(campaign.bundle.digest, digests[task.plant][task.phase], version("stillwake"))
         for task in tasks.values()
     }
-    read = {name: folder.outcome(name, key) for name, key in keys.items()}
-    reused = {name: outcome for name, outcome in read.items() if outcome is not None}
+    reused = {name: outcome for name, key in keys.items() if (outcome := folder.outcome(name, key)) is not None}
     outcomes = dict(reused)
 
     def claim() -> None:

@@ -14,7 +14,7 @@ from export.program.windows import random_windows
 from export.to_onnx.control_step import build_controller
 from export.to_onnx.portable import portable
 
-# OpenVINO mistakes a square matrix that is used both ways for its transpose: latent and widths are equal.
+# OpenVINO mistakes a square matrix that is used both ways for its transpose, unless the horizon is 4, 6 or 8.
 SMALL = ModelConfig(window=5, latent=8, lstm_width=5, dynamics_width=8, decoder_width=8)
 
 

@@ -98,12 +98,12 @@ assert controller_image.read(ONE).facts == FACTS
 
 
 def built(
-    output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1", "-shared", "-fPIC", "-w")
+    output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1", "-shared", "-fPIC")
 ) -> Path:
-    """A library or program of these files, or of `sources`, in which a planted fault may look odd to the compiler;
+    """A library or program of `sources`, or of these files, in which a planted fault may look odd to the compiler;
     raises LibraryError if the compiler refuses them."""
-    made_from = sources() if contents is None else contents
-    compiler.compile_c(made_from, output, compiler=compiler.host_compiler(), flags=(*flags, *GEOMETRY))
+    made_from, odd = (sources(), ()) if contents is None else (contents, ("-w",))
+    compiler.compile_c(made_from, output, compiler=compiler.host_compiler(), flags=(*flags, *odd, *GEOMETRY))
     return output
 
 

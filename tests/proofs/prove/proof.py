@@ -76,6 +76,7 @@ class Item:
         statement: statement that holds for all inputs, in addition to the absence of undefined behaviour.
         bound: limit of the inputs or the loops.
         assumes: assumptions.
+        short, short_bound: statement, and bound with assumptions, in the documents' table; empty if left out there.
         unwind: number of iterations of a loop that are followed; a loop that could run longer is reported.
         define: macros.
         quick: whether `make test` runs the proof, too.
@@ -88,6 +89,8 @@ class Item:
     statement: str
     bound: str = ""
     assumes: str = ""
+    short: str = ""
+    short_bound: str = ""
     unwind: int = 1
     define: tuple[str, ...] = ()
     quick: bool = False
@@ -133,8 +136,7 @@ class Outcome:
 
 def plan(path: Path = PLAN) -> tuple[list[Item], list[Sabotage]]:
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    tuples = ("define", "sources")
-    items = [Item(**{**item, **{name: tuple(item.get(name, ())) for name in tuples}}) for item in tree["item"]]
+    items = [Item(**one | {key: tuple(one.get(key, ())) for key in ("define", "sources")}) for one in tree["item"]]
     return items, [Sabotage(**sabotage) for sabotage in tree["sabotage"]]
 
 
