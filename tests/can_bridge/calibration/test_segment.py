@@ -28,13 +28,17 @@ def test_values_are_taken_together_and_once_from_the_page_in_force(segment):
     taken = segment.take()
     assert (taken.weights.effort, taken.weights.smoothness, taken.delay_steps) == (0.5, 8.0, 3)
     assert segment.take() is None
+    # As in C, a zero of the other sign counts as another value: a tool can measure it.
+    for zero in (0.0, -0.0):
+        segment.write(OFFSETS["effort"], float_bytes(zero))
+        assert segment.take().pack()[OFFSETS["effort"] :][:4] == float_bytes(zero)
     segment.page = Page.REFERENCE
     assert segment.take() == REFERENCE
     segment.write(OFFSETS["rate"], float_bytes(0.5))
     assert segment.take() is None
     segment.page = Page.WORKING
     taken = segment.take()
-    assert (taken.weights.effort, taken.weights.rate) == (0.5, 0.5)
+    assert (taken.weights.effort, taken.weights.rate) == (0.0, 0.5)
     assert segment.read(Page.REFERENCE, 0, 44) == REFERENCE.pack()
     # What is set or reverted is in force at once.
     segment.page = Page.REFERENCE

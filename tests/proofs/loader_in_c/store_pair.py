@@ -231,6 +231,13 @@ class Pair:
         assert c.sw_records_keep(self._kept, RecordKind.FAULTS, room, much) == 1
         for offset, length in ((much, 0), (0, much), (2**32 - 8, 16), (16, 2**32 - 8)):
             assert c.sw_records_read(self._kept, RecordKind.STATE, offset, room, length) == 1
+        # A calibration counts as not kept from the moment when a word of it cannot be read.
+        calibration = bytes(range(100))
+        self.call("keep_calibration", calibration)
+        word = bytes(self._memory).rindex(calibration[64:72]) // WORD
+        for is_lost in (b"\1", b"\0"):
+            self._unreadable[word] = is_lost
+            assert c.sw_store_calibration(own, room, much) == (0 if is_lost > b"\0" else len(calibration))
         self._compare("beyond", None, None)
 
     def go_on(self, cut_at: int | None = None) -> None:
