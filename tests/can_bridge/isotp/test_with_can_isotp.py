@@ -44,6 +44,9 @@ class Connection:
                 "tx_data_length": settings.frame_length,
                 "tx_padding": 0xCC,
                 "wftmax": 10,
+                # can-isotp measures these by the wall clock.
+                "rx_flowcontrol_timeout": 600_000,
+                "rx_consecutive_frame_timeout": 600_000,
                 **parameters,
             },
         )
