@@ -84,4 +84,4 @@ def test_the_page_leads_from_a_fresh_board_to_a_flashed_controller(frames, tmp_p
     assert "key list 1, and had none" in flashed
     assert "runs no release" in flashed and "runs, and is confirmed" in flashed
     (again,) = with_board([("flash", "release.swi")])
-    assert "runs already" in again
+    assert "already runs" in again
