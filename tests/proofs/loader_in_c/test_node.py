@@ -21,6 +21,7 @@ from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import SecurityAccess
 from can_bridge.uds.services import Session
 from can_bridge.wire.frame import Frame
+from contract.errors import ConfigError
 from tests.proofs.ecu_in_c.branch_coverage import branches, is_possible, without_reason
 from tests.proofs.ecu_in_c.planted import changed
 from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
@@ -52,7 +53,7 @@ PLANTED_IN_PYTHON = (
     (EcuServices, "_confirm", confirm_without_a_trial),
 )
 """Owner, name, and what stands there instead: defects of the Python ECU, which the one in C does not have."""
-MOST_SEEDS = 150
+MOST_SEEDS = 400
 PLANTED = (
     ("sw_services.c", "if (counter != transfer->expected) return SW_NRC_WRONG_BLOCK_COUNTER;", ""),
     ("sw_access.c", "if (access->asked != level) return SW_NRC_SEQUENCE_ERROR;\n    access->asked = 0;", ""),
@@ -239,7 +240,8 @@ def test_planted_faults_are_noticed(faults: tuple[tuple[str, str, str], ...], tm
 @pytest.mark.proofs  # hundreds of programs
 def test_planted_faults_of_the_python_ecu_are_noticed_by_the_one_in_c(of: World) -> None:
     for owner, name, value in PLANTED_IN_PYTHON:
-        with patch.object(owner, name, value), pytest.raises(AssertionError):
+        # A store that takes no key list is noticed at production already.
+        with patch.object(owner, name, value), pytest.raises((AssertionError, ConfigError)):
             for seed in range(300):
                 assert play(of, seed).differences == []
 
