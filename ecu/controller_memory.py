@@ -175,8 +175,8 @@ class ControllerMemory(ArrayValue):
         """Return the memory for another delay of the actuator, less than the horizon; call this between two periods.
 
         The latest `delay` of the sent actions are under way, and each row of the window gets the action that would have
-        been in force with the new delay; for those older than the window, that of its oldest row. The plan is shifted,
-        so that its action for the next period stays. `past` loses its rows.
+        been in force with the new delay; for actions older than the window, the action of its oldest row is used. The
+        plan is shifted, so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:
@@ -220,7 +220,7 @@ class ControllerMemory(ArrayValue):
             forces = _checked("forecast", step.forces, (horizon, FORCES))
         except ControllerError:
             raise
-        except Exception as error:  # whatever a controller does wrong must not stop the ECU
+        except Exception as error:  # no error of a controller may stop the ECU
             raise ControllerError(f"the controller failed with {type(error).__name__}") from error
         return replace(self, plan=new_plan), replace(step, plan=new_plan, forces=forces)
 

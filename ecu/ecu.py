@@ -118,7 +118,7 @@ class Ecu:
         self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force from the next step on; with one outside the limits, raise ConfigError instead."""
+        """Put other values in force from the next step on; raises ConfigError for a value outside its limits."""
         self._calibration_limits.check(calibration)
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())

@@ -63,8 +63,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
 
 
 def positions_of(manifest: Manifest) -> Array | None:
-    """Return a release's sensor positions (S, 2). A bundle that states none is from a version whose only body was the
-    truck; None if its sensors are not the truck's either."""
+    """Return a release's sensor positions (S, 2). A bundle without positions is from a version that had only the
+    truck's body. The result is None if one of its sensors is not on the truck."""
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)
     return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None

@@ -86,7 +86,7 @@ class Command(IntEnum):
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that are refused while the resource is locked; UDS, too, shows values to every tester."""
+"""Commands that are refused while the resource is locked. Reading a value needs no key, as in UDS."""
 
 
 class Error(IntEnum):

@@ -61,8 +61,8 @@ class VehicleSpeeds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Travel:
-    """The distance travelled in body lengths W at n times in s, both increasing, (n,), and between them and beyond by
-    straight lines. The distance in W equals the time in W / U_inf for every U_inf."""
+    """The distance travelled in body lengths W at n times in s, both increasing, (n,). Straight lines connect and
+    extend these points. The distance in W equals the time in W / U_inf for every U_inf."""
 
     time_s: Array
     way: Array
@@ -110,8 +110,8 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group triples of time, speed and density into spans. A triple to which no vehicle changes its speed so fast
-    begins a new span if the speed before it is too old to be used, and is left out otherwise."""
+    """Group triples of time, speed and density into spans. If no vehicle can reach a triple's speed so fast, the triple
+    begins a new span if the speed before it is too old to be used; otherwise the triple is left out."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

@@ -38,5 +38,5 @@ class Verdict(InWords):
     UNREADABLE = 13, "the image cannot be read back from the memory"
     EMPTY = 14, "the slot is empty"
     WRONG_BUILD = 15, "the image was made for another build of the firmware, or has numbers that no ECU accepts"
-    """The image's parameters have the layout of another firmware, which is checked right after WRONG_DBC; or the
-    image's payload is too short or has a number that no ECU can run, which is checked last."""
+    """The image's parameters have the layout of another firmware (checked right after WRONG_DBC), or its payload is too
+    short or has a number that no ECU can run (checked last)."""

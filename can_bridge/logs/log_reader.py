@@ -46,7 +46,7 @@ def stem_of(path: Path) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether the file is a log: by its ending, and for CSV by the first line, that of python-can's logger."""
+    """Return whether the file is a log, by its ending. A CSV file must also have python-can's first line."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES
@@ -70,8 +70,8 @@ class CanLog:
     """
 
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
-        """Open a log. Raises BusError for a file that does not exist or has no supported format. `zone` is that of a
-        local start time in the file; only the named channels are read, or all."""
+        """Open a log. Raises BusError for a file that does not exist or has no supported format. `zone` is the time
+        zone of a local start time in the file. Only the named channels are read; by default, all."""
         suffix = suffix_of(path)
         if suffix not in LOG_SUFFIXES:
             raise BusError(

@@ -66,7 +66,7 @@ def store(asking: Asking) -> None:
 
 
 def revert(asking: Asking, release: Calibration) -> None:
-    """Put the release's own values in force and delete stored ones, after `unlock`. Raises NotNowError like `store`."""
+    """Put the release's values in force and delete stored values, after `unlock`. Raises NotNowError like `store`."""
     _keep(asking, _REVERT, "drop the stored calibration")
     _check_in_force(asking, release.pack())
 

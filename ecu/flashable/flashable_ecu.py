@@ -30,7 +30,7 @@ class FlashableEcu:
     `authentication` is given.
 
     Args:
-        boot_ns: time in ns after a reset, without that of the boot itself, in which the ECU is silent.
+        boot_ns: time in ns for which the ECU is silent after a reset, without the time of the boot itself.
         serviced_apart: whether `step` is only a control period, and another thread calls `service`.
 
     Attributes:

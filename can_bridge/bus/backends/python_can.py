@@ -158,8 +158,8 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """The health of the CAN controller as far as it is known: from SocketCAN's error frames, which this object has
-        to receive, or from python-can's `state`, of which ERROR alone (bus-off) means the same for all drivers."""
+        """The CAN controller's health as far as it is known. It comes from SocketCAN's error frames that this object
+        receives, or from python-can's `state`: only its value ERROR (bus-off) means the same for all drivers."""
         try:
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):
