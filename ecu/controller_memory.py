@@ -143,7 +143,7 @@ class ControllerMemory(ArrayValue):
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Repeat the last pressures for a period without any; a gap over `longest_gap` periods empties the window."""
+        """Repeat the last pressures for a period without pressures; a gap above `longest_gap` empties the window."""
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
             return replace(self.emptied(), gap=gap)

@@ -46,7 +46,7 @@ class StepOutcome(NamedTuple):
 
 class _Decision(NamedTuple):
     """The request to the command gate in one period: the memory with or without a plan; the action in U_inf W; the
-    predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and why there is no action where one was needed."""
+    predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and the reason if a needed action is missing."""
 
     memory: ControllerMemory
     action: float

@@ -295,7 +295,7 @@ _NO_LIMITS: Final = EcuConfig()
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:
-    """Return the row of the table for this mode and period. There is always one: a mode's last row has no condition."""
+    """Return the row of the table for this mode and period. A row always exists: a mode's last row has no condition."""
     *rows, otherwise = _FROM[mode]
     for row in rows:
         if row.when.holds(period):

@@ -57,8 +57,8 @@ class Store(Remembered):
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A. Raises
-        OutOfOrderError unless it is empty; KeyFileError for a list that lacks the root key's signature; ConfigError."""
+        """Fill an empty backing, at production, with a key list and a confirmed image in slot A. Raises OutOfOrderError
+        unless it is empty; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")

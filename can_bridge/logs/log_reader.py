@@ -46,7 +46,7 @@ def stem_of(path: Path) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether the file is a log, by its ending. A CSV file must also have python-can's first line."""
+    """Return whether the file is a log, by its ending; a CSV must begin with the columns of python-can's logger."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES

@@ -33,7 +33,7 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Read all properties. Raises RefusedError for one that the ECU does not report, BusError for a damaged report."""
+    """Read all properties. Raises RefusedError if the ECU does not report one; BusError for a damaged report."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),

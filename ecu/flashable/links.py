@@ -77,7 +77,7 @@ class DiagnosticLink:
                 is_occupied = self._endpoint.occupied > BESIDE
                 self._send(self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied))
             requests += 1
-        # A request that begins a long operation has executed its first part; one during the operation executes none.
+        # A request that begins a long operation has executed its first part; a request during it executes no part.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -156,7 +156,7 @@ class CalibrationLink:
 
     def xcp(self, now_ns: int, frames: Sequence[Frame], *, room: int, may_store: bool) -> list[Frame]:
         """Process the tool's frames and return at most `room` frames to it. A request to store values waits until UDS
-        is idle (`may_store`), the jets may not run, and a place is free for the answer."""
+        is idle (`may_store`), no jet may run, and a place is free for the answer."""
         if self._xcp is None:
             return []
         self._xcp.daq.look()

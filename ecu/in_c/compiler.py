@@ -14,7 +14,7 @@ from contract.errors import LibraryError
 
 STANDARD: Final = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion")
 OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
-"""Flags for speed. Fused multiply-adds are allowed, which change only roundings; the sources reject -ffast-math."""
+"""Flags for speed. They allow fused multiply-adds, which change only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
 """Flags with which the decisions in C equal those in Python bit for bit. GCC needs the flag against fused

@@ -1,4 +1,4 @@
-"""Privileges that a process with deadlines asks the system for; one that is not granted is reported."""
+"""Privileges that a process with deadlines requests from the system. A privilege that is refused is reported."""
 
 import ctypes
 import gc
@@ -110,7 +110,7 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # Under a limit, memory that is allocated later could exceed it, and its allocation fail.
+    # If memory is limited, later allocations could exceed the limit and fail.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 
