@@ -157,7 +157,7 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """Return the memory with one sensor's pressures in the rows with data replaced: (L,), or (N,) with a past."""
+        """Return the memory with new pressures of one sensor, (L,), or (N,) with a past, in the rows with data."""
         rows = self.window if self.past is None else self.past.rows
         count = self.rows if self.past is None else self.past.count
         changed, first = rows.copy(), len(rows) - count

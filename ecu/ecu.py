@@ -97,7 +97,7 @@ class Ecu:
         ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
-        # The graph has the cost weights of its export; the manifest of a renewed bundle states new ones.
+        # The graph has the cost weights of its export; the manifest of a renewed bundle states new weights.
         self.calibrate(release_calibration(bundle, config))
 
     @property
@@ -107,7 +107,7 @@ class Ecu:
 
     def restore(self, state: EcuState) -> None:
         """Continue from a state of an ECU with equal bundle, settings and calibration. Raises ValueError if the state's
-        window, number of sensors, horizon or delay is not that of this ECU."""
+        window, number of sensors, horizon or delay differs from this ECU."""
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "

@@ -16,7 +16,7 @@ from contract.sensors import TRUCK
 
 
 def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None:
-    """Raise BundleError if the controller was built for another control period or action limit than that of `flow`."""
+    """Raise BundleError if the controller was built for a control period or action limit that differs from `flow`."""
     for name in ("control_period", "action_limit"):
         right = getattr(bundle.manifest, name)
         remedy = f": set flow.{name}={right}"

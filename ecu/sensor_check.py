@@ -59,8 +59,8 @@ of healthy sensors' residuals: 0.08 in Cp. Under control with the shipped releas
 wake, in which mirrored sensors agree, they are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
-"""Ratio of the limit for slow means of residuals, which is 64, to the limit for fast means. The disagreement of healthy
-sensors' slow means reaches 7, or 40 with one sensor left out."""
+"""Limit for slow means of residuals (64), divided by the limit for fast means. The disagreement of healthy sensors'
+slow means reaches 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
 """Factor by which the permitted disagreement rises when a sensor is set aside, since two others estimate less

@@ -22,7 +22,7 @@ _JUMP: Final = 0.5
 """Largest permanent shift of times within a stretch, in periods; after a larger shift the counter shows no losses."""
 _AROUND: Final = 16
 """Number of frames before, and after, a possible shift of the reception times; the shift is the difference of their
-median delays. The number exceeds that of a burst, and is large enough to average jitter of 0.4 periods."""
+median delays. The number exceeds the length of a burst, and is large enough to average jitter of 0.4 periods."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,7 +50,7 @@ class VehicleSpeeds:
 
     def travel(self, width: float, start_s: float, pace: float) -> "Travel":
         """Return the distance travelled in body lengths since the time `start_s` on the log's clock. `pace` is the
-        speed of the log's clock relative to the sender's."""
+        speed of the log's clock relative to the sender's clock."""
         speed = np.maximum(self.speed, _SLOWEST) / (width * pace)
         if len(speed) == 1:
             return Travel.steady(start_s, 1.0 / float(speed[0]))

@@ -88,7 +88,7 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than those before them: such times are differences."""
+        """Raise ValueError if too many frames are not later than the frames before: such times are differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 

@@ -99,7 +99,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
 
 def _columns(measurement: Any, group: int, names: list[str], rows: int) -> dict[str, Any]:
     """Return the fields of the first `rows` records, by name. Constants may be stored in conversions, so conversions
-    are applied, except those that replace numbers by texts such as "Rx"."""
+    are applied, except conversions of numbers to texts such as "Rx"."""
     found = {}
     for name in names:
         with redirect_stdout(io.StringIO()):  # asammdf prints a page before it raises

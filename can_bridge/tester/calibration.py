@@ -55,7 +55,7 @@ def unlock(asking: Asking) -> None:
 
 
 def write(asking: Asking, wanted: Calibration) -> None:
-    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses them, or reports others afterwards."""
+    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses them, or then reports other values."""
     asking.write(Did.CALIBRATION, wanted.pack())
     _check_in_force(asking, wanted.pack())
 

@@ -56,7 +56,7 @@ def _text(asking: Asking, did: Did) -> str:
 
 def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
     """Raise WrongReleaseError for the first property of the release, or of its image of `length` bytes, that does not
-    fit the ECU. The bundle's DBC is that of this version, because no other bundle can be loaded."""
+    fit the ECU. The bundle has the DBC of this version, because no other bundle can be loaded."""
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
 

@@ -113,7 +113,7 @@ _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
-"""Identifiers of generated messages; smaller ones are for network management, larger ones for diagnostics."""
+"""Identifiers of generated messages; smaller numbers are for network management, larger numbers for diagnostics."""
 
 
 def background(bus: BusConfig) -> BackgroundTraffic:

@@ -51,7 +51,7 @@ class Job:
 
 
 class Download:
-    """A requested download of `length` bytes, of which the first is at byte `offset` of the image.
+    """A requested download of `length` bytes, beginning at byte `offset` of the image.
 
     Attributes:
         missing: number of bytes that have not come yet.

@@ -60,7 +60,7 @@ class Pressure(NamedTuple):
     """Wall pressures of one instant.
 
     Attributes:
-        pressure_pa: pressures relative to the free stream's, in Pa, (4,), in the order of the bundle's sensors.
+        pressure_pa: pressures relative to the free stream, in Pa, (4,), in the order of the bundle's sensors.
         valid: whether each sensor's own diagnosis found no fault, (4,).
         enable_request: whether the vehicle requests control.
         age_ns: time in ns from sampling until the frame is passed to the bus.

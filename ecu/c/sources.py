@@ -21,8 +21,8 @@ def control_sources() -> dict[str, bytes]:
 
 
 def firmware_sources() -> dict[str, bytes]:
-    """Return the sources of the ECU around a control step, and in `board/` and `loader/` those of the firmware around
-    the ECU, without the generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
+    """Return the sources of the ECU around a control step, and in `board/` and `loader/` the firmware around the ECU,
+    without the generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
     around = {f"board/{name}": text for name, text in sources_in("board").items()}
     return control_sources() | around | {f"loader/{name}": text for name, text in loader_sources().items()}
 

@@ -32,7 +32,7 @@ class Privilege(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """The requested privileges. `priority` is that of SCHED_FIFO, 1 to 99, or 0 to stay an ordinary process."""
+    """The requested privileges. `priority` is a SCHED_FIFO priority, 1 to 99, or 0 to stay an ordinary process."""
 
     priority: int = PRIORITY
     lock_memory: bool = True

@@ -127,7 +127,7 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send once. Raises BusError, which states the frame's name, if the bus fails or does not accept it in time."""
+        """Send once. Raises BusError with the frame's name if the bus fails or does not accept the frame in time."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:

@@ -53,7 +53,7 @@ _FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "da
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
     """Return the message in a datagram packed by python-can, or the reason why it has none. Never raises, and
-    allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's."""
+    allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's time."""
     try:
         fields = fallback.unpackb(datagram)
     except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them

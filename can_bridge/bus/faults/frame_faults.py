@@ -1,7 +1,7 @@
 """Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
-the receiver's. For wrong bits on the bus a frame is repeated, and the error counters rise, up to bus-off.
+the receiver's controller. For wrong bits on the bus a frame is repeated, and the error counters rise, up to bus-off.
 """
 
 import heapq
@@ -202,7 +202,7 @@ class StuckAt(SidedFault, section="stuck_at"):
 
 
 def _spec_of(frame: Frame) -> MessageSpec | None:
-    """Return the specification of a frame's message; None if the message is not stillwake's. Raises BusError for an
+    """Return the specification of a frame's message; None if it is not a message of stillwake. Raises BusError for an
     authenticated frame, because its MAC cannot be recomputed without the key."""
     spec = _SPECS.get(frame.frame_id)
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:

@@ -103,7 +103,7 @@ class AttemptVerdict(Enum):
     TRANSMIT_ERROR = auto()
     UNACKNOWLEDGED = auto()
     ARBITRATION_STUFF = auto()
-    """A stuff bit of the sender was overwritten during arbitration, which is an error that no node counts."""
+    """A stuff bit of the sender was overwritten during arbitration. No node counts this error."""
     RECEIVE_ERROR = auto()
     SIGNALLED_FIRST = auto()
     """A receive error that no other node saw before this node's error flag."""
