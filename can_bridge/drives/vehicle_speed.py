@@ -1,7 +1,7 @@
 """The vehicle's speed during a drive, from its own frames, to convert pressures to Cp and seconds to convective times.
 
-The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out, and
-the last valid speed is then used for a limited time. Between two valid speeds the speed is interpolated linearly.
+The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out; the
+last valid speed then stays in use for a limited time. Between two valid speeds the speed is interpolated linearly.
 """
 
 from collections.abc import Sequence

@@ -8,9 +8,9 @@ gets a `FrameCheck` from its CRC and counter, and a window of the latest checks 
 - INIT becomes INVALID with more than `max_errors` bad checks;
 - VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
 
-AUTOSAR's own machine leaves the check that ends NODATA out of the window. Here this check counts, so that with
-`min_ok` = 2 the second frame of a stream is trusted, as by AUTOSAR's machine with MinOkStateInit = 1,
-MinOkStateValid = 1 and MinOkStateInvalid = 2 as long as the window holds the first check.
+AUTOSAR's own machine leaves the check that ends NODATA out of the window. Here this check counts: with `min_ok` = 2 the
+second frame of a stream is trusted. AUTOSAR's machine does the same with MinOkStateInit = 1, MinOkStateValid = 1 and
+MinOkStateInvalid = 2, as long as the window holds the first check.
 
 A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good checks out
 of the window. As in the standard, the receiver continues from the new count after a jump, so that the frames of a

@@ -91,7 +91,7 @@ class CanLog:
 
     def __iter__(self) -> Iterator[can.Message]:
         """Yield the messages in the order of the file. If the file is damaged, or a line is neither a message nor an
-        event, the messages before that place are yielded; then BusError, which states the file's name, is raised."""
+        event, the messages before that place are yielded; then it raises BusError with the file's name."""
         with ExitStack() as stack:
             try:
                 for entry in self._entries(stack):

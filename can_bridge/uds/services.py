@@ -152,7 +152,7 @@ _EXTENDED: Final = frozenset({Session.EXTENDED})
 @dataclass(frozen=True)
 class Permission:
     """The conditions for a request: its sessions, the security level that must be unlocked, and the length in bytes of
-    the value or option record; None for any."""
+    the value or option record; None for any length."""
 
     sessions: frozenset[Session] = _ALL
     level: Level | None = None

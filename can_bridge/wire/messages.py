@@ -11,7 +11,7 @@ SENSORS: Final = 4
 
 COUNT_LIMIT: Final = 0xFFFF
 BUS_OFF_LIMIT: Final = 0xFF
-"""Largest values of the event counts and of the bus-off count of EcuStatus, which do not rise further."""
+"""Largest values of the event counts and the bus-off count in EcuStatus; larger counts are sent as these values."""
 
 ERROR_LIMIT: Final = 0xFF
 """Largest value that is sent for the CAN controller's error counters, also for 256, which means bus-off."""

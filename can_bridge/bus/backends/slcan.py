@@ -1,6 +1,6 @@
 """Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with our own code to read and write lines.
 
-python-can 4.6 stores a line that it cannot decode for ever, reads truncated and foreign lines as frames, treats the
+python-can 4.6 never discards a line that it cannot decode, reads truncated and foreign lines as frames, treats the
 acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. Its code that opens an
 adapter and parses a valid line is used unchanged.
 """
