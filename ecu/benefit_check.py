@@ -37,7 +37,7 @@ PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
 the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""`BenefitCheck.resting` in Cp if a release states none: smaller than in any wake, so the measured values count."""
+"""`BenefitCheck.resting` in Cp if a release states none: smaller than in any wake, so that measured values are used."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -143,7 +143,7 @@ class ControllerMemory(ArrayValue):
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
-        """Repeat the last pressures for a period without any; a gap over `longest_gap` periods empties the window."""
+        """Repeat the last pressures for a period without pressures; a gap above `longest_gap` empties the window."""
         gap = min(self.gap, longest_gap) + 1
         if gap > longest_gap:
             return replace(self.emptied(), gap=gap)
@@ -157,7 +157,7 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """Return the memory with one sensor's pressures in the rows with data replaced: (L,), or (N,) with a past."""
+        """Return the memory with new pressures of one sensor, (L,), or (N,) with a past, in the rows with data."""
         rows = self.window if self.past is None else self.past.rows
         count = self.rows if self.past is None else self.past.count
         changed, first = rows.copy(), len(rows) - count
@@ -175,8 +175,8 @@ class ControllerMemory(ArrayValue):
         """Return the memory for another delay of the actuator, less than the horizon; call this between two periods.
 
         The latest `delay` of the sent actions are under way, and each row of the window gets the action that would have
-        been in force with the new delay; for those older than the window, that of its oldest row. The plan is shifted,
-        so that its action for the next period stays. `past` loses its rows.
+        been in force with the new delay; for actions older than the window, the action of its oldest row is used. The
+        plan is shifted, so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:
@@ -220,7 +220,7 @@ class ControllerMemory(ArrayValue):
             forces = _checked("forecast", step.forces, (horizon, FORCES))
         except ControllerError:
             raise
-        except Exception as error:  # whatever a controller does wrong must not stop the ECU
+        except Exception as error:  # no error of a controller may stop the ECU
             raise ControllerError(f"the controller failed with {type(error).__name__}") from error
         return replace(self, plan=new_plan), replace(step, plan=new_plan, forces=forces)
 

@@ -46,7 +46,7 @@ class StepOutcome(NamedTuple):
 
 class _Decision(NamedTuple):
     """The request to the command gate in one period: the memory with or without a plan; the action in U_inf W; the
-    predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and why there is no action where one was needed."""
+    predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and the reason if a needed action is missing."""
 
     memory: ControllerMemory
     action: float
@@ -97,7 +97,7 @@ class Ecu:
         ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
-        # The graph has the cost weights of its export; the manifest of a renewed bundle states new ones.
+        # The graph has the cost weights of its export; the manifest of a renewed bundle states new weights.
         self.calibrate(release_calibration(bundle, config))
 
     @property
@@ -107,7 +107,7 @@ class Ecu:
 
     def restore(self, state: EcuState) -> None:
         """Continue from a state of an ECU with equal bundle, settings and calibration. Raises ValueError if the state's
-        window, number of sensors, horizon or delay is not that of this ECU."""
+        window, number of sensors, horizon or delay differs from this ECU."""
         if (own := self._state.memory.sizes) != state.memory.sizes:
             raise ValueError(
                 f"state of a controller with (window, sensors, horizon, delay) = {state.memory.sizes}: this ECU has "
@@ -118,7 +118,7 @@ class Ecu:
         self.trace = Trace(mode=mode, action=action, forces=None, interventions=Intervention(0))
 
     def calibrate(self, calibration: Calibration) -> None:
-        """Put other values in force from the next step on; with one outside the limits, raise ConfigError instead."""
+        """Put other values in force from the next step on; raises ConfigError for a value outside its limits."""
         self._calibration_limits.check(calibration)
         self.calibration = calibration
         self._weights = np.array(calibration.weights.as_tuple())

@@ -1,4 +1,4 @@
-"""The state of an ECU as one value, with which another, equal ECU continues bit for bit as the first would."""
+"""The state of an ECU as one value. An equal ECU continues from it with the same results, bit for bit."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -26,7 +26,7 @@ from ecu.timing import StepTiming
 
 class Surroundings(TypedDict, total=False):
     """External conditions of an ECU in a control period: a reason for which it must switch itself off, and whether a
-    release is being written, for which it does so as soon as no jet may run, until a reset."""
+    release is being written. In that case it switches itself off as soon as no jet may run, until a reset."""
 
     fault: Reason | None
     updating: bool
@@ -34,7 +34,7 @@ class Surroundings(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class EcuState:
-    """The state after a control period; times in the clock of the frames' timestamps.
+    """The state after a control period; times are on the clock of frame timestamps.
 
     Attributes:
         memory: window, plan and sent actions not yet in force.
@@ -120,7 +120,7 @@ def answers(
     key: Key | None,
     bundle_hash: int,
 ) -> list[Frame]:
-    """Return the two frames of a period, with counters and freshness of the state before it, and the status after."""
+    """Return a period's two frames, with counters and freshness of the state `before`, and the status of `after`."""
     contents = (
         (before.commands, messages.command.spec, messages.command.emit(command)),
         (before.statuses, messages.status.spec, messages.status.emit(after.status(bundle_hash))),

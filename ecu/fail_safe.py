@@ -67,7 +67,7 @@ class PeriodInputs:
     """The inputs of one control period.
 
     Attributes:
-        usable: whether pressures arrived that the controller may use; otherwise `unusable_because` counts.
+        usable: whether pressures arrived that the controller may use; otherwise `unusable_because` is the reason.
         enable_request: enable request of the vehicle, from a trusted frame of this period; None if there is none.
         off_speed: whether the vehicle is slower or faster than the range of speeds of the release.
         tests: whether the jets must be shut to measure the wake without control.
@@ -180,7 +180,7 @@ class Transition:
     """One row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
 
     Attributes:
-        within: number of periods from the first with the cause to the ECU's reaction, or a formula of its settings.
+        within: number of periods from the first period with the cause to the ECU's reaction, or a formula of settings.
     """
 
     start: frozenset[OperatingMode]
@@ -244,7 +244,7 @@ class FailSafe:
 
     Attributes:
         misses: number of consecutive periods without usable pressures.
-        good: number of consecutive periods with usable pressures, counted from the latest fault of the ECU itself on.
+        good: number of consecutive periods with usable pressures, since the latest fault of the ECU itself.
         lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the lowest
             bit for the newest: 1 for a period without usable pressures.
         reason: reason why the ECU is not in control; constant during a fault.
@@ -295,7 +295,7 @@ _NO_LIMITS: Final = EcuConfig()
 
 
 def taken(mode: OperatingMode, period: Period) -> Transition:
-    """Return the row of the table for this mode and period. There is always one: a mode's last row has no condition."""
+    """Return the row of the table for this mode and period. A row always exists: a mode's last row has no condition."""
     *rows, otherwise = _FROM[mode]
     for row in rows:
         if row.when.holds(period):

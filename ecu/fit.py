@@ -16,7 +16,7 @@ from contract.sensors import TRUCK
 
 
 def check_flow(bundle: Bundle, flow: FlowConfig, *, owner: str = "flow") -> None:
-    """Raise BundleError if the controller was built for another control period or action limit than that of `flow`."""
+    """Raise BundleError if the controller was built for a control period or action limit that differs from `flow`."""
     for name in ("control_period", "action_limit"):
         right = getattr(bundle.manifest, name)
         remedy = f": set flow.{name}={right}"
@@ -63,8 +63,8 @@ def check_sensors(bundle: Bundle, layout: SensorLayout) -> None:
 
 
 def positions_of(manifest: Manifest) -> Array | None:
-    """Return a release's sensor positions (S, 2). A bundle that states none is from a version whose only body was the
-    truck; None if its sensors are not the truck's either."""
+    """Return a release's sensor positions (S, 2). A bundle without positions is from a version that had only the
+    truck's body. The result is None if one of its sensors is not on the truck."""
     if manifest.sensor_positions is not None:
         return np.array(manifest.sensor_positions)
     return TRUCK.positions[TRUCK.indices(manifest.sensors)] if set(manifest.sensors) <= set(TRUCK.names) else None

@@ -33,7 +33,7 @@ class Received(NamedTuple):
     Attributes:
         verifier, receiver: states of the authentication and of the E2E receiver after these frames.
         cp: (S,) usable pressures at the S sensors, as Cp, sampled at `sampled_ns`; None if there are none.
-        reading: (S,) the same at the design speed's dynamic pressure: a stuck sensor's is constant at any speed.
+        reading: (S,) the same pressures, scaled with the design speed: a stuck sensor's reading is then constant.
         enable_request: enable request of the vehicle; None if no trusted frame states it.
     """
 
@@ -49,7 +49,7 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PressureReception:
-    """The reception of pressure frames: dynamic pressure in Pa at the design speed, largest usable age in ns."""
+    """The reception of pressure frames, with dynamic pressure (Pa, at design speed) and largest usable age (ns)."""
 
     message: Message[Pressure]
     key: Key | None
@@ -66,8 +66,8 @@ class PressureReception:
         receiver: ReceiverState,
         dynamic_pressure: float | None,
     ) -> Received:
-        """Return the newest trusted pressures of a period, or the reason why there are none. `dynamic_pressure` is that
-        at the present speed, in Pa (Cp = 1); None without a speed."""
+        """Return the newest trusted pressures of a period, or the reason why there are none. `dynamic_pressure`, in Pa
+        (Cp = 1), is for the present speed; None without a speed."""
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(receiver, frames, spec=spec, config=self.e2e)

@@ -59,8 +59,8 @@ of healthy sensors' residuals: 0.08 in Cp. Under control with the shipped releas
 wake, in which mirrored sensors agree, they are below 0.07."""
 
 DRIFT_ALLOWED: Final = 4.0
-"""Ratio of the limit for slow means of residuals, which is 64, to the limit for fast means. The disagreement of healthy
-sensors' slow means reaches 7, or 40 with one sensor left out."""
+"""Limit for slow means of residuals (64), divided by the limit for fast means. The disagreement of healthy sensors'
+slow means reaches 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
 """Factor by which the permitted disagreement rises when a sensor is set aside, since two others estimate less
@@ -131,11 +131,11 @@ class ResidualLevels(NamedTuple):
     """The levels of evidence for each hypothesis, from mean squares of residuals, relative to those of healthy sensors.
 
     Attributes:
-        liar, bias: (S,) that this sensor alone reads wrongly, from the fast and from the slow means.
-        swap: (P,) that the two sensors of this pair are exchanged.
+        liar, bias: (S,) evidence, from the fast and from the slow means, that only this sensor reads wrongly.
+        swap: (P,) evidence that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
-        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`, without the sensor that is set aside, or
-            without which the others agree best.
+        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`, without the sensor that is set aside; if
+            there is none, without the one whose omission makes the others agree best.
     """
 
     liar: Array
@@ -282,20 +282,20 @@ class SensorCheck:
 
 
 def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
-    """Return the check of a bundle's pressures; None without an estimator, or if the settings disable the check."""
+    """Return a bundle's sensor check; None if the bundle has no estimator or the settings disable the check."""
     figures, wanted = bundle.manifest.sensor_estimator, config.ecu.sensor_check
     estimator = OnnxEstimator.of(bundle) if wanted.enabled else None
     return None if figures is None or estimator is None else SensorCheck.of(figures, estimator, wanted)
 
 
 def _split(values: Array, sensors: int) -> tuple[Array, Array]:
-    """Return, of (S + P, S), each sensor's value in the row that leaves it out, (S,), and the others' mean there."""
+    """Return (S,) each sensor's value in the row that leaves it out, and (S,) the mean of the row's other values."""
     own = values[:sensors].diagonal()
     return own, (values[:sensors].sum(axis=1) - own) / (sensors - 1)
 
 
 def _with_swaps(table: Array) -> Array:
-    """Return a row for each of the P exchanged pairs, (S + P, S): in it, each sensor is estimated by all others."""
+    """Append a row for each of the P exchanged pairs, in which all others estimate each sensor: (S + P, S)."""
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 

@@ -44,7 +44,7 @@ class StepTiming:
         if self.step_ns is None:
             return StepTiming(step_ns=now_ns)
         lag_ns = self.lag_ns + now_ns - self.step_ns - period_ns
-        whole = (2 * lag_ns + period_ns) // (2 * period_ns)  # to the nearest
+        whole = (2 * lag_ns + period_ns) // (2 * period_ns)  # rounded to the nearest number
         off_time = (self.off_time << 1 | (whole != 0)) & ((1 << config.deadline_window) - 1)
         too_often = whole != 0 and off_time.bit_count() >= config.deadline_misses
         # Before a step this late, more periods passed without pressures than the fail-safe tolerates.

@@ -26,7 +26,7 @@ def frame_of(message: can.Message) -> Frame | Rejection:
     if message.is_remote_frame:
         return Rejection.REMOTE
     is_fd = bool(message.is_fd)
-    # That a backend has read a truncated line shows only in a difference of stated and actual length.
+    # Only the difference between the stated and the actual length shows that a backend has read a truncated line.
     if message.dlc != len(message.data) or len(message.data) not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         return Rejection.WRONG_LENGTH
     # A backend may deliver values of any type and range, and a float would pass the check of the range.

@@ -65,7 +65,7 @@ def line(
 
 
 class Silence:
-    """A reporter, once of `SILENCE_S` without a usable frame, and once of its end; for the arguments see `line`."""
+    """A reporter of a silence (`SILENCE_S` without a usable frame) and of its end. For the arguments see `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report

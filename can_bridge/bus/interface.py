@@ -51,7 +51,7 @@ class Rejection(Enum):
     GARBAGE = "unreadable"
     """No CAN frame: a datagram or line of another format, or an identifier or time out of range."""
     WRONG_LENGTH = "wrong length"
-    """A length that is impossible in the frame's format; the end-to-end check rejects others than the message's."""
+    """A length that is impossible in the frame's format; the end-to-end check rejects any other wrong length."""
     REMOTE = "remote frame"
     ERROR_FRAME = "error frame"
     """The controller's report on the bus or on itself; see `PythonCanBus.health`."""

@@ -86,7 +86,7 @@ class Command(IntEnum):
 PROTECTED: Final = frozenset(
     {Command.SET_REQUEST, Command.DOWNLOAD, Command.SET_CAL_PAGE, Command.GET_CAL_PAGE, Command.COPY_CAL_PAGE}
 )
-"""Commands that are refused while the resource is locked; UDS, too, shows values to every tester."""
+"""Commands that are refused while the resource is locked. Reading a value needs no key, as in UDS."""
 
 
 class Error(IntEnum):
@@ -180,7 +180,7 @@ class XcpAccess:
 
     def unlock(self, left: int, data: bytes) -> None:
         """Process the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
-        Denied unless the whole seed was read and no part of the key is missing; WrongKey, which ends the seed too."""
+        Denied unless the whole seed was read and no part of the key is missing; WrongKey: the seed is then invalid."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)

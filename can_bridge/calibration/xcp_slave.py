@@ -27,7 +27,7 @@ WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
 
 
 class XcpSlave:
-    """The slave, which has one connection at a time; `random_bytes` returns so many unpredictable bytes."""
+    """The slave, which has one connection at a time; `random_bytes` returns the given number of unpredictable bytes."""
 
     def __init__(
         self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes], *, period_ns: int
@@ -40,7 +40,7 @@ class XcpSlave:
         self._end()
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """Return the values that the tool asked to store, until the answer or the end of the connection."""
+        """Return the values that the tool asked to store; None after the answer or the end of the connection."""
         self._end_if_idle(now_ns)
         return self._to_store
 

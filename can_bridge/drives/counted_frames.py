@@ -15,14 +15,14 @@ import numpy as np
 from contract.arrays import Array, Index
 
 SLACK: Final = 2.0
-"""Largest difference, in periods, between the time from frame to frame and that which their counters imply."""
+"""Largest difference, in periods, between the time from frame to frame and the time that their counters imply."""
 _LONGEST: Final = 1000
 """Largest number of periods without a frame within a stretch, so that a change of the clock does not add many rows."""
 _JUMP: Final = 0.5
-"""Largest permanent shift of times within a stretch, in periods; after a larger one the counter shows no losses."""
+"""Largest permanent shift of times within a stretch, in periods; after a larger shift the counter shows no losses."""
 _AROUND: Final = 16
 """Number of frames before, and after, a possible shift of the reception times; the shift is the difference of their
-median delays. The number exceeds that of a burst, and is large enough to average jitter of 0.4 periods."""
+median delays. The number exceeds the length of a burst, and is large enough to average jitter of 0.4 periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ def usual_interval(frames: Sequence[CountedFrame], modulus: int) -> float | None
 
 
 def without_repeats(frames: Sequence[CountedFrame], within_s: float) -> list[CountedFrame]:
-    """Return the frames without those that repeat the data of a frame at most `within_s` before them."""
+    """Return the frames, except frames that repeat the data of a frame at most `within_s` before them."""
     kept: list[CountedFrame] = []
     last: dict[bytes, float] = {}
     for frame in frames:
@@ -84,7 +84,7 @@ def number(frames: Sequence[CountedFrame], *, period_s: float, modulus: int) -> 
     """
     once = without_repeats(frames, SLACK * period_s)
     parts = _parts(once, period_s, modulus)
-    # Misplaced frames are removed first: those before and after them may belong to one stretch.
+    # Misplaced frames are removed first: the frames before and after them may belong to one stretch.
     fitting = [frame for part in parts if len(part) > 1 for _, frame in part] or once
     stretches: list[FrameStretch] = []
     for part in _parts(fitting, period_s, modulus):

@@ -118,7 +118,7 @@ class _Bus:
         self._latest = float("-inf")
 
     def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
-        # A 29-bit identifier belongs to another node, so its number here must differ from all of 11 bits.
+        # A 29-bit identifier belongs to another node, so its number here must differ from every 11-bit identifier.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
         spec = specs.get(frame_id)
@@ -145,7 +145,7 @@ class _Bus:
         self.kept.setdefault(frame_id, []).append(frame)
 
     def lacks(self, kind: str, specs: Sequence[MessageSpec]) -> str:
-        """Return why there is no usable frame of these messages, and the other frames that there are."""
+        """Return a text that states why no frame of these messages is usable, and which other frames there are."""
         wanted = " or ".join(f"{spec.name} (0x{spec.frame_id:x})" for spec in specs)
         for counts, reason in (
             (self.forged, "authentication code: bus.key is not the key of this drive"),

@@ -112,8 +112,8 @@ def table_of(
     """Return the four pressures in Pa and the jets' flow in m2/s, one row for each period, (n + 1, 5). The first row is
     one period before the first frame, and the frames cover n periods. NaN means that the log has no value.
 
-    `pressure_pa` has the pressures of the stretch's frames. `commands` are those received during the time of these
-    frames, without repetitions. `modulus` is the number of values of the pressures' counter.
+    `pressure_pa` has the pressures of the stretch's frames. `commands` has the commands received during the time of
+    these frames, without repetitions. `modulus` is the number of values of the pressures' counter.
     """
     table = np.full((int(stretch.index[-1]) + 2, SENSORS + 1), np.nan)
     table[stretch.index + 1, :SENSORS] = pressure_pa

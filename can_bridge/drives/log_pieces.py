@@ -43,7 +43,7 @@ class Piece:
 
 
 class Cutter:
-    """A collector of pieces, and of a line of text about each gap that was filled, cut or left out.
+    """A collector of pieces, and of one text line for each gap that was filled, cut or left out.
 
     Attributes:
         lines: lines of text, which state times in s after the log's first pressure.

@@ -29,9 +29,9 @@ _OTHER_PERIOD: Final = 0.2
 """Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
 """Largest relative difference between the sender's period and the control period, as in tables with times
-(`contract.recording.findings`); quartz clocks differ by a tenth of it. Rows are resampled if theirs is larger."""
+(`contract.recording.findings`); quartz clocks differ by a tenth of it. Rows with a larger difference are resampled."""
 _OUTSIDE: Final = 0.05
-"""Largest distance of the control period from the periods that fit the log's speeds, as a share of the nearest."""
+"""Largest distance of the control period from the periods that fit the log's speeds, as a share of the nearest one."""
 _CONTRADICTS: Final = 0.01
 """Largest relative difference between a setting and the log; not zero, as the vehicle's own value has an error too."""
 _STANDS: Final = 0.2
@@ -79,8 +79,8 @@ class LogReport:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSeries:
-    """The pieces of a log in the order of time. On the log's clock, `start_s` is the time of the log's first row, from
-    which `travel` counts, and `period_s` the sender's period."""
+    """The pieces of a log in the order of time. `travel` is counted from `start_s`, the time of the log's first row.
+    `start_s` and the sender's period, `period_s`, are on the log's clock."""
 
     pieces: tuple[Piece, ...]
     start_s: float
@@ -202,7 +202,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
     DatasetError if it never moves, a given setting contradicts the log, or the control period fits no speed in it."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
-    if not len(moving):  # or the control period is of another vehicle
+    if not len(moving):  # the vehicle stands, or the control period belongs to another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
     if not len(moving):
         raise DatasetError(f"{path}: its VehicleSpeed frames state 0 m/s: the vehicle stands, so Cp is not defined")
@@ -233,7 +233,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Return speed in m/s, NaN where it is unknown or the vehicle stands, and density in kg/m3, for a table's rows."""
+    """Return each row's speed in m/s, NaN if it is unknown or the vehicle stands, and air density in kg/m3."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)
@@ -260,7 +260,7 @@ def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> N
     # Jitter at the two ends of a log looks like drift, so a shorter log is allowed a larger drift.
     if abs(drift) > _DRIFT + clock.jitter_s / (scales.period_s * rows / 2):
         raise DatasetError(
-            f"{path}: its pressures come every {clock.period_s * 1e3:.6g} ms, the control period is "
-            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%}, more than clocks differ; put flow.control_period or "
-            f"operating_point right"
+            f"{path}: pressures come every {clock.period_s * 1e3:.6g} ms, but the control period is "
+            f"{scales.period_s * 1e3:.6g} ms: {drift:+.2%} is no clock drift; correct flow.control_period or "
+            f"operating_point"
         )

@@ -1,7 +1,7 @@
 """The vehicle's speed during a drive, from its own frames, to convert pressures to Cp and seconds to convective times.
 
-The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out, and
-the last valid speed is then used for a limited time. Between two valid speeds the speed is interpolated linearly.
+The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out; the
+last valid speed then stays in use for a limited time. Between two valid speeds the speed is interpolated linearly.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ class VehicleSpeeds:
 
     def travel(self, width: float, start_s: float, pace: float) -> "Travel":
         """Return the distance travelled in body lengths since the time `start_s` on the log's clock. `pace` is the
-        speed of the log's clock relative to the sender's."""
+        speed of the log's clock relative to the sender's clock."""
         speed = np.maximum(self.speed, _SLOWEST) / (width * pace)
         if len(speed) == 1:
             return Travel.steady(start_s, 1.0 / float(speed[0]))
@@ -61,8 +61,8 @@ class VehicleSpeeds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Travel:
-    """The distance travelled in body lengths W at n times in s, both increasing, (n,), and between them and beyond by
-    straight lines. The distance in W equals the time in W / U_inf for every U_inf."""
+    """The distance travelled in body lengths W at n times in s, both increasing, (n,). Straight lines connect and
+    extend these points. The distance in W equals the time in W / U_inf for every U_inf."""
 
     time_s: Array
     way: Array
@@ -110,8 +110,8 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group triples of time, speed and density into spans. A triple to which no vehicle changes its speed so fast
-    begins a new span if the speed before it is too old to be used, and is left out otherwise."""
+    """Group triples of time, speed and density into spans. If no vehicle can reach a triple's speed so fast, the triple
+    begins a new span if the speed before it is too old to be used; otherwise the triple is left out."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

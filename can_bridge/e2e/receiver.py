@@ -8,16 +8,16 @@ gets a `FrameCheck` from its CRC and counter, and a window of the latest checks 
 - INIT becomes INVALID with more than `max_errors` bad checks;
 - VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
 
-AUTOSAR's own machine leaves the check that ends NODATA out of the window. Here this check counts, so that with
-`min_ok` = 2 the second frame of a stream is trusted, as by AUTOSAR's machine with MinOkStateInit = 1,
-MinOkStateValid = 1 and MinOkStateInvalid = 2 as long as the window holds the first check.
+AUTOSAR's own machine leaves the check that ends NODATA out of the window. Here this check counts: with `min_ok` = 2 the
+second frame of a stream is trusted. AUTOSAR's machine does the same with MinOkStateInit = 1, MinOkStateValid = 1 and
+MinOkStateInvalid = 2, as long as the window holds the first check.
 
 A repeated frame, a jump in the counter and a period without a frame are neither good nor bad: they push good checks out
 of the window. As in the standard, the receiver continues from the new count after a jump, so that the frames of a
 restarted sender are good from the second frame on.
 
-As in the standard, the state machine advances once a period, whatever the number of frames; the check of a period is
-an error if that of any of its frames is, and otherwise good if that of any frame is.
+As in the standard, the state machine advances once a period, whatever the number of frames; the check of a period is an
+error if the check of any of its frames is an error, and otherwise good if the check of any frame is good.
 """
 
 from collections.abc import Iterable
@@ -55,12 +55,12 @@ class StreamState(Enum):
 GOOD: Final = (FrameCheck.OK, FrameCheck.OK_SOME_LOST)
 _REJECTED: Final = (FrameCheck.REPEATED, FrameCheck.WRONG_SEQUENCE, FrameCheck.ERROR)
 _BY_WEIGHT: Final = (FrameCheck.ERROR, *GOOD, FrameCheck.WRONG_SEQUENCE, FrameCheck.REPEATED, FrameCheck.NO_NEW_DATA)
-"""The first of these among the checks of a period's frames is the check of the period."""
+"""The results in order of weight: the check of a period is the first of these results that any of its frames has."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reception:
-    """The outcome of one period: a check for each frame of the message, oldest first, or NO_NEW_DATA alone; and the
+    """The outcome of one period: a check for each frame of the message, oldest first, or only NO_NEW_DATA; and the
     newest frame with a good check, in any state of the stream."""
 
     stream: StreamState
@@ -100,7 +100,7 @@ def receive(
     state: ReceiverState, frames: Iterable[Frame], *, spec: MessageSpec, config: E2eConfig
 ) -> tuple[ReceiverState, Reception]:
     """Return the state after one period, and the period's outcome; `frames` are all frames received in the period,
-    oldest first, of which other messages' are ignored. Of a secured message only the protected part is checked."""
+    oldest first; frames of other messages are ignored. Of a secured message only the protected part is checked."""
     checks: list[FrameCheck] = []
     accepted: Frame | None = None
     last_counter = state.last_counter

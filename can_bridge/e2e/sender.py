@@ -18,7 +18,7 @@ class SenderState:
 
 
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
-    """Return the next frame of a message, for data from its `emit`; of a secured message the protected part, to which
+    """Return the next frame of a message, for data from its `emit`. For a secured message, this is the protected part;
     `can_bridge.secoc.node.secured` adds the rest. Raises ValueError for data of another length."""
     if len(data) != spec.protected:
         raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.protected}")

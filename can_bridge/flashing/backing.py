@@ -22,8 +22,8 @@ class MediumError(BusError):
 T = TypeVar("T")
 
 Long = Generator[None, None, T]
-"""A long operation in parts, of at most a few tens of milliseconds on a controller, between which the caller can answer
-frames or give up. The generator's return value is the result."""
+"""A long operation in parts. Between two parts the caller can answer frames or give up. A part takes at most a few tens
+of milliseconds on a controller. The generator's return value is the result."""
 
 
 def at_once(work: Long[T]) -> T:

@@ -35,7 +35,7 @@ Fits = Callable[[Any], Verdict]
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """The ECU's own rules for images; without `keys` (a key list) it accepts none."""
+    """The ECU's own rules for images; without `keys` (a key list) no image is accepted."""
 
     keys: KeyList | None
     hardware: str

@@ -73,7 +73,7 @@ class FolderFiles:
 
 
 def open_regular(path: Path, flags: int) -> int:
-    """Return the handle of a regular file; a new one is its owner's only. Raises OSError for others: a FIFO blocks."""
+    """Return the handle of a regular file; only the owner can access a new file. Raises OSError for other files."""
     handle = os.open(path, flags | os.O_NONBLOCK, 0o600)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
@@ -90,7 +90,7 @@ def _reported(path: Path) -> Iterator[None]:
 
 
 CAPACITY: Final = 16 * 1024 * 1024
-"""Default size of a slot in bytes: more than any release has."""
+"""Default size of a slot in bytes, which is larger than any release."""
 _HEADER: Final = struct.Struct(">4sII")
 _MAGIC: Final = b"SWR1"
 _TEMPORARY: Final = "record.new"
@@ -112,7 +112,7 @@ class FolderBacking:
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace a record, for `RecordKind.STATE` with the slots on the disk. Raises ValueError for a long one."""
+        """Replace a record; sync the slots before `RecordKind.STATE`. Raises ValueError for an overlong record."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == RecordKind.STATE:

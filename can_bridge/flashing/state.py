@@ -23,7 +23,7 @@ from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION
 
 TRIAL_BOOTS: Final = 3
-"""Number of boots of an activated image without confirmation before the store returns to the confirmed one."""
+"""Number of boots of an activated image without confirmation before the store returns to the confirmed image."""
 MOST_ATTEMPTS: Final = 255
 
 _MAGIC: Final = b"SWS1"

@@ -57,8 +57,8 @@ class Store(Remembered):
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing, at production, with a key list and an image, which is then confirmed in slot A. Raises
-        OutOfOrderError unless it is empty; KeyFileError for a list not by the root key; ConfigError for a bad image."""
+        """Fill an empty backing, at production, with a key list and a confirmed image in slot A. Raises OutOfOrderError
+        unless it is empty; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
@@ -115,7 +115,7 @@ class Store(Remembered):
 
     def append(self, data: bytes) -> None:
         """Append bytes to the announced image; when the method returns, they survive a loss of power. Raises
-        OutOfOrderError without an image or beyond its length. After a MediumError it must be announced again."""
+        OutOfOrderError without an image or beyond its length. After a MediumError the image must be announced again."""
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
@@ -178,8 +178,8 @@ class Store(Remembered):
             raise OutOfOrderError("no release to confirm: an activated release must run")
         if phase == SlotPhase.TRIAL:
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
-                # The release would not boot again, and the confirmation may raise the least security version above the
-                # version of the previous release, which would then not boot either.
+                # Such a release would not boot again. Its confirmation may raise the least security version above the
+                # version of the previous release: the previous release would then not boot either.
                 raise OutOfOrderError("the key that signed the release on trial is not in the list: revert it")
             self._confirm(slot)
 
@@ -213,8 +213,8 @@ class Store(Remembered):
         return verdict
 
     def take_keys(self, raw: bytes) -> None:
-        """Replace the key list. Raises KeyFileError if the new list is not by the root key, is not newer, or lacks the
-        key that signed the active or the running confirmed release, which could then not boot."""
+        """Replace the key list. Raises KeyFileError if the new list is not signed by the root key, is not newer, or
+        lacks the signing key of the active or the running confirmed release: this release could then not boot."""
         listed = key_list.decode(raw, self._root)
         if self.keys is not None:
             if listed.version <= self.keys.version:
@@ -252,7 +252,7 @@ class Store(Remembered):
         self._calibrations = kept
 
     def _writable_slot(self) -> Slot:
-        """Return the slot to write; protected is the running release if it is confirmed, otherwise the active one."""
+        """Return the slot to write; a confirmed running release is protected, or else the active release."""
         running, active = self.running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other
@@ -261,7 +261,7 @@ class Store(Remembered):
         return running.other
 
     def _without(self, slot: Slot) -> StoreState:
-        """Return the state with this slot empty, and the other one active if it has a confirmed release."""
+        """Return the state with this slot empty, and the other slot active if it has a confirmed release."""
         is_confirmed = self.state.slots[slot.other].phase == SlotPhase.CONFIRMED
         return self.state.with_slot(slot, SlotState(), active=slot.other if is_confirmed else None)
 

@@ -32,11 +32,11 @@ class Verdict(InWords):
     WRONG_HARDWARE = 9, "the bundle was made for other ECU hardware"
     WRONG_PERIOD = 10, "the bundle was made for another control period"
     WRONG_VEHICLE = 11, "the bundle was made for another vehicle"
-    """The bundle's operating point, action limit or number of sensors is not that of this vehicle."""
+    """The bundle's operating point, action limit or number of sensors differs from the vehicle's value."""
     TOO_OLD = 12, "the bundle's security version is older than this ECU allows"
     """The bundle's security version is below the version of a release that was confirmed on this ECU."""
     UNREADABLE = 13, "the image cannot be read back from the memory"
     EMPTY = 14, "the slot is empty"
     WRONG_BUILD = 15, "the image was made for another build of the firmware, or has numbers that no ECU accepts"
-    """The image's parameters have the layout of another firmware, which is checked right after WRONG_DBC; or the
-    image's payload is too short or has a number that no ECU can run, which is checked last."""
+    """The image's parameters have the layout of another firmware (checked right after WRONG_DBC), or its payload is too
+    short or has a number that no ECU can run (checked last)."""

@@ -29,7 +29,7 @@ _NUMBER_OF_NAME: Final = re.compile(r"\bID\s*=\s*(\d+)(x?)", re.IGNORECASE)
 """Pattern of the decimal identifier that files of version 8 or later have after a classic frame."""
 _DIRECTIONS: Final = ("rx", "tx", "txrq")
 _NUMERIC: Final = "0123456789+-("
-"""Characters with which a line of data can begin, but no header line."""
+"""Characters with which a line of data can begin; no header line begins with them."""
 _TRAILING: Final = 6
 """Smallest number of numbers that follow the data bytes in a CAN FD line; version 8 writes two more."""
 _FLAGS: Final = 2

@@ -113,7 +113,7 @@ class _Stream:
         return b"LOBJ" in self._rest
 
     def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
-        """Yield type, bytes and header length of each object. Raises ValueError where one must begin and none does."""
+        """Yield each object's type, bytes and header length. Raises ValueError if no object begins where it must."""
         data, at = self._rest + block, 0
         while True:
             # Up to three bytes of padding come between objects, depending on their type.

@@ -34,7 +34,7 @@ _FD: Final = re.compile(r"#([0-9A-Fa-f])(.*)")
 _DATA: Final = re.compile(r"((?:[0-9A-Fa-f]{2}\.?)*)(?:_[9A-Fa-f])?")
 _REMOTE: Final = re.compile(r"[Rr]([0-9])?(?:_[9A-Fa-f])?")
 _RELATIVE: Final = re.compile(r"\d{3}\.\d{6}")
-"""A relative time: candump pads the seconds of -t z and -t d to three digits, those since the epoch to ten."""
+"""A relative time: candump pads the seconds of -t z and -t d to three digits, and seconds since the epoch to ten."""
 _REMEDY: Final = "record with `candump -L`"
 _LATE: Final = 0.1
 """Largest share of a channel's frames that a driver may stamp with the time of the previous frame."""
@@ -88,7 +88,7 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than those before them: such times are differences."""
+        """Raise ValueError if too many frames are not later than the frames before: such times are differences."""
         if self._not_later > _LATE * self._count:
             raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
 
@@ -155,7 +155,7 @@ def _ident(digits: str) -> entries.Ident:
 @contextmanager
 def recording(path: Path) -> Iterator[Callable[[Frame], None]]:
     """Yield a function that appends a frame to the log; the file is created only if the `with` block ends without an
-    error. Frames must come in the order of their timestamps: the writer stamps an earlier one with the previous frame's
-    time. Raises StillwakeError if the file cannot be written."""
+    error. Frames must come in the order of their timestamps: the writer stamps an earlier frame with the previous
+    frame's time. Raises StillwakeError if the file cannot be written."""
     with replacing(path) as temporary, can.CanutilsLogWriter(temporary) as writer:
         yield lambda frame: writer.on_message_received(to_message(frame))

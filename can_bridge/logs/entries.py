@@ -18,7 +18,7 @@ COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """Event name of a node's request to send a frame. The frame itself is another entry, or was never sent."""
 NOT_OURS: Final = "frame with a name that is not stillwake's"
-"""Event name of a frame that has a name in place of an identifier, if the name is not that of one of our messages."""
+"""Event name of a frame that has a name in place of an identifier, if no message of ours has this name."""
 XL: Final = "CAN XL frame"
 
 IDS: Final = {spec.name: spec.frame_id for spec in SPECS}

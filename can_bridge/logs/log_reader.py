@@ -46,7 +46,7 @@ def stem_of(path: Path) -> str:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether the file is a log: by its ending, and for CSV by the first line, that of python-can's logger."""
+    """Return whether the file is a log, by its ending; a CSV must begin with the columns of python-can's logger."""
     suffix = suffix_of(path)
     if suffix != ".csv" or path.suffix.lower() == PACKED:
         return suffix in LOG_SUFFIXES
@@ -70,8 +70,8 @@ class CanLog:
     """
 
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
-        """Open a log. Raises BusError for a file that does not exist or has no supported format. `zone` is that of a
-        local start time in the file; only the named channels are read, or all."""
+        """Open a log. Raises BusError for a file that does not exist or has no supported format. `zone` is the time
+        zone of a local start time in the file. Only the named channels are read; by default, all."""
         suffix = suffix_of(path)
         if suffix not in LOG_SUFFIXES:
             raise BusError(
@@ -91,7 +91,7 @@ class CanLog:
 
     def __iter__(self) -> Iterator[can.Message]:
         """Yield the messages in the order of the file. If the file is damaged, or a line is neither a message nor an
-        event, the messages before that place are yielded; then BusError, which states the file's name, is raised."""
+        event, the messages before that place are yielded; then it raises BusError with the file's name."""
         with ExitStack() as stack:
             try:
                 for entry in self._entries(stack):

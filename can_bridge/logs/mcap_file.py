@@ -1,5 +1,5 @@
-"""MCAP files with one topic of frames and one topic for each group of channels, in Protobuf. It contains its
-schemas, so that Foxglove, Rerun and PlotJuggler read it. In a file that is read as a log, all but frames is counted."""
+"""MCAP files with a topic of frames and a topic for each group of channels, in Protobuf. A file contains its schemas,
+so that Foxglove, Rerun and PlotJuggler read it. In a file that is read as a log, other topics are counted."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -99,7 +99,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
 
 def _columns(measurement: Any, group: int, names: list[str], rows: int) -> dict[str, Any]:
     """Return the fields of the first `rows` records, by name. Constants may be stored in conversions, so conversions
-    are applied, except those that replace numbers by texts such as "Rx"."""
+    are applied, except conversions of numbers to texts such as "Rx"."""
     found = {}
     for name in names:
         with redirect_stdout(io.StringIO()):  # asammdf prints a page before it raises
@@ -171,7 +171,7 @@ def _kind(message: can.Message) -> str:
 
 
 def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
-    """Return each channel's number: its name if this is a number below 256, or else the first free one from 1 on."""
+    """Return each channel's number: its name if it is a number below 256, else the first free number from 1 on."""
     names = list(dict.fromkeys(str(one.channel or "") for one in messages))
     found = {name: int(name) for name in names if name.isdecimal() and int(name) < 256}
     free = (number for number in range(1, 256) if number not in found.values())

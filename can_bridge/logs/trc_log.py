@@ -29,7 +29,7 @@ _FD: Final = {"FD": FD_FRAME, "FB": FD_FRAME | BRS, "FE": FD_FRAME | ESI, "BI": 
 
 
 def read_trc(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
-    """Yield the entries of the lines. Raises ValueError with the number of a line of another format than the file's."""
+    """Yield the entries of the lines. Raises ValueError with the number of a line that is not in the file's format."""
     columns, start_s = list(_COLUMNS["1.0"]), 0.0
     for number, line in lines:
         text = line.strip()

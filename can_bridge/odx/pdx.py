@@ -105,7 +105,7 @@ DID_TYPES: Final[Mapping[Did, str]] = {
     Did.CALIBRATION_LIMITS: "calibration_limits",
     Did.CALIBRATION_STORED: "u8",
 }
-"""Type of each identifier's value; what is written has the same type, except the key list."""
+"""Type of each identifier's value. A value to write has the same type, except the key list."""
 _OPTIONS: Final = {Routine.ERASE: (value("length", "u32"), value("sha256", "bytes_32"))}
 _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (value("verdict", "verdict"),)}
 

@@ -9,7 +9,7 @@ from can_bridge.uds.services import LEVELS
 
 SEED_AND_KEY: Final = "seed_and_key.json"
 EXAMPLE: Final = bytes(range(16))
-"""The access key, which no ECU uses, and also the seed of the examples with known keys."""
+"""The access key and the seed of the examples with known keys. No ECU uses this access key."""
 _LIBRARY: Final = {
     "function": "GenerateKeyEx",
     "prototype": "int GenerateKeyEx(const unsigned char *seed, unsigned int seed_length, unsigned int level, "
@@ -18,7 +18,7 @@ _LIBRARY: Final = {
     "variant": "not used: the access key decides, which the library's maker keeps for each ECU",
     "returns": {"0": "key computed", "1": "key_capacity too small", "2": "level unknown", "4": "other error"},
 }
-"""The interface of the seed-and-key library that testers load: that of the DLL which tools for Windows expect."""
+"""The interface of the seed-and-key library that testers load: the DLL's interface that tools for Windows expect."""
 
 
 def seed_and_key() -> bytes:

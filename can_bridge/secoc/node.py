@@ -42,7 +42,7 @@ def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
 
 
 def key_of(authentication: Authentication | None, config: BusConfig) -> Key | None:
-    """Return the key to use. Raises ConfigError if either the settings or the node, and not both, have a key."""
+    """Return the key to use. Raises ConfigError if only the settings or only the node has a key."""
     if message_set(config).pressure.spec.is_secured != (authentication is not None):
         given = "without a key" if authentication is None else "with a key"
         raise ConfigError(f"bus.key = {config.key!r}: the node was made {given}")

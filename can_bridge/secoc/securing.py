@@ -97,7 +97,7 @@ class VerifierState:
 
 
 class Verification(NamedTuple):
-    """The frames of a period that were not refused; `none_authentic`: frames of the message came, and none passed."""
+    """The frames of a period that passed; `none_authentic`: whether frames of the message came and none passed."""
 
     state: VerifierState
     frames: Sequence[Frame]
@@ -105,7 +105,7 @@ class Verification(NamedTuple):
 
 
 def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec, key: Key | None) -> Verification:
-    """Check the frames of a message in a period, oldest first; pass on those of others, and without a key all."""
+    """Check a message's frames in a period, oldest first. Other messages' frames pass, and all frames without a key."""
     if key is None:
         return Verification(state, frames, none_authentic=False)
     freshness, not_authentic, not_fresh = state.freshness, state.not_authentic, state.not_fresh

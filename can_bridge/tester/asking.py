@@ -34,7 +34,7 @@ BUSY: Final = 0x21
 """Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
-"""Time in s between two messages that keep a session open, of which one may be lost within `S3_MS`."""
+"""Time in s between two messages that keep a session open; within `S3_MS` one of these messages may be lost."""
 DELAY_S: Final = 15.0
 """Longest wait in s while the ECU accepts no key because it received wrong keys: more than the ECU's delay of 10 s."""
 
@@ -174,7 +174,7 @@ class Asking:
             return self._ask(step, call, times=times)
 
     def _ask(self, step: str, call: Callable[[], T | None], *, times: int = TIMES) -> Any:
-        """Return the ECU's answer. Raises RefusedError for a negative one; NoAnswerError after `times` attempts."""
+        """Return the ECU's answer. Raises RefusedError if it is negative; NoAnswerError after `times` attempts."""
         from udsoncan import exceptions
 
         sent = 0

@@ -55,7 +55,7 @@ def unlock(asking: Asking) -> None:
 
 
 def write(asking: Asking, wanted: Calibration) -> None:
-    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses them, or reports others afterwards."""
+    """Put values in force, after `unlock`. Raises FlashError if the ECU refuses them, or then reports other values."""
     asking.write(Did.CALIBRATION, wanted.pack())
     _check_in_force(asking, wanted.pack())
 
@@ -66,7 +66,7 @@ def store(asking: Asking) -> None:
 
 
 def revert(asking: Asking, release: Calibration) -> None:
-    """Put the release's own values in force and delete stored ones, after `unlock`. Raises NotNowError like `store`."""
+    """Put the release's values in force and delete stored values, after `unlock`. Raises NotNowError like `store`."""
     _keep(asking, _REVERT, "drop the stored calibration")
     _check_in_force(asking, release.pack())
 

@@ -33,7 +33,7 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Read all properties. Raises RefusedError for one that the ECU does not report, BusError for a damaged report."""
+    """Read all properties. Raises RefusedError if the ECU does not report one; BusError for a damaged report."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),
@@ -56,7 +56,7 @@ def _text(asking: Asking, did: Did) -> str:
 
 def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
     """Raise WrongReleaseError for the first property of the release, or of its image of `length` bytes, that does not
-    fit the ECU. The bundle's DBC is that of this version, because no other bundle can be loaded."""
+    fit the ECU. The bundle has the DBC of this version, because no other bundle can be loaded."""
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
 

@@ -66,7 +66,7 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class FlashOptions:
-    """Options that leave out steps: a dry run all that write; without `confirm` the release stays on trial."""
+    """Options that leave out steps: a dry run writes nothing; without `confirm` the release stays on trial."""
 
     dry_run: bool = False
     confirm: bool = True

@@ -198,8 +198,8 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; return the versions of the old one, 0 for none, and of the new one. Raises WrongKeysError
-    if the ECU rejects it; FlashError if it may not be written now or the ECU does not answer."""
+    """Replace the key list; return the version of the old list, 0 for none, and of the new list. Raises WrongKeysError
+    if the ECU rejects the new list; FlashError if it may not be written now or the ECU does not answer."""
     before = _version(asking)
     enter_programming(asking)
     wrong = messages.WrongKeysError(

@@ -59,7 +59,7 @@ _ENDS_SENDING: Final = (isotp.FlowControlTimeoutError, isotp.OverflowError, isot
 
 
 def silence() -> None:
-    """Keep the libraries' warnings from stderr, where Python prints those of a logger without a handler."""
+    """Keep the libraries' warnings from stderr: Python prints warnings there if a logger has no handler."""
     for name in ("UdsClient", "Connection", "isotp"):
         logging.getLogger(name).addHandler(logging.NullHandler())
 

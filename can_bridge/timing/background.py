@@ -28,7 +28,7 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first, and those of the file that are not sent: "name (why)"."""
+    """The messages of other nodes, highest priority first, and the file's messages that are not sent: "name (why)"."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
@@ -50,7 +50,7 @@ def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
         if why is not None:
             left_out.append(f"{message.name} ({why})")
             continue
-        assert message.cycle_time is not None  # or there is a reason to leave it out
+        assert message.cycle_time is not None  # a message without a cycle time is left out
         _check(path, message, bus)
         period_ns = round(message.cycle_time * NS_PER_MS)
         lengths = FD_LENGTHS if message.is_fd else CLASSIC_LENGTHS
@@ -113,7 +113,7 @@ _PERIOD_WEIGHTS: Final = (1, 6, 6, 3, 8, 3, 2, 3)
 _CLASSIC_LENGTHS: Final = (8, 8, 8, 8, 6, 4, 2)
 _FD_LENGTHS: Final = (8, 8, 16, 24, 32, 48, 64, 64)
 _IDS: Final = range(0x010, 0x700)
-"""Identifiers of generated messages; smaller ones are for network management, larger ones for diagnostics."""
+"""Identifiers of generated messages; smaller numbers are for network management, larger numbers for diagnostics."""
 
 
 def background(bus: BusConfig) -> BackgroundTraffic:
@@ -125,9 +125,9 @@ def background(bus: BusConfig) -> BackgroundTraffic:
 
 
 def made_up(load: float, bus: BusConfig, *, seed: int) -> tuple[PeriodicMessage, ...]:
-    """Return messages that fill the share `load` of the bus with their longest frames, but for a remainder too small
-    for the next message drawn. Messages with shorter periods have higher priorities. Of two or more messages, the first
-    has a higher priority than all of ours and the last a lower one. Raises ConfigError for less than one message."""
+    """Return messages that fill the share `load` of the bus with their longest frames, until the next drawn message
+    does not fit. Messages with shorter periods have higher priorities. Of two or more messages, the first has a higher
+    priority than all of ours and the last a lower priority. Raises ConfigError for less than one message."""
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
     if not drawn:
@@ -164,7 +164,7 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
 
 
 def _identifiers(count: int, random: Random) -> list[int]:
-    """Return `count` free identifiers in rising order. All loads of all bit rates need fewer than there are."""
+    """Return `count` free identifiers in rising order. There are enough for all loads and bit rates."""
     free = [frame_id for frame_id in _IDS if frame_id not in OUR_IDS]
     above = [frame_id for frame_id in free if frame_id < min(OUR_IDS)]
     below = [frame_id for frame_id in free if frame_id > max(OUR_IDS)]

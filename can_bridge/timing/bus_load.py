@@ -99,7 +99,7 @@ def loop_messages(config: Config, others: Sequence[PeriodicMessage] = ()) -> tup
     )
     everyone = _by_priority((pressure, speed, command, status, *others))
     arrival = message_response_times(everyone, config.bus)[everyone.index(pressure)]
-    # Without a bound on the pressures' response time there is none for the answers, whose priority is lower.
+    # If the pressures' response time has no bound, the answers have no bound either: their priority is lower.
     jitter_ns = period_ns if arrival.response_ns is None else arrival.response_ns
     return (
         pressure,

@@ -59,7 +59,7 @@ class Response:
 
 
 def response_times(timings: Sequence[MessageTiming], *, bit_ns: int) -> list[Response]:
-    """Return the response times of messages, highest priority first; `bit_ns` is that of a nominal bit, rounded up."""
+    """Return the response times of messages, highest priority first; `bit_ns` is the time of a bit, rounded up."""
     blocking = [0, *accumulate((one.frame_ns for one in reversed(timings[1:])), max)][::-1]
     higher: _Rhythms = {}
     responses = []

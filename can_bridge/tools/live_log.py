@@ -22,7 +22,7 @@ from contract.atomic import leads_to
 from contract.errors import StillwakeError
 
 _PAUSE_S: Final = 0.05
-"""Pause in s between two writes: short, because a control step may have to wait for one."""
+"""Pause in s between two writes: short, because a control step may have to wait for a write."""
 
 
 @contextmanager

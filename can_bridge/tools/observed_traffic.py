@@ -113,7 +113,7 @@ class Traffic:
 
     @property
     def is_protected(self) -> bool:
-        """Whether the message is one of ours, all of which have an end-to-end check."""
+        """Whether the message is one of ours; all our messages have an end-to-end check."""
         return self.decoded is not None
 
     @property

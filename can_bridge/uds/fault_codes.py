@@ -1,7 +1,7 @@
 """This ECU's diagnostic trouble codes (SAE J2012-DA): one for each reason that is a fault, and their snapshots.
 
 The first two bytes of a code are a letter, a 1 (which marks a manufacturer's own code), and the number of the reason.
-The letter is U for faults of the bus, P for those of the ECU and its sensors. The third byte is the type of failure.
+The letter is U for faults of the bus, P for faults of the ECU and its sensors. The third byte is the type of failure.
 """
 
 import struct

@@ -24,7 +24,7 @@ ANSWER_LENGTH: Final = 16
 MAX_ATTEMPTS: Final = 3
 DELAY_NS: Final = 10_000_000_000
 LABEL: Final = b"stillwake access"
-"""Label that is followed by a level's number in the message whose AES-CMAC is the level's key."""
+"""Label at the beginning of the message whose AES-CMAC is a level's key; the level's number follows."""
 
 
 class AccessKey:

@@ -234,7 +234,7 @@ class UdsServer:
             try:
                 answer += number + self._value(int.from_bytes(number, "big"))
             except Refused as refusal:
-                # By the standard an unknown identifier is left out of the answer if another one is known.
+                # By the standard an unknown identifier is left out of the answer if another identifier is known.
                 if refusal.code is not Nrc.OUT_OF_RANGE:
                     raise
         if not answer:

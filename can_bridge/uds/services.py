@@ -132,7 +132,7 @@ class Did(IntEnum):
     CALIBRATION_LIMITS = 0xFD11
     """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
-    """Writing 1 stores the values in force, 0 restores the release's own; reading returns whether any are stored."""
+    """Writing 1 stores the values in force; 0 restores the release's values. Reading returns whether any are stored."""
 
 
 class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)
@@ -152,7 +152,7 @@ _EXTENDED: Final = frozenset({Session.EXTENDED})
 @dataclass(frozen=True)
 class Permission:
     """The conditions for a request: its sessions, the security level that must be unlocked, and the length in bytes of
-    the value or option record; None for any."""
+    the value or option record; None for any length."""
 
     sessions: frozenset[Session] = _ALL
     level: Level | None = None

@@ -9,7 +9,7 @@ from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, N
 _MS: Final = 1_000_000
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
-"""Times after which a response-pending is sent: half of those by which its last bit must be on the bus."""
+"""Times after which a response-pending is sent: half of the times by which its last bit must be on the bus."""
 
 
 def negative(service: int, code: Nrc) -> bytes:
@@ -17,8 +17,8 @@ def negative(service: int, code: Nrc) -> bytes:
 
 
 class Job:
-    """A request being processed. Its work returns the answer after the first byte. With `is_quiet` no positive answer
-    is sent; `passed_over` has the negative response codes that are not sent either."""
+    """A request being processed. Its work returns the answer's bytes after the first. With `is_quiet` no positive
+    answer is sent; `passed_over` has the negative response codes that are not sent either."""
 
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
@@ -51,7 +51,7 @@ class Job:
 
 
 class Download:
-    """A requested download of `length` bytes, of which the first is at byte `offset` of the image.
+    """A requested download of `length` bytes, beginning at byte `offset` of the image.
 
     Attributes:
         missing: number of bytes that have not come yet.
@@ -71,7 +71,7 @@ class Download:
         return self._last is not None
 
     def is_new(self, counter: int, data: bytes) -> bool:
-        """Return whether to write this block; False if it repeats the last one. Raises Refused for a wrong block."""
+        """Return whether to write this block; False if it repeats the last block. Raises Refused for a wrong block."""
         if self._last == (counter, data) and not self.is_closed:
             return False
         if self.missing == 0:

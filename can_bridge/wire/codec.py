@@ -134,7 +134,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
     """Return the message as 24 bytes."""
     state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx, aside = message
     if not 0 <= aside <= SET_ASIDE_LIMIT:
-        aside = -1  # which no byte takes
+        aside = -1  # packing fails, because no byte holds this value
     try:
         counts = bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside
         return _ECU_STATUS.pack(mode_of(state), reason_of(reason), *counts)

@@ -100,7 +100,7 @@ def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
 
 
 def is_arbitration_bit(frame: Frame, position: int) -> bool:
-    """Return whether a smaller identifier's dominant bit may, without an error, replace a recessive bit there."""
+    """Return whether a dominant bit of a smaller identifier may replace a recessive bit there without an error."""
     return 0 < position < len(stuffed(_identifier_bits(frame)))
 
 
@@ -132,7 +132,7 @@ def _identifier_bits(frame: Frame) -> str:
 
 
 def _classic_head(frame: Frame) -> str:
-    """Return the bits from the start of frame to DLC, before which are RTR, IDE (r1 with 29 bits) and r0."""
+    """Return the bits from the start of frame to DLC; the last before DLC are RTR, IDE (r1 with 29 bits) and r0."""
     return _identifier_bits(frame) + "000" + _to_bits(len(frame.data), 4)
 
 
@@ -178,7 +178,7 @@ def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> i
 
 
 def _most_stuff_bits(bits: int) -> int:
-    """Return the largest number of stuff bits in so many bits: after the first five, then after every fourth."""
+    """Return the largest number of stuff bits in `bits` bits: one after the first five, then one after every four."""
     return (bits - 1) // 4
 
 

@@ -51,7 +51,7 @@ class MessageSet:
 
 
 def _set(name: str, by: ModuleType, named: Sequence[MessageSpec], resolution_pa: float, most_steps: int) -> MessageSet:
-    """Return the set whose messages, in the order of `MessageSet.specs`, are converted by the codec `by`."""
+    """Return the set of messages that the codec `by` converts; the messages are in the order of `MessageSet.specs`."""
     pressure, speed, command, status = named
     return MessageSet(
         name=name,

@@ -11,10 +11,10 @@ SENSORS: Final = 4
 
 COUNT_LIMIT: Final = 0xFFFF
 BUS_OFF_LIMIT: Final = 0xFF
-"""Largest values of the event counts and of the bus-off count of EcuStatus, which do not rise further."""
+"""Largest values of the event counts and the bus-off count in EcuStatus; larger counts are sent as these values."""
 
 ERROR_LIMIT: Final = 0xFF
-"""Largest value that is sent for the CAN controller's error counters, also for 256, at which it goes bus-off."""
+"""Largest value that is sent for the CAN controller's error counters, also for 256, which means bus-off."""
 
 SET_ASIDE_LIMIT: Final = 0b1111
 """Largest value of `EcuStatus.set_aside`, with the bits of all four pressures."""
@@ -60,7 +60,7 @@ class Pressure(NamedTuple):
     """Wall pressures of one instant.
 
     Attributes:
-        pressure_pa: pressures relative to the free stream's, in Pa, (4,), in the order of the bundle's sensors.
+        pressure_pa: pressures relative to the free stream, in Pa, (4,), in the order of the bundle's sensors.
         valid: whether each sensor's own diagnosis found no fault, (4,).
         enable_request: whether the vehicle requests control.
         age_ns: time in ns from sampling until the frame is passed to the bus.

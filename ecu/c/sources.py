@@ -7,7 +7,7 @@ from typing import Final
 from contract.controller.c_folder import c_files
 
 MONOCYPHER: Final = "4.0.3"
-"""Version of Monocypher in `store/vendor`, whose repository has the placeholder `__git__` where releases state it."""
+"""Version of Monocypher in `store/vendor`; in Monocypher's repository the files state `__git__` in its place."""
 
 
 def sources_in(folder: str = "") -> dict[str, bytes]:
@@ -21,15 +21,15 @@ def control_sources() -> dict[str, bytes]:
 
 
 def firmware_sources() -> dict[str, bytes]:
-    """Return the sources of the ECU around a control step, and in `board/` and `loader/` those of the firmware around
-    the ECU, without the generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
+    """Return the sources of the ECU around a control step, and in `board/` and `loader/` the firmware around the ECU,
+    without the generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
     around = {f"board/{name}": text for name, text in sources_in("board").items()}
     return control_sources() | around | {f"loader/{name}": text for name, text in loader_sources().items()}
 
 
 def loader_sources() -> dict[str, bytes]:
     """Return the sources of loader, store and diagnosis, which are compiled together with a library's sources.
-    Monocypher's have names that end in `_c.h`: they are included by another source, not compiled alone."""
+    The names of Monocypher's sources end in `_c.h`: another source includes them, so they are not compiled alone."""
     return sources_in("store") | sources_in("loader") | {
         name.replace(".c", "_c.h"): text.replace(b"version __git__", f"version {MONOCYPHER}".encode())
         for name, text in sources_in("store/vendor").items()
@@ -54,5 +54,5 @@ def _in_parts(parts: Sequence[str]) -> dict[str, bytes]:
 
 
 def example_sources() -> dict[str, bytes]:
-    """Return the example programs by their paths in a library's folder, without what `ecu.in_c.c_examples` makes."""
+    """Return the example programs by their paths in a library's folder, without the files of `ecu.in_c.c_examples`."""
     return {f"examples/{name}": content for name, content in sources_in("examples").items()}

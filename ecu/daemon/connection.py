@@ -43,7 +43,7 @@ class Connection:
     The thread that reads the bus calls `deliver` with every received frame.
 
     Attributes:
-        not_sent, why_not_sent: number of refused frames, also by a lost bus, and the reason for the latest, or empty.
+        not_sent, why_not_sent: number of frames that could not be sent, and the reason for the latest one, or empty.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Connection:
     ) -> None:
         self._open, self._deliver, self._first_pause_s = open_bus, deliver, first_pause_s
         self._bus: _Read | None = None
-        self._opened = deque[PythonCanBus]()  # by the opener, one at most
+        self._opened = deque[PythonCanBus]()  # filled by the opener, with one bus at most
         self._opener: Thread | None = None
         self._closing = Event()
         self._sending = Lock()
@@ -81,7 +81,7 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """Return whether the bus was lost or has returned since the last call, once a period. It never waits."""
+        """Return, once a period and without waiting, whether the bus was lost or has returned since the last call."""
         if self._bus is None:
             if not self._opened:
                 return None

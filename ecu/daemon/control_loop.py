@@ -190,6 +190,6 @@ def check_offset(config: Config) -> int:
 
 def _usage() -> tuple[int, int, int, int]:
     """Return the numbers of the process's garbage collections, and of this thread's minor page faults, major page
-    faults and involuntary context switches; those of the process where the system is not Linux."""
+    faults and involuntary context switches; if the system is not Linux, the numbers of the process."""
     used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

@@ -81,7 +81,7 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU and the further parts of its process: functions that the thread that reads the bus calls with the frames
+    """An ECU and the further parts of its process: functions to which the thread that reads the bus passes the frames
     of further identifiers, and a context that is active while the bus is open."""
 
     ecu: SteppedEcu

@@ -15,7 +15,7 @@ from can_bridge.wire.message_sets import MessageSet
 from ecu.real_time.inbox import Inbox
 
 LONGEST_AGE_NS: Final = 1_000_000_000
-"""Largest age in ns of a frame when it is read; a larger one means that it is useless or the clock was set."""
+"""Largest age in ns of a frame when it is read; a larger age means a useless frame, or that the clock was set."""
 STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"})
 """Interfaces that stamp a received frame with the computer's date. A `virtual` bus has the sender's stamp, and vendors'
 drivers have clocks of their own; on these interfaces a frame counts as received when it is read."""
@@ -24,8 +24,8 @@ ROOM: Final = 256
 
 
 class Taken(NamedTuple):
-    """The frames received since the last step, oldest first, stamped in the ECU's clock: Pressure frames, and others:
-    VehicleSpeed frames, and frames with identifiers of the ECU itself, which only another ECU can send."""
+    """The frames received since the last step, oldest first, stamped in the ECU's clock. `others` has VehicleSpeed
+    frames, and frames with identifiers of the ECU itself, which only another ECU can send."""
 
     pressures: list[Frame]
     others: list[Frame]

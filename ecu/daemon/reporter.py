@@ -49,8 +49,8 @@ INTERVAL_S: Final = 1.0
 
 
 class Reporter:
-    """A thread that writes the counters, which the control loop sets after each step, and log lines while its `with`
-    block runs, and the remaining lines at its end.
+    """A thread that writes counters and log lines while its `with` block runs, and the remaining lines at its end. The
+    control loop sets the counters after each step.
 
     Args:
         write: writes one line of the log; may raise OSError or ValueError, which loses that line.

@@ -1,8 +1,8 @@
 """The process of an ECU with a store of releases. It has the control loop, and a thread that serves a tester, so that
 slow disks and long checks do not delay a control period.
 
-The thread processes the frames of diagnosis, does one part of a long operation, and sends the frames that are due,
-every ms during a long operation. It also boots after a reset; the control loop then runs the booted release.
+The thread processes the frames of diagnosis, does one part of a long operation, and sends the frames that are due.
+During a long operation it does so every ms. It also boots after a reset; the control loop then runs the new release.
 """
 
 import secrets
@@ -41,7 +41,7 @@ SENDING_S: Final = 0.001
 
 
 class DiagnosisThread:
-    """A thread that serves the tester while its `with` block runs; an error that ends it is given to `failed`."""
+    """A thread that serves the tester while its `with` block runs; if an error ends it, `failed` gets the error."""
 
     def __init__(
         self,

@@ -46,8 +46,8 @@ class EcuFolder:
 
 
 def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
-    """Read an ECU's folder, with another root key or hardware's name if given. Raises ConfigError if the folder is not
-    an ECU's; KeyFileError if the root key cannot be read."""
+    """Read an ECU's folder, with another root key or hardware name if given. Raises ConfigError if the folder is not
+    that of an ECU; KeyFileError if the root key cannot be read."""
     try:
         raw = (folder / IDENTITY).read_bytes()
     except OSError as error:

@@ -30,7 +30,7 @@ class FlashableEcu:
     `authentication` is given.
 
     Args:
-        boot_ns: time in ns after a reset, without that of the boot itself, in which the ECU is silent.
+        boot_ns: time in ns for which the ECU is silent after a reset, without the time of the boot itself.
         serviced_apart: whether `step` is only a control period, and another thread calls `service`.
 
     Attributes:
@@ -113,7 +113,7 @@ class FlashableEcu:
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
         """Run one control period and, unless `serviced_apart`, one call of `service`. Returns JetCommand and EcuStatus,
-        unless a tester has silenced them and no jet can run, and frames of diagnosis; none while booting."""
+        unless a tester has silenced them and no jet can run, and frames of diagnosis. A booting ECU sends none."""
         if self._serviced_apart:
             return self.control(now_ns, frames, health)
         for_service = [frame for frame in frames if frame.identifier in self._heard]

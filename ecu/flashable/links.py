@@ -28,8 +28,8 @@ from ecu.stepped import CalibratedEcu
 XCP_PLACES: Final = 4
 """Largest number of packets that wait to be sent to a tool; a command without a place for its answer is lost."""
 MOST_FRAMES: Final = 128
-"""Largest number of frames that the ECU processes in one call; further ones are lost. In one control period, a CAN FD
-bus at 2 Mbit/s carries at most a third of these."""
+"""Largest number of frames that the ECU processes in one call; further frames are lost. In one control period, a CAN FD
+bus at 2 Mbit/s carries at most a third of this number."""
 
 
 def isotp_settings(config: BusConfig, *, is_tester: bool = False) -> IsoTpSettings:
@@ -77,7 +77,7 @@ class DiagnosticLink:
                 is_occupied = self._endpoint.occupied > BESIDE
                 self._send(self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied))
             requests += 1
-        # A request that begins a long operation has executed its first part; one during the operation executes none.
+        # A request that begins a long operation has executed its first part; a request during it executes no part.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -155,8 +155,8 @@ class CalibrationLink:
         self._xcp.daq.sample(measured)
 
     def xcp(self, now_ns: int, frames: Sequence[Frame], *, room: int, may_store: bool) -> list[Frame]:
-        """Process the tool's frames and return at most `room` frames to it. Its request to store values waits while UDS
-        works, and so not `may_store`, while the jets may run, or no place is free for the answer."""
+        """Process the tool's frames and return at most `room` frames to it. A request to store values waits until UDS
+        is idle (`may_store`), no jet may run, and a place is free for the answer."""
         if self._xcp is None:
             return []
         self._xcp.daq.look()

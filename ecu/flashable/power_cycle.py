@@ -25,7 +25,7 @@ from ecu.stepped import CalibratedEcu
 
 
 class TesterAccess(NamedTuple):
-    """The session of a tester, its unlocked security level, and its wrong keys in a row for each security level."""
+    """The session of a tester, its unlocked security level, and the number of consecutive wrong keys by level."""
 
     session: Session
     unlocked: Level | None

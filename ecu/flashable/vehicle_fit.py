@@ -20,7 +20,7 @@ from ecu.fit import check_vehicle
 
 
 class VehicleFit:
-    """The check of bundles. It stores the controller of the latest bundle, so that a boot creates it only once."""
+    """The check of bundles. It stores the latest bundle's controller, which a boot of this bundle then uses."""
 
     def __init__(self, config: Config, controller_of: Callable[[Bundle], Controller]) -> None:
         self._config, self._controller_of = config, controller_of

@@ -21,8 +21,8 @@ ASKED_FROM: Final = 5
 
 
 def played_pressures(rows: Array, config: Config) -> bytes:
-    """Return `pressures.h`: for each of the first `MOST_PERIODS` rows (n, S + any) of recorded Cp at the S sensors of
-    the bus, and other columns, a protected frame with the pressures, in their range, and one with the design speed."""
+    """Return `pressures.h`: for each of the first `MOST_PERIODS` rows, a protected frame with the pressures, limited to
+    their range, and one with the design speed. The rows, (n, S + any), begin with Cp at the S sensors of the bus."""
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure

@@ -147,7 +147,7 @@ def _named(prefix: str, owner: object, *names: str) -> dict[str, int | float | s
 
 
 def release_numbers(bundle: Bundle, config: Config) -> Numbers:
-    """Return the `sw_release` of a verified release: what the vehicle's settings do not change. Missing ones are 0."""
+    """Return the `sw_release` of a verified release: the numbers that no vehicle's setting changes, 0 if missing."""
     manifest, estimator, speeds = bundle.manifest, bundle.manifest.sensor_estimator, bundle.manifest.speeds
     check = BenefitCheck.of(manifest, replace(config.ecu.benefit_check, enabled=True))
     nothing, point = np.zeros((len(manifest.sensors),) * 2), manifest.operating_point
@@ -201,7 +201,7 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 
 
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
-    """Return the settings for a release with a range of speeds; for another release, only that SW_PAST is 0."""
+    """Return the settings for a release with a range of speeds; for another release, only SW_PAST, which is 0."""
     if manifest.speeds is None:
         return {"SW_PAST": 0}
     return {

@@ -255,7 +255,7 @@ def fill_frame(place: Any, frame: Frame) -> None:
 
 
 def _value(kind: type[T], place: Any, **given: Any) -> T:
-    """Return a dataclass whose fields are the members of the same names of a struct, except those that are given."""
+    """Return a dataclass. A field that is not in `given` has the value of the struct's member of the same name."""
     names = (item.name for item in fields(kind) if item.name not in given)  # type: ignore[arg-type]  # any dataclass
     return kind(**{name: getattr(place, name) for name in names}, **given)
 
@@ -317,7 +317,7 @@ def flattened(value: object, name: str = "") -> dict[str, Any]:
 
 
 def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
-    """Return a state field by field, as far as C stores it: counts saturate, and authentication is only with a key."""
+    """Return a state field by field, as far as C stores it: counts saturate, and authentication needs a key."""
     left_out = () if is_keyed else _OF_KEY
     found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(left_out)}
     found["health.state"] = found["health.state"] is BusState.BUS_OFF

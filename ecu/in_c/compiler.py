@@ -14,7 +14,7 @@ from contract.errors import LibraryError
 
 STANDARD: Final = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion")
 OPTIMISED: Final = ("-O3", "-march=native", "-ffp-contract=fast")
-"""Flags for speed. Fused multiply-adds are allowed, which change only roundings; the sources reject -ffast-math."""
+"""Flags for speed. They allow fused multiply-adds, which change only roundings; the sources reject -ffast-math."""
 
 EXACT: Final = ("-O3", "-march=native", "-ffp-contract=off")
 """Flags with which the decisions in C equal those in Python bit for bit. GCC needs the flag against fused
@@ -60,7 +60,7 @@ def preprocessed(source: Path, *, compiler: Sequence[str], flags: Sequence[str])
 
 
 def _checked(command: list[str], folder: str | None) -> str:
-    """Return what a command prints; raise LibraryError with its first error message if it fails."""
+    """Return the output of a command; raise LibraryError with the first error message if it fails."""
     done = _run(command, folder)
     if done.returncode != 0:
         complaints = done.stderr.strip().splitlines() or [f"ended with status {done.returncode}"]

@@ -145,7 +145,7 @@ def open_library(
 
     A hash of the verified release's program in the library's header protects against mix-ups, not against attacks: the
     sources are unsigned, and are compiled and run as they are. Raises LibraryError if the folder holds no library or
-    another program's, if there is no compiler, or if the compiler rejects the sources.
+    another program's library, if there is no compiler, or if the compiler rejects the sources.
     """
     sources = read_sources(folder)
     precision = check_program(folder, sources, bundle)

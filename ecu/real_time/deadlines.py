@@ -22,7 +22,7 @@ class Deadlines:
     """The next period and its deadline; times are in ns of one clock that never goes back.
 
     Attributes:
-        due_ns, number: deadline and number of the period; `left_out` omitted ones are counted too.
+        due_ns, number: deadline and number of the period; the number also counts the `left_out` omitted periods.
         grace_ns: largest time from a deadline to the start of its period; a period that would start later is omitted.
     """
 

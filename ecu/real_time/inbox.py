@@ -10,7 +10,7 @@ from can_bridge.wire.frame import Frame
 
 class Inbox:
     """A queue that stamps frames on arrival and returns them in order; neither thread waits for the other. The reading
-    thread calls `stamp`, which returns the arrival in ns. Of more than `room` frames the oldest are dropped."""
+    thread calls `stamp`, which returns the arrival in ns. If `room` frames wait, a new frame replaces the oldest."""
 
     def __init__(self, stamp: Callable[[Frame], int], *, room: int) -> None:
         self._stamp = stamp

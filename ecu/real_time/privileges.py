@@ -1,4 +1,4 @@
-"""Privileges that a process with deadlines asks the system for; one that is not granted is reported."""
+"""Privileges that a process with deadlines requests from the system. A privilege that is refused is reported."""
 
 import ctypes
 import gc
@@ -32,7 +32,7 @@ class Privilege(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """The requested privileges. `priority` is that of SCHED_FIFO, 1 to 99, or 0 to stay an ordinary process."""
+    """The requested privileges. `priority` is a SCHED_FIFO priority, 1 to 99, or 0 to stay an ordinary process."""
 
     priority: int = PRIORITY
     lock_memory: bool = True
@@ -110,7 +110,7 @@ def _timer_slack(undo: ExitStack) -> None:
 def _lock_memory(undo: ExitStack) -> None:
     _call("mlockall", _MCL_CURRENT)
     undo.callback(_call, "munlockall")
-    # Under a limit, memory that is allocated later could exceed it, and its allocation fail.
+    # If memory is limited, later allocations could exceed the limit and fail.
     if os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         _call("mlockall", _MCL_CURRENT | _MCL_FUTURE)
 

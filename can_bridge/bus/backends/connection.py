@@ -16,7 +16,7 @@ QUEUE_SIZE: Final = 1024
 """Largest number of frames that a virtual bus stores for a reader, and that one call of `receive_all` returns."""
 
 SETTLE_S: Final = 2.0
-"""Time in s that a serial adapter gets to start after its port is opened, which resets many adapters."""
+"""Time in s that a serial adapter gets to start: many adapters reset when their port is opened."""
 
 OWN_CONFIGURATION: Final = "python-can"
 """The `bus.interface` with which python-can's own configuration (can.conf, environment) selects the interface."""
@@ -29,7 +29,7 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 
 
 def open_backend(config: BusConfig) -> tuple[can.BusABC, str]:
-    """Open the configured bus; return it and the name of its interface in python-can, which python-can's own
+    """Open the configured bus; return the bus and its interface's name in python-can, which python-can's own
     configuration may select. Raises BusError, which states interface and channel, if the bus cannot be opened."""
     _check_known(config.interface)
     # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
@@ -127,7 +127,7 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send once. Raises BusError, which states the frame's name, if the bus fails or does not accept it in time."""
+        """Send once. Raises BusError with the frame's name if the bus fails or does not accept the frame in time."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:

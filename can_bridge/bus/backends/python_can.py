@@ -100,8 +100,8 @@ class PythonCanBus(OpenBus):
         """Take over an open python-can bus, which is closed together with this object.
 
         Args:
-            accept: identifiers to receive, as plain numbers of 11 bits; None for all of 11 bits. python-can's own
-                filter would end a call that waits at the first frame that it drops.
+            accept: identifiers to receive, as plain numbers of 11 bits; None for all 11-bit identifiers. python-can's
+                own filter would end a call that waits at the first frame that it drops.
             is_classic: whether CAN FD frames are neither sent nor received.
             linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
             keep: called with every frame that was sent or accepted, and with True for a received frame.
@@ -127,7 +127,7 @@ class PythonCanBus(OpenBus):
         accept: Collection[CanId | int] | None = None,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> Self:
-        """Open the configured bus; `accept` and `keep` are those of the constructor. Raises BusError as `open_backend`.
+        """Open the configured bus; for `accept` and `keep` see the constructor. Raises BusError as `open_backend`.
 
         A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
         epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on
@@ -158,8 +158,8 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """The health of the CAN controller as far as it is known: from SocketCAN's error frames, which this object has
-        to receive, or from python-can's `state`, of which ERROR alone (bus-off) means the same for all drivers."""
+        """The CAN controller's health as far as it is known. It comes from SocketCAN's error frames that this object
+        receives, or from python-can's `state`: only its value ERROR (bus-off) means the same for all drivers."""
         try:
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):

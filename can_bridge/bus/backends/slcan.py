@@ -1,6 +1,6 @@
 """Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with our own code to read and write lines.
 
-python-can 4.6 stores a line that it cannot decode for ever, reads truncated and foreign lines as frames, treats the
+python-can 4.6 never discards a line that it cannot decode, reads truncated and foreign lines as frames, treats the
 acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. Its code that opens an
 adapter and parses a valid line is used unchanged.
 """
@@ -96,11 +96,11 @@ class SlcanBus(slcanBus):
         return line
 
     def _write(self, string: str) -> None:
-        """Write one line, truncated at the port's time limit; a line end then comes before the next one, so that the
-        adapter rejects only the truncated line. Raises can.CanTimeoutError if the port did not accept the whole line in
-        time; can.CanOperationError if it failed."""
+        """Write one line. The port's time limit may truncate the line. The next line then begins with a line end, so
+        that the adapter rejects only the truncated line. Raises can.CanTimeoutError if the port did not accept the
+        whole line in time; can.CanOperationError if it failed."""
         port = self._open_port()
-        if not hasattr(port, "fd"):  # no POSIX port: pyserial's own ways
+        if not hasattr(port, "fd"):  # pyserial's own code writes to ports that are not POSIX
             super()._write(string)
             return
         line = string.encode() + _CR
@@ -120,7 +120,7 @@ class SlcanBus(slcanBus):
                 if not select.select([], [port.fd], [], left)[1]:
                     self._line_cut = self._line_cut or written > 0
                     raise can.CanTimeoutError(f"the serial port accepted {written} of {len(line)} bytes in {limit:g} s")
-        except can.CanTimeoutError:  # an OSError, too
+        except can.CanTimeoutError:  # CanTimeoutError is an OSError, too
             raise
         except OSError as error:
             raise can.CanOperationError(f"the serial port failed: {error}") from error

@@ -1,10 +1,10 @@
 """CAN over UDP multicast: python-can's backend with our own parser.
 
 python-can 4.6 passes a datagram's values to `can.Message` without checking their types: `{"data": 2**30}` in 20 bytes
-allocates a gigabyte. The backend receives its own frames and, on Linux, those of groups that other processes joined.
+allocates a gigabyte. The backend receives its own frames and, on Linux, frames of groups that other processes joined.
 
-Equal datagrams are not treated as copies of one: some senders send no time, and the sequence numbers of ISO-TP repeat
-every 16 frames. A datagram that stays on this machine arrives only once.
+Equal datagrams are not treated as copies of one datagram: some senders send no time, and the sequence numbers of
+ISO-TP repeat every 16 frames. A datagram that stays on this machine arrives only once.
 """
 
 import socket
@@ -52,7 +52,7 @@ _FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "da
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
     """Return the message in a datagram packed by python-can, or the reason why it has none. Never raises, and
-    allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's."""
+    allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's time."""
     try:
         fields = fallback.unpackb(datagram)
     except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them
@@ -91,13 +91,13 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         sock = self._multicast._socket
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_QUEUE)
         if sys.platform == "linux":
-            with suppress(PermissionError):  # beyond the system's limit
+            with suppress(PermissionError):  # the size exceeds the system's limit
                 sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_QUEUE)
             four = self._multicast.ip_version == 4
             level, option = (
                 (socket.IPPROTO_IP, _IP_MULTICAST_ALL) if four else (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL)
             )
-            with suppress(OSError):  # a kernel before 4.20 has none for IPv6
+            with suppress(OSError):  # a kernel before 4.20 has no such option for IPv6
                 sock.setsockopt(level, option, 0)
         self._remember_nothing()
 
@@ -130,7 +130,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         return message, False
 
     def _is_echo(self, datagram: bytes) -> bool:
-        """Return whether this node sent the datagram and has not received it back yet; it is then expected no more."""
+        """Return whether the datagram is an echo of one that this node sent; each echo is expected only once."""
         with self._lock:
             try:
                 self._echoes.remove(datagram)

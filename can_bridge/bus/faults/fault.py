@@ -125,7 +125,7 @@ class SidedFault(FrameFault, section="sided_fault"):
     """A fault that acts on single frames in one direction."""
 
     at: Literal["send", "receive"] = "send"
-    """Whether the frames that this node sends, and so all receivers get, or its copies of received frames change."""
+    """Whether the fault changes the frames that the node sends, for all receivers, or its copies of received frames."""
 
     @abstractmethod
     def change(self, random: Random) -> Change:

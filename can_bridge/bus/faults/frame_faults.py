@@ -1,7 +1,7 @@
 """Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
-the receiver's. For wrong bits on the bus a frame is repeated, and the error counters rise, up to bus-off.
+the receiver's controller. For wrong bits on the bus a frame is repeated, and the error counters rise, up to bus-off.
 """
 
 import heapq
@@ -116,8 +116,8 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are delayed, then received in a random order; when the span ends, those that wait come
-    at the next reading. `acted` counts the frames that change places."""
+    """Groups of `window` frames are delayed, then received in a random order; at the first reading after the span, all
+    frames that still wait are received. `acted` counts the frames that change places."""
 
     window: Annotated[int, at_least(1)] = 2
 
@@ -160,8 +160,8 @@ class FlipBits(SidedFault, section="flip_bits"):
     bits: AtLeastOne[int] = 1
     """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
-    """Whether the bits change before the sender protects the message, so that the end-to-end CRC is valid for the wrong
-    data; others' frames then stay unchanged. Otherwise they change in a driver, a gateway or the receiver's memory."""
+    """Whether the bits change before the end-to-end CRC is computed, so that it is valid for the wrong data; other
+    nodes' frames then stay unchanged. Otherwise the bits change in a driver, a gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
         """Return the function; with `before_crc`, it raises BusError for an authenticated frame."""
@@ -185,7 +185,7 @@ class StuckAt(SidedFault, section="stuck_at"):
 
     counter_runs: bool = False
     """Whether counter and CRC are renewed in each frame, as if the application were stuck and the communication stack
-    not; others' frames then stay unchanged. Otherwise the data stay equal, as in a buffer that is not refilled."""
+    not. Other nodes' frames stay unchanged. Otherwise the data stay equal, as in a buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
         """Return the function; with `counter_runs`, it raises BusError for an authenticated frame."""
@@ -202,7 +202,7 @@ class StuckAt(SidedFault, section="stuck_at"):
 
 
 def _spec_of(frame: Frame) -> MessageSpec | None:
-    """Return the specification of a frame's message; None if the message is not stillwake's. Raises BusError for an
+    """Return the specification of a frame's message; None if it is not a message of stillwake. Raises BusError for an
     authenticated frame, because its MAC cannot be recomputed without the key."""
     spec = _SPECS.get(frame.frame_id)
     if spec is None or not spec.names(frame) or len(frame.data) != spec.length:
@@ -213,7 +213,7 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the positions of the message's bits after the header: 8 i + j for bit j, from the least, of byte i."""
+    """Return the positions of the message's bits after the header: 8 i + j for bit j of byte i; bit 0 is the lowest."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
@@ -229,7 +229,7 @@ _INTERMISSION: Final = 3
 
 @dataclass(frozen=True, kw_only=True)
 class WireErrors(Span, section="wire_errors"):
-    """Each bit is wrong with the same probability, independently of all others; only a frame's first has an effect."""
+    """Each bit is wrong independently with the same probability; only a frame's first wrong bit has an effect."""
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()

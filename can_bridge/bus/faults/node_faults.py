@@ -115,8 +115,8 @@ class ClockDrift(BusFault, section="clock_drift"):
 class Babble(BusFault, section="babble"):
     """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
-    Each call of the port first sends those that are due since the previous call, until the bus refuses one; what does
-    not fit is not sent later. A node that only babbles needs a separate port, which has to be called often.
+    Each call of the port first sends the frames that are due since the previous call, until the bus refuses one; the
+    others are not sent later. A node that only babbles needs a separate port, which has to be called often.
     """
 
     frame_id: NonNegative[int] = 0

@@ -22,8 +22,8 @@ AFTER_ACKNOWLEDGE: Final = 8
 FLAG: Final = 6
 """Number of bits of an error flag."""
 ERROR_FLAGS: Final = 12
-"""Number of bits, for every error but a missing acknowledgement, of an error flag and the flags that answer it. These
-begin when the flag has broken the rule of stuff bits, at the latest after its sixth bit."""
+"""Number of bits of an error flag and the flags that answer it, for every error except a missing acknowledgement. The
+answers begin when the flag has broken the rule of stuff bits, at the latest after its sixth bit."""
 DELIMITER: Final = 8
 
 T = TypeVar("T")
@@ -43,7 +43,7 @@ _AFTER_PASSIVE: Final = 127
 
 @dataclass(frozen=True, kw_only=True)
 class FaultConfinement:
-    """A controller's error counters TEC and REC, whether it is bus-off, and how often it went so since power-on."""
+    """A controller's error counters TEC and REC, whether it is bus-off, and its number of bus-offs since power-on."""
 
     tx_errors: int = 0
     rx_errors: int = 0
@@ -79,7 +79,7 @@ class FaultConfinement:
 
     def unacknowledged(self) -> "FaultConfinement":
         """Apply rule 3 with its first exception: no node acknowledged the frame, and no dominant bit was seen during
-        the passive error flag. An error-passive node does not count this, so that alone it never goes bus-off."""
+        the passive error flag. An error-passive node does not count this error, so a single node never goes bus-off."""
         return self if self.state is BusState.ERROR_PASSIVE else self.transmit_error()
 
     def transmitted(self) -> "FaultConfinement":
@@ -103,7 +103,7 @@ class AttemptVerdict(Enum):
     TRANSMIT_ERROR = auto()
     UNACKNOWLEDGED = auto()
     ARBITRATION_STUFF = auto()
-    """A stuff bit of the sender was overwritten during arbitration, which is an error that no node counts."""
+    """A stuff bit of the sender was overwritten during arbitration. No node counts this error."""
     RECEIVE_ERROR = auto()
     SIGNALLED_FIRST = auto()
     """A receive error that no other node saw before this node's error flag."""

@@ -49,7 +49,7 @@ class Transmission:
 
 @dataclass(frozen=True, kw_only=True)
 class BusActivity:
-    """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and the time of both, with intermissions."""
+    """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and their total time, with intermissions."""
 
     frames: int
     error_frames: int
@@ -107,7 +107,7 @@ class SimulatedBus:
         self.now_ns = 0
 
     def port(self, name: str = "") -> SimulatedPort:
-        """Connect one more node, which has this name in messages, and for `corrupts` and `mishears`."""
+        """Connect one more node; messages, `corrupts` and `mishears` get this name."""
         port = SimulatedPort(name or f"node {len(self._ports)}", lambda: self.now_ns)
         self._ports.append(port)
         return port

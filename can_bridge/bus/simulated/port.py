@@ -34,7 +34,7 @@ class Recovery(NamedTuple):
 
 class SimulatedPort:
     """A node's connection to a simulated bus, created by `SimulatedBus.port`. As the response-time analysis assumes, no
-    frame in its transmit queue waits for an earlier one of lower priority.
+    frame in the transmit queue waits for an earlier frame of lower priority.
 
     Attributes:
         refused: number of frames that the bus refused because the queue was full or the node was bus-off.
