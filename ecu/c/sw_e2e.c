@@ -45,7 +45,7 @@ uint8_t sw_e2e_counter(const uint8_t *data) { return data[COUNTER]; }
 
 #elif SW_E2E_PROFILE == 2
 
-#define HEADER 2 /* header: CRC-8, then a byte: counter in the lower half, bits of the message in the upper */
+#define HEADER 2 /* header: CRC-8, then a byte: counter in the lower half, bits of the message in the upper half */
 #define COUNTER 1
 
 /* CRC-8 of the half bytes 0 to 15: polynomial 0x2F, not reflected. */

@@ -1,5 +1,5 @@
-/* The vehicle's speed through the air, with which pressures are converted to coefficients and actions to flow rates.
- * While no new speed is accepted, the last one stays in force for a limited time. This file corresponds to
+/* The vehicle's speed through the air, for the conversion of pressures to coefficients and of actions to flow rates.
+ * While no new speed is accepted, the last accepted speed stays in force for a limited time. This file corresponds to
  * ecu/speed_reception.py.
  */
 #include "sw_ecu_parts.h"

@@ -47,8 +47,8 @@ typedef struct {
     uint8_t layout[32];      /* SHA-256 of the build's layout of the payload */
     uint8_t dbc[32];         /* SHA-256 of stillwake.dbc */
     uint8_t hardware[64];    /* UTF-8, zero padded */
-    uint8_t vehicle[44];     /* bytes 148..191 of the header of every image for it: control period, operating point,
-                                action limit, number of sensors */
+    uint8_t vehicle[44];     /* bytes 148..191 of the header of every image for this vehicle: control period,
+                                operating point, action limit, number of sensors */
 } sw_rules;
 
 /* The data about a valid image that the store saves. */

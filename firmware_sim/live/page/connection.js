@@ -67,7 +67,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       });
     }
 
-    /** Resolves to the answer; its `error` states a failure. On a new page, waits up to OPEN_MS for the channel. */
+    /** Resolves to the answer, whose `error` states a failure. A new page waits up to OPEN_MS for the channel. */
     async ask(request) {
       if (!this.channel.ready) await Promise.race([this.opened, pause(OPEN_MS)]);
       if (!this.channel.ready) return {error: 'not connected to the loop'};

@@ -53,7 +53,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
 
   /**
-   * A slider for a number, which is sent when the viewer releases it; meanwhile the loop's value is not shown.
+   * A slider for a number, sent when the viewer releases the slider; until then it does not show the loop's value.
    * `scale` has two functions: `to` maps a value to the slider's position, `from` maps a position to the value.
    */
   stillwake.Slider = class {

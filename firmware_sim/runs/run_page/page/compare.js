@@ -1,5 +1,5 @@
 'use strict';
-/** The page that compares several runs on one time axis, which begins at the request for control. */
+/** The page that compares several runs on one time axis. The axis begins at the request for control. */
 (() => {
   const {make, write, format} = stillwake;
   const runs = JSON.parse(document.getElementById('runs').textContent);
