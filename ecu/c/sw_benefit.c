@@ -1,5 +1,5 @@
-/* The benefit check: whether control reduces the suction on the base and the pressure differences of mirrored sensors,
- * relative to the wake while the jets are shut. ecu/benefit_check.py gives the reasons.
+/* The benefit check. It judges whether control reduces the suction on the base and the pressure differences of mirrored
+ * sensors, relative to the wake while the jets are shut. ecu/benefit_check.py gives the reasons.
  */
 #include "sw_ecu_parts.h"
 

@@ -121,7 +121,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
 /* Returns whether the content of a frame was sampled at most oldest_ns before now_ns, and not after now_ns. */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
-/* Updates the detection of another ECU at step_ns. Commands and statuses among the frames come from another ECU. */
+/* Updates the detection of another ECU at step_ns. All commands and statuses among the frames come from another ECU. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc));
 

@@ -84,7 +84,7 @@ typedef struct {
     uint32_t rx_errors;
 } sw_bus_health;
 
-/* The conditions around the ECU. The caller writes them between two steps; they apply until the next change. */
+/* The conditions around the ECU. The caller writes them between two steps. They apply until the next change. */
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */

@@ -44,7 +44,7 @@ typedef struct {
     int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of the products of all columns in place, without flags */
     int32_t crossed[SW_ESTIMATOR_WIDTH];         /* `all` with two readings exchanged, or without a sensor */
     int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: flag minus column */
-    int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum `crossed` if a sensor is left out */
+    int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of `crossed` if a sensor is left out */
     int32_t sums[SW_ESTIMATOR_WIDTH];
     float readings[SW_COLUMNS][SW_ESTIMATOR_ROWS]; /* columns of the window */
     float values[SW_ESTIMATOR_WIDTH];

@@ -1,7 +1,7 @@
 /* The command gate: the last check before a jet command is sent. It does not trust the controller.
  *
- * The jets are shut immediately in four cases, checked in this order: there is no permission, the command is not a
- * finite number, the clock has not advanced, or there is no fresh pressure. Otherwise the command is limited to its
+ * The jets are shut immediately in four cases, checked in this order: permission is missing, the command is not a
+ * finite number, the clock has not advanced, or fresh pressures are missing. Otherwise the command is limited to its
  * range, and the change from the previous command is limited to one step. Zero is the safe state, so the step limit
  * never slows down a shut-off. This file corresponds to can_bridge/command_gate.py.
  */

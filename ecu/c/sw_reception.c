@@ -1,4 +1,4 @@
-/* Usable pressures from a control period's frames, or the reason why there are none. The checks are, in this order:
+/* The usable pressures from a control period's frames, or the reason why there are none. The checks are, in this order:
  * authentication, end-to-end protection, age, the sensors' own diagnosis. The file also detects another ECU.
  */
 #include "sw_counts.h"

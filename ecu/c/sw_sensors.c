@@ -1,5 +1,5 @@
-/* The sensor check: whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which explains
- * the criteria. Sums are computed from left to right, as NumPy computes sums of so few numbers.
+/* The sensor check. It judges whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which
+ * explains the criteria. Sums are computed from left to right, as NumPy computes sums of so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -191,8 +191,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether the other sensors' pressures moved in the periods in which this sensor was stuck: the median of their
- * ranges then shows a flow. Rows before row `first` are taken to be equal to row `first`.
+/* Returns whether the other sensors' pressures moved in the periods in which this sensor was stuck: the median of the
+ * ranges of their pressures then shows a flow. Rows before row `first` are taken to be equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
@@ -240,7 +240,7 @@ static int liar_of(const levels *found)
     return liar;
 }
 
-/* Returns the count of doubt: one more after a period in doubt, one less after a period without doubt. */
+/* Returns the count of doubt: one more after a period with doubt, one less after a period without doubt. */
 static uint32_t counted_doubt(uint32_t doubt, int doubted)
 {
     uint32_t next = doubt;

@@ -1,4 +1,4 @@
-/* Zephyr has a CAN interface: you write only the devicetree and the configuration. */
+/* Zephyr has a CAN interface. You write only the devicetree and the configuration. */
 
 #include <zephyr/device.h>
 #include <zephyr/drivers/can.h>

@@ -1,4 +1,4 @@
-/* The measurement list of DAQ (allocation, entries, start), and the packets of a period. */
+/* The measurement list of DAQ (its allocation, entries and start), and the packets of a period. */
 #include "sw_daq.h"
 
 #if SW_XCP

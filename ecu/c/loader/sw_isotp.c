@@ -1,4 +1,4 @@
-/* ISO-TP: messages assembled from frames, and divided into frames. */
+/* The ISO-TP endpoint. It assembles messages from frames, and divides messages into frames. */
 #include "sw_isotp.h"
 
 #include <stddef.h>

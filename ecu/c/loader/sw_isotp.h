@@ -1,4 +1,4 @@
-/* One endpoint of an ISO-TP connection (ISO 15765-2:2016): a state machine of time and frames. This file corresponds to
+/* An endpoint of an ISO-TP connection (ISO 15765-2:2016): a state machine of time and frames. This file corresponds to
  * can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one message at a time.
  *
  * Times are in ns, from 0 to 2^61.

@@ -1,4 +1,4 @@
-/* Control and diagnosis of one ECU, from a boot to the next reset. */
+/* The control and the diagnosis of one ECU, from a boot to the next reset. */
 #include "sw_node.h"
 
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* Programming through UDS: key lists, routines and downloads that use the store. */
+/* The programming through UDS: key lists, routines and downloads that use the store. */
 #include "sw_programming.h"
 
 #include <float.h>

@@ -1,5 +1,5 @@
-/* Programming through UDS: key lists, downloads and routines that use the store of releases. This file corresponds to
- * can_bridge/uds/ecu_services.py.
+/* The programming through UDS: key lists, downloads and routines that use the store of releases. This file corresponds
+ * to can_bridge/uds/ecu_services.py.
  *
  * Each function returns SW_UDS_DONE (0) or the SW_NRC_ of the refusal. Functions that begin long work may return
  * SW_UDS_MORE.

@@ -1,4 +1,4 @@
-/* The reasons for which a tester's request is refused now, as UDS codes: the vehicle requests control, or the store
+/* The reasons for which a tester's request is refused now, as UDS codes. The vehicle requests control, or the store
  * refuses. This file corresponds to ecu/flashable/watched_control.py.
  */
 #ifndef SW_REQUEST_H

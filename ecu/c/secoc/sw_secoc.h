@@ -1,5 +1,5 @@
-/* Authenticated frames as in AUTOSAR SecOC: a frame that is not authentic or not fresh is refused before the E2E check.
- * This file corresponds to can_bridge/secoc/securing.py, which describes the frame:
+/* The authentication of frames as in AUTOSAR SecOC. A frame is refused before the E2E check if it is not authentic or
+ * not fresh. This file corresponds to can_bridge/secoc/securing.py, which describes the frame:
  *
  *     protected part | zeros | freshness, 8 bytes | MAC, 8 bytes
  */

@@ -1,4 +1,4 @@
-/* Records that survive a power loss, in two sectors: one sector is written until it is full, then the other sector.
+/* The records that survive a power loss, in two sectors: one sector is written until it is full, then the other sector.
  *
  * A record consists of consecutive words. The first word of a record has kind, length and a CRC-32. The first byte of
  * each word states whether the word is the first or a further word of a record. No part of a record can therefore be

@@ -1,4 +1,4 @@
-/* Two slots for releases: the release in one slot runs, and the other slot can be written. This file corresponds to
+/* The two slots for releases. The release in one slot runs, and the other slot can be written. This file corresponds to
  * can_bridge/flashing/store.py.
  *
  *     announce, append .., finish     write an image into the slot that is not protected, and check it in flash
@@ -77,7 +77,7 @@ typedef struct {
 
 typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_APPEND, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
 
-/* Scratch memory for reading an image, or for changing the state; a changed state is in force only once stored. */
+/* The scratch memory for reading an image, or for changing the state. A changed state is in force once it is stored. */
 typedef union {
     struct {
         sw_sha256 whole, payload;

@@ -1,5 +1,5 @@
 'use strict';
-/** WebSockets that reconnect by themselves, each time after a longer wait. */
+/** The page's WebSockets. They reconnect by themselves, each time after a longer wait. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

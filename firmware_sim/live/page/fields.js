@@ -1,5 +1,5 @@
 'use strict';
-/** Native form controls with a label and help; they show the loop's value and pass on the viewer's changes. */
+/** The native form controls with label and help. They show the loop's value and pass on the viewer's changes. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

@@ -1,5 +1,5 @@
 'use strict';
-/** One sentence that describes the present situation to a new viewer. */
+/** A sentence that describes the present situation to a new viewer. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

@@ -1,5 +1,5 @@
 'use strict';
-/** The live page: passes the channels' messages to the widgets. */
+/** The live page. It passes the messages of the channels to the widgets. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

@@ -1,5 +1,5 @@
 'use strict';
-/** Columns of the latest control periods; the memory does not grow while the page is open. */
+/** The columns of the latest control periods. Their memory does not grow while the page is open. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 stillwake.Ring = class {

@@ -1,4 +1,4 @@
-/* Products of int8 matrices with int16 vectors in 32-bit sums.
+/* The products of int8 matrices with int16 vectors, in 32-bit sums.
  *
  * The product is y = w x. The rows of w are padded with zeros to a multiple of 4, and the columns to a multiple of 8. A
  * sum cannot overflow: each number of a vector of n numbers is within SW_QMAX(n).

@@ -1,4 +1,4 @@
-/* ELU, the logistic function and tanh on integers, by tables with linear interpolation. */
+/* The functions ELU, logistic and tanh of integers, computed from tables with linear interpolation. */
 #ifndef SW_TABLES_H
 #define SW_TABLES_H
 

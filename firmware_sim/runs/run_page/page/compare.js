@@ -12,7 +12,7 @@
     ['Action / (U∞ W)', 'action', {snap: 0.02, digits: 3}],
   ];
 
-  /** Runs on the common time axis; `at` returns the period at a time: -1 before the run, `count` after its end. */
+  /** The runs on the common time axis. `at` returns the period at a time: -1 before the run, `count` after its end. */
   const lined = runs.map((run) => {
     const {t} = run.columns;
     const zero = t[run.requested ?? 0];
