@@ -120,7 +120,7 @@ static uint8_t set_pointer(sw_daq *daq, const uint8_t *data)
     return SW_XCP_DONE;
 }
 
-/* Returns the number of bytes of the ODT's other entries: all except the entry at the tool's pointer. */
+/* Returns the total length in bytes of the ODT's entries, without the entry at the tool's pointer. */
 static uint32_t beside(const sw_daq *daq)
 {
     uint32_t bytes = 0;
