@@ -1,5 +1,5 @@
-/* The benefit check: whether control reduces the suction on the base and the pressure differences of mirrored sensors,
- * relative to the wake while the jets are shut (reasons: ecu/benefit_check.py).
+/* The benefit check. It judges whether control reduces the suction on the base and the pressure differences of mirrored
+ * sensors, relative to the wake while the jets are shut. ecu/benefit_check.py gives the reasons.
  */
 #include "sw_ecu_parts.h"
 
@@ -7,7 +7,7 @@
 
 typedef struct {
     double suction; /* mean pressure on the base, in Cp or relative to the release's wake */
-    double swing;   /* mean magnitude of mirrored sensors' pressure differences, likewise */
+    double swing;   /* mean magnitude of mirrored sensors' pressure differences, in the same unit */
 } measured;
 
 static double magnitude(double value) { return value < 0.0 ? -value : value; }
@@ -30,7 +30,7 @@ static measured stated_at(const sw_release *release, double speed)
     return last;
 }
 
-/* Measures suction and swing, divided by those of the release's wake without jets at this speed. */
+/* Measures suction and swing, divided by their values in the release's wake without jets at this speed. */
 static measured measure(const sw_release *release, const double *cp, double speed)
 {
     const measured stated = stated_at(release, speed);
@@ -46,7 +46,7 @@ static measured measure(const sw_release *release, const double *cp, double spee
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
-/* Returns a mean without control; at least 1, the release's own value, while the mean covers too few periods. */
+/* Returns a mean without control. While it covers too few periods, returns at least 1: the release's own value. */
 static double resting(const sw_benefit *benefit, double mean)
 {
     return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;

@@ -11,8 +11,8 @@
 
 /* Constants of the message PressureClassic. */
 #define ENABLE_REQUEST 0x10u
-#define AGE_LIMIT 7u /* largest value: this age or a greater one */
-#define PRESSURES 2  /* first byte of the pressures; two of 12 bits take three bytes */
+#define AGE_LIMIT 7u /* largest value, which stands for this age and all greater ages */
+#define PRESSURES 2  /* first byte of the pressures; two pressures of 12 bits take three bytes */
 
 /* Constants of the message VehicleSpeedClassic. */
 #define DENSITY 3 /* first byte of this signal; the following names are first bytes, too */

@@ -1,4 +1,4 @@
-/* Counts that saturate at their largest value, and the count of bits in a word. */
+/* The counts that saturate at their largest value, and the count of the bits in a word. */
 #ifndef SW_COUNTS_H
 #define SW_COUNTS_H
 

@@ -1,7 +1,7 @@
-/* AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use: profile 5 for CAN FD, profile 2 for classic
- * CAN, where the 16 data IDs of a message are equal to each other.
+/* The AUTOSAR end-to-end protection (PRS_E2EProtocol) of the messages in use. CAN FD uses profile 5. Classic CAN uses
+ * profile 2; the 16 data IDs of a message are then equal to each other.
  *
- * The CRCs are computed half byte by half byte, so that the table has only 16 entries; no branch depends on the data.
+ * The CRCs are computed half byte by half byte, so that the table has only 16 entries. No branch depends on the data.
  */
 #include "sw_ecu_parts.h"
 
@@ -22,7 +22,7 @@ static uint32_t with_byte(uint32_t crc, uint32_t byte)
     return ((half << 4) & 0xffffu) ^ table[(half >> 12) ^ (byte & 0x0fu)];
 }
 
-/* Computes the CRC over the counter, the data, and the data ID with its low byte first; the data ID is not sent. */
+/* Computes the CRC over the counter, the data, and the data ID with its low byte first. The data ID is not sent. */
 static uint32_t crc_of(const uint8_t *data, int length, uint16_t data_id)
 {
     uint32_t crc = 0xffffu;
@@ -45,7 +45,7 @@ uint8_t sw_e2e_counter(const uint8_t *data) { return data[COUNTER]; }
 
 #elif SW_E2E_PROFILE == 2
 
-#define HEADER 2 /* header: CRC-8, then a byte: counter in the lower half, bits of the message in the upper */
+#define HEADER 2 /* header: CRC-8, then a byte: counter in the lower half, bits of the message in the upper half */
 #define COUNTER 1
 
 /* CRC-8 of the half bytes 0 to 15: polynomial 0x2F, not reflected. */
@@ -60,7 +60,7 @@ static uint32_t with_byte(uint32_t crc, uint32_t byte)
     return ((half << 4) & 0xffu) ^ table[(half >> 4) ^ (byte & 0x0fu)];
 }
 
-/* Computes the CRC over everything after the CRC, and over the data ID, which is not sent. */
+/* Computes the CRC over everything after the CRC, and over the data ID. The data ID is not sent. */
 static uint32_t crc_of(const uint8_t *data, int length, uint16_t data_id)
 {
     uint32_t crc = 0xffu;

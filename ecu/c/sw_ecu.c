@@ -8,7 +8,7 @@
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
 
-/* Largest number of consecutive periods without pressures that the window bridges, and in which the jets may run. */
+/* The window bridges at most this number of consecutive periods without pressures; the jets may run in them. */
 #define LONGEST_GAP (SW_HOLD_PERIODS + SW_DECAY_PERIODS)
 
 /* The action that the ECU requests from the command gate in one period. */
@@ -180,7 +180,7 @@ static int32_t steps_of(double flow_m2_per_s)
     return whole;
 }
 
-/* Passes the reason why the gate shut the jets to the fail-safe, which reports it on the bus. */
+/* Tells the fail-safe why the gate shut the jets. The fail-safe reports this reason on the bus. */
 static void told_by_the_gate(sw_fail_safe *fail_safe, uint8_t interventions)
 {
     if ((interventions & SW_GATED_NOT_FINITE) != 0) sw_fail_safe_latch(fail_safe, SW_REASON_INTERNAL);

@@ -24,16 +24,16 @@ extern "C" {
 
 /* Initialises the ECU as at power-on: nothing has been received or sent, the jets are shut, and the release's own
  * calibration is in force. Memory filled with zeros is not an initialised ECU: the zeros would mean that the request
- * for control was low, and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build, or
- * the present mode of the processor, does not compute as exactly as the decisions need (sw_inexact). Every step repeats
- * this check and shuts the jets while it fails. The jets stay shut until the next init if a control step on a known
- * window differs from the exporter's (sw_known_answer). The check with the known window takes as long as the longest
- * step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
+ * for control was low, and that a sensor is excluded. Returns SW_REASON_NONE, or SW_REASON_INTERNAL if this build or
+ * the processor's present mode does not compute as exactly as the decisions need (sw_inexact). Every step repeats this
+ * check and shuts the jets while it fails. The jets stay shut until the next init if the answer of a control step to a
+ * known window differs from the exporter's answer (sw_known_answer). The check with the known window takes as long as
+ * the longest step; a build with SW_WITHOUT_KNOWN_ANSWER omits it.
  */
 int sw_ecu_init(sw_ecu *ecu);
 
 /* Initialises the ECU with the parameters of a release that is not compiled in, as sw_image_open returns them. The
- * memory behind the pointers must stay valid while the ECU runs; `numbers` itself need not.
+ * memory behind the pointers must stay valid while the ECU runs; `numbers` itself need not stay valid.
  */
 int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers);
 
@@ -51,8 +51,8 @@ int sw_ecu_authenticate(sw_ecu *ecu, const sw_authentication *given);
 
 /* Changes the calibration from the next step on; call it between two steps. Returns 0, or the number of the first value
  * outside the limits of release and vehicle, counted from 1 in the structure's order; the calibration is then
- * unchanged. Actions already sent stay as they are; a narrower range limits the next command. A state can be restored
- * later only if it was saved with the delay then in force.
+ * unchanged. Actions already sent stay as they are. A narrower range limits the next command. A state can be restored
+ * only if the delay is the same as when the state was saved.
  */
 int sw_ecu_calibrate(sw_ecu *ecu, const sw_calibration *values);
 

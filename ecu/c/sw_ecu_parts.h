@@ -14,8 +14,8 @@
 
 /* --- sw_inexact.c --- */
 
-/* Returns SW_REASON_INTERNAL if this build, or the present mode of the processor, does not compute floats or doubles
- * exactly as the decisions need: sw_arithmetic fails, or operations are contracted. Otherwise returns SW_REASON_NONE.
+/* Returns SW_REASON_INTERNAL if this build or the processor's present mode does not compute floats or doubles exactly
+ * as the decisions need: sw_arithmetic fails, or operations are contracted. Otherwise returns SW_REASON_NONE.
  */
 uint8_t sw_inexact(void);
 
@@ -121,7 +121,7 @@ void sw_reception(sw_received *received, sw_receiver *receiver, const sw_frame *
 /* Returns whether the content of a frame was sampled at most oldest_ns before now_ns, and not after now_ns. */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns);
 
-/* Updates the detection of another ECU at step_ns. Commands and statuses among the frames come from another ECU. */
+/* Updates the detection of another ECU at step_ns. All commands and statuses among the frames come from another ECU. */
 void sw_other_ecu_next(sw_other_ecu *other, const sw_frame *frames, int count,
                        int64_t step_ns SW_BY_KEY(const sw_secoc *secoc));
 
@@ -135,13 +135,13 @@ void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_fr
 /* Returns the dynamic pressure (Cp = 1) in Pa; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
-/* Returns the speed divided by the design speed, within the release's range; 1 if it is unknown or too far outside. */
+/* Returns speed / design speed, limited to the release's range; 1 if the speed is unknown or too far outside. */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
 #endif
 
 /* --- sw_past.c: rows of past periods, resampled at equal distances travelled --- */
 
-/* Returns `before` moved towards `to` by this share of their difference; `to` for a share of 1 or more. */
+/* Returns `before` moved towards `to` by this share of the difference; returns `to` for a share of 1 or more. */
 double sw_followed(double before, double to, double share);
 
 #if SW_PAST > 0
@@ -156,7 +156,7 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS],
 
 /* --- sw_memory.c: window, plan and actions in transit --- */
 
-/* Add a row for this period (speed / design speed), bridge a period without pressures, and empty the window. */
+/* Add this period's row (`speed` in design speeds), bridge a period without pressures, and empty the window. */
 void sw_memory_observed(sw_memory *memory, const double cp[SW_SENSORS], double speed);
 void sw_memory_bridged(sw_memory *memory);
 void sw_memory_emptied(sw_memory *memory);
@@ -166,7 +166,7 @@ void sw_memory_without_plan(sw_memory *memory);
 /* Returns the speed of the newest row, divided by the design speed. */
 double sw_memory_speed(const sw_memory *memory);
 
-/* Changes the actuator's delay: `frozen` actions are in transit, fewer than SW_HORIZON. */
+/* Changes the actuator's delay. `frozen` actions are then in transit; `frozen` is less than SW_HORIZON. */
 void sw_memory_freeze(sw_memory *memory, int frozen);
 
 /* Replaces one sensor's pressures in all rows with data; `values` has a row for each row of the window or the past. */
@@ -232,7 +232,7 @@ int sw_calibration_beyond(const sw_calibration *values, const sw_release *releas
 /* Returns a release's own calibration in this vehicle. */
 void sw_calibration_own(const sw_release *release, sw_calibration *own);
 
-/* Returns the gate's bounds for values within their limits; the bounds are never wider than the vehicle's. */
+/* Returns the gate's bounds for values within their limits; the bounds are never wider than the vehicle's bounds. */
 sw_gate_limits sw_calibration_limits(const sw_calibration *values);
 
 /* --- sw_gate.c --- */

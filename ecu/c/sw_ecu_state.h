@@ -1,4 +1,4 @@
-/* The inputs, the parameters and the state of an ECU; public only because the caller provides the memory. */
+/* The inputs, parameters and state of an ECU. They are public only because the caller provides the memory. */
 #ifndef SW_ECU_STATE_H
 #define SW_ECU_STATE_H
 
@@ -20,7 +20,7 @@
 #define SW_PAIRS (SW_SENSORS * (SW_SENSORS - 1) / 2)
 #define SW_HYPOTHESES (SW_SENSORS + SW_PAIRS)
 
-/* Number of stored rows of estimates: as many as the window has, or the past in a release for a range of speeds. */
+/* Number of stored rows of estimates: all rows of the window, or of the past in a release for a range of speeds. */
 #if SW_PAST > 0
 #define SW_KEPT SW_PAST
 #else
@@ -84,7 +84,7 @@ typedef struct {
     uint32_t rx_errors;
 } sw_bus_health;
 
-/* The conditions around the ECU. The caller writes them between two steps; they apply until the next change. */
+/* The conditions around the ECU. The caller writes them between two steps. They apply until the next change. */
 typedef struct {
     sw_bus_health health;
     uint8_t fault;    /* SW_REASON_ for which the ECU must switch itself off, or SW_REASON_NONE */
@@ -167,10 +167,10 @@ typedef struct {
     double slow[SW_HYPOTHESES][SW_SENSORS];
     double noise[SW_HYPOTHESES][SW_SENSORS];
     double score[SW_HYPOTHESES][SW_SENSORS];
-    double estimates[SW_KEPT][SW_SENSORS]; /* estimate of each sensor's pressure from the others; latest periods */
+    double estimates[SW_KEPT][SW_SENSORS]; /* estimate of a sensor's pressure from the other sensors; latest periods */
 } sw_sensors;
 
-/* The state of the benefit check; suction and swing are divided by those of the release's own wake without jets. */
+/* The state of the benefit check; suction and swing are divided by their values in the release's wake without jets. */
 typedef struct {
     uint32_t waking; /* number of periods with shut jets that are still needed until the wake has recovered */
     uint32_t rested; /* number of periods in the means without control, up to SW_PROVEN_PERIODS */
@@ -188,7 +188,7 @@ typedef struct {
 typedef struct {
     uint8_t is_there;
     uint32_t frames;  /* number of the other ECU's frames so far */
-    int64_t until_ns; /* time from which the other ECU counts as gone if it sends no more frames */
+    int64_t until_ns; /* time at which the other ECU counts as gone if it sends no further frame */
 } sw_other_ecu;
 
 /* The whole state from one control period to the next. */
@@ -216,7 +216,7 @@ typedef struct {
 #endif
 } sw_ecu_state;
 
-/* The parameters of a release except those of its controller and its sensor estimator; read in place. */
+/* The parameters of a release without its controller and its sensor estimator. They are read in place. */
 typedef struct {
     double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [j][i]: deviation of healthy sensor i's residual without j, Cp */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */
@@ -255,7 +255,7 @@ typedef struct {
     uint8_t key[SW_AES_BYTES];
     uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
     uint64_t heard_pressure; /* last stored freshness value of a Pressure accepted in an earlier power cycle, or 0 */
-    uint64_t heard_speed;    /* the same of a VehicleSpeed; used only if the release needs the speed */
+    uint64_t heard_speed;    /* same value for a VehicleSpeed; used only if the release needs the speed */
 } sw_authentication;
 #endif
 

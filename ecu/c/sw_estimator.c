@@ -1,9 +1,9 @@
-/* Estimates of each pressure from the other pressures, for all views of a window. A view leaves out sensors or
+/* The estimates of each pressure from the other pressures, for all views of a window. A view leaves out sensors or
  * exchanges two sensors (contract/controller/estimator.py).
  *
- * The first layer is linear in the window's columns, so the views share the products of this layer: each column is
- * multiplied once, in integers, for each place that the column has in a view, and a view's input to the first ReLU is a
- * sum of these products. Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, hidden activations in units
+ * The first layer is linear in the window's columns, so the views share the products of this layer. Each column is
+ * multiplied once, in integers, for each place that the column has in a view. A view's input to the first ReLU is a sum
+ * of these products. Activations are int16: readings in units of 1 / SW_ESTIMATOR_ONE, and hidden activations in units
  * of 1 / SW_INT16_QMAX of the largest activation in their vector. The products of both layers are exact, and all other
  * operations have a fixed order, so that all processors give equal bits.
  */

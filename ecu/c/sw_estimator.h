@@ -1,5 +1,5 @@
-/* The network that estimates each pressure from the other pressures: its scratch memory, and its weights from a
- * release's sensors.onnx. The generated sw_estimator_weights.c defines the weights that are compiled in.
+/* The network that estimates each pressure from the other pressures: its scratch memory and its weights. A release's
+ * weights come from its sensors.onnx. The generated sw_estimator_weights.c defines the weights that are compiled in.
  *
  * Matrices are int8 with one scale for each output, as in sensors.onnx, in the layout of sw_dots.h.
  */
@@ -38,13 +38,13 @@ typedef struct sw_estimator_weights {
 
 extern const sw_estimator_weights sw_own_estimator; /* the compiled-in weights */
 
-/* Scratch memory. The sums are those of the first layer, in integers: SW_ESTIMATOR_ONE is a reading or a flag of 1. */
+/* Scratch memory. The sums are those of the first layer, in integers: SW_ESTIMATOR_ONE means a reading or flag of 1. */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
-    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of all columns' products, each in its place; without flags */
+    int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of the products of all columns in place, without flags */
     int32_t crossed[SW_ESTIMATOR_WIDTH];         /* `all` with two readings exchanged, or without a sensor */
     int32_t out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum without a sensor: flag minus column */
-    int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of the sum `crossed` if a sensor is left out */
+    int32_t crossed_out[SW_SENSORS][SW_ESTIMATOR_WIDTH]; /* change of `crossed` if a sensor is left out */
     int32_t sums[SW_ESTIMATOR_WIDTH];
     float readings[SW_COLUMNS][SW_ESTIMATOR_ROWS]; /* columns of the window */
     float values[SW_ESTIMATOR_WIDTH];
@@ -53,7 +53,7 @@ typedef struct {
 } sw_estimator_work;
 
 /* Estimates the newest pressures, in Cp, under every hypothesis, into work->estimates: entry [h][i] is the estimate for
- * sensor i under hypothesis h. The estimates of row j < SW_SENSORS leave out the sensors j and i; those of row
+ * sensor i under hypothesis h. The estimates of row j < SW_SENSORS leave out the sensors j and i. The estimates of row
  * SW_SENSORS + p exchange the p-th pair of sensors and leave out sensor i. The window has data from row `first` on.
  * Estimates are always finite.
  */

@@ -1,7 +1,7 @@
-/* The fail-safe: one table of states and transitions, which decides on the ECU's mode in each control period.
+/* The fail-safe: a table of states and transitions decides on the ECU's mode in each control period.
  *
- * The rows are searched from the first on. A period takes the first row that lists the present mode as a start and
- * whose condition is true. This file corresponds to ecu/fail_safe.py, with the same rows, order and names.
+ * The rows are searched from the first on. A period takes the first row whose start contains the present mode and whose
+ * condition is true. This file corresponds to ecu/fail_safe.py, with the same rows, order and names.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -18,7 +18,7 @@ typedef enum {
     STANDING,       /* usable pressures, and the request has not changed from low to high */
     INVALID,        /* the stream is not trusted */
     TOO_LONG,       /* more consecutive periods missing than hold and decay periods */
-    TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods missing, including this one */
+    TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods missing, including this period */
     FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
     USABLE,         /* usable pressures */
     SHORT           /* no more consecutive periods missing than hold periods */
@@ -100,7 +100,7 @@ static uint8_t missing(const period *now)
     return now->inputs->usable ? (uint8_t)SW_REASON_NONE : now->inputs->unusable_because;
 }
 
-/* Returns `reason`; NOT_AUTHENTIC if no frame of the vehicle is authentic: the vehicle's request is then ignored. */
+/* Returns `reason`, or NOT_AUTHENTIC if no frame of the vehicle is authentic; the vehicle's request is then ignored. */
 static uint8_t unless_refused(const period *now, uint8_t reason)
 {
     return missing(now) == SW_REASON_NOT_AUTHENTIC ? (uint8_t)SW_REASON_NOT_AUTHENTIC : reason;
@@ -213,7 +213,7 @@ static const transition *taken(uint8_t mode, const period *now)
     return &transitions[LAST];
 }
 
-/* Returns a bit for each of the latest periods with a request for control, including this one: 1 if it was lost. */
+/* Returns a bit for each of the latest periods with a request for control, including this one: 1 for a lost one. */
 static uint64_t lost_with(const sw_fail_safe *before, const period *now)
 {
     const unsigned counts_no_loss = FAULT | UPDATE;

@@ -1,9 +1,9 @@
 /* The command gate: the last check before a jet command is sent. It does not trust the controller.
  *
- * The jets are shut immediately in four cases, checked in this order: there is no permission, the command is not a
- * finite number, the clock has not advanced, or there is no fresh pressure. Otherwise the command is limited to its
- * range, and its change from the previous command to one step. Zero is the safe state, so the step limit never slows
- * down a shut-off. This file corresponds to can_bridge/command_gate.py.
+ * The jets are shut immediately in four cases, checked in this order: permission is missing, the command is not a
+ * finite number, the clock has not advanced, or fresh pressures are missing. Otherwise the command is limited to its
+ * range, and the change from the previous command is limited to one step. Zero is the safe state, so the step limit
+ * never slows down a shut-off. This file corresponds to can_bridge/command_gate.py.
  */
 #include <float.h>
 
@@ -17,7 +17,7 @@ static double clamp(double value, double low, double high) { return smaller(larg
 
 static int is_finite(double value) { return value >= -DBL_MAX && value <= DBL_MAX; }
 
-/* Returns the time between two times, which may be any numbers; `to_ns` must not be earlier than `from_ns`. */
+/* Returns the time between any two times. `to_ns` must not be earlier than `from_ns`. */
 static uint64_t elapsed_ns(int64_t from_ns, int64_t to_ns) { return (uint64_t)to_ns - (uint64_t)from_ns; }
 
 static sw_gated shut(uint8_t why)
@@ -37,7 +37,7 @@ static double largest_change(double step_m2_per_s, int has_previous, int64_t pre
     return step_m2_per_s * share;
 }
 
-/* Returns whether the pressures are fresh enough: they may be older for a command between the previous and zero. */
+/* Returns whether pressures are fresh enough. They may be older for a command between zero and the last command. */
 static int is_fresh(double flow_m2_per_s, double previous_m2_per_s, int64_t pressure_ns, int64_t now_ns)
 {
     const int towards_zero = smaller(0.0, previous_m2_per_s) <= flow_m2_per_s &&

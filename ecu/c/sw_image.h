@@ -1,4 +1,4 @@
-/* A release as an image on flash, whose parameters this build reads in place.
+/* A release as an image on flash. This build reads the parameters of an image in place.
  *
  * An image is a header of SW_IMAGE_HEADER bytes, followed by an sw_payload. The caller must check first that the image
  * is complete and signed by a trusted key.
@@ -16,7 +16,7 @@ extern "C" {
 
 #define SW_IMAGE_HEADER 512
 
-/* The parameters of a release: little-endian, in a layout that sw_own_layout.c compares with the image writer's. */
+/* The parameters of a release: little-endian; sw_own_layout.c compares their layout with that of the image writer. */
 typedef struct {
     sw_release release;
     sw_weights weights;
@@ -30,7 +30,7 @@ typedef struct {
 
 typedef enum {
     SW_IMAGE_OK = 0,
-    SW_IMAGE_OTHER_BUILD = 1, /* the image's layout or length is not that of this build */
+    SW_IMAGE_OTHER_BUILD = 1, /* the image's layout or length differs from this build's layout or length */
     SW_IMAGE_MISALIGNED = 2,  /* the image's address is not a multiple of 64 bytes */
     SW_IMAGE_BAD_NUMBERS = 3  /* a number is NaN, or an index or a bound is outside its limits */
 } sw_image_status;

@@ -1,8 +1,8 @@
 /* The memory of the controller from one period to the next: window, plan and actions in transit.
  *
  * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
- * sampled. In a release for a range of speeds the window is resampled from a record of past periods; pressures, actions
- * and plan are made dimensionless with the present speed, but actions that were sent or are in transit with the design
+ * sampled. In a release for a range of speeds the window is resampled from a record of past periods. Pressures, actions
+ * and plan are then made dimensionless with the present speed; sent actions and actions in transit, with the design
  * speed. This file corresponds to ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
@@ -83,7 +83,7 @@ void sw_memory_commanded(sw_memory *memory, double action)
 
 /* Sent actions do not change, but they take effect at another time: the latest actions are in transit, and a row of the
  * window has the action that was in force under the new delay. If a row would need an action older than that of the
- * oldest row, it gets the oldest row's action. The plan is shifted, so that its action for the next period does not
+ * oldest row, the row gets the oldest row's action. The plan is shifted so that its action for the next period does not
  * change. In a release for a range of speeds, a changed delay empties the window.
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)
@@ -138,7 +138,7 @@ void sw_memory_input(const sw_memory *memory, const sw_calibration *calibration,
         input->free[k] = k < frozen ? 0.0f : 1.0f;
     }
     /* The control step shifts the plan by a step. The plan's first actions are then in transit to a delayed actuator.
-     * They are replaced by the actions that were sent, which include the effects of the gate, of holding a command and
+     * They are replaced by the sent actions. The sent actions include the effects of the gate, of holding a command and
      * of the message's resolution.
      */
     for (int k = 1; k <= frozen; k++) {

@@ -1,5 +1,5 @@
 /* The rows of past control periods, resampled for the present speed: at equal distances travelled. This file
- * corresponds to contract/controller/resampling.py, and to Past in ecu/controller_memory.py, which give the reasons.
+ * corresponds to contract/controller/resampling.py, and to Past in ecu/controller_memory.py. Both give the reasons.
  */
 #include "sw_ecu_parts.h"
 
@@ -25,7 +25,7 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed)
         for (int c = 0; c < SW_COLUMNS; c++) past->rows[k][c] = past->rows[k + 1][c];
         past->speeds[k] = past->speeds[k + 1];
     }
-    /* `newest` still has the pressures of the period before, which the filter needs. */
+    /* The filter needs the pressures of the period before. `newest` still has these pressures. */
     double *newest = past->rows[SW_PAST - 1];
     for (int s = 0; s < SW_SENSORS; s++) newest[s] = past->count > 0u ? sw_followed(newest[s], row[s], speed) : row[s];
     newest[SW_SENSORS] = row[SW_SENSORS];
@@ -36,7 +36,7 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed)
 uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last)
 {
     const int oldest = SW_PAST - (int)past->count;
-    int at = SW_PAST - 1; /* index of the oldest row at or after the time of a window's row */
+    int at = SW_PAST - 1; /* index of the oldest row that is not older than a window's row */
     double age = 0.0;     /* distance travelled since that row, in steps */
     double steps = 0.0;
     uint32_t rows = 0;

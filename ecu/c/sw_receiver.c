@@ -1,11 +1,11 @@
-/* The receiver of a protected message (PRS_E2EProtocol: profile check, then state machine).
+/* The receiver of a protected message (PRS_E2EProtocol: first the profile check, then the state machine).
  *
  * Each frame gets a result (sw_check) from its CRC and counter. The period gets the result with the highest priority
- * among its frames' results, and the results of the latest periods decide whether the stream is trusted.
+ * among its frames' results. The results of the latest periods decide whether the stream is trusted.
  */
 #include "sw_ecu_parts.h"
 
-/* Returns whether a frame has the message's 11-bit identifier; an equal 29-bit identifier is another node's. */
+/* Returns whether a frame has the message's 11-bit identifier; an equal 29-bit identifier belongs to another node. */
 static int is_of(const sw_message *message, const sw_frame *frame)
 {
     return frame->id == message->id && !frame->is_extended;
@@ -29,7 +29,7 @@ static sw_check checked(sw_receiver *receiver, const sw_message *message, const 
     return delta <= (uint32_t)SW_E2E_MAX_DELTA ? SW_CHECK_OK_SOME_LOST : SW_CHECK_WRONG_SEQUENCE;
 }
 
-/* Returns a period's result: the first in `order` whose bit is set in `found`, which has the results of its frames. */
+/* Returns a period's result: the first in `order` whose bit is set in `found`, the results of the frames. */
 static sw_check of_period(uint32_t found)
 {
     static const sw_check order[] = {SW_CHECK_ERROR, SW_CHECK_OK, SW_CHECK_OK_SOME_LOST, SW_CHECK_WRONG_SEQUENCE,

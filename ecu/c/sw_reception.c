@@ -1,4 +1,4 @@
-/* Usable pressures from a control period's frames, or the reason why there are none. The checks are, in this order:
+/* The usable pressures from a control period's frames, or the reason why there are none. The checks are, in this order:
  * authentication, end-to-end protection, age, the sensors' own diagnosis. The file also detects another ECU.
  */
 #include "sw_counts.h"
@@ -6,7 +6,7 @@
 
 #define ALL_VALID ((1u << SW_SENSORS) - 1u)
 
-/* Waiting in a queue, before or after sending, adds to a frame's age. No frame has a time before 0; the order of
+/* The age includes the time in queues before and after sending. No frame has a time before 0. The order of the
  * comparisons keeps the differences within 64 bits.
  */
 int sw_is_fresh(int64_t timestamp_ns, int64_t age_ns, int64_t now_ns, int64_t oldest_ns)

@@ -1,5 +1,5 @@
-/* The sensor check: whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which explains
- * the criteria. Sums are computed from left to right, as NumPy computes sums of so few numbers.
+/* The sensor check. It judges whether the pressures are plausible. This file corresponds to ecu/sensor_check.py, which
+ * explains the criteria. Sums are computed from left to right, as NumPy computes sums of so few numbers.
  */
 #include "sw_counts.h"
 #include "sw_ecu_parts.h"
@@ -38,11 +38,11 @@ void sw_sensors_start(sw_sensors *sensors)
 
 /* Evidence for errors of the sensors, relative to the values of healthy sensors. */
 typedef struct {
-    double liar[SW_SENSORS]; /* evidence that this sensor reads wrongly and the others do not */
+    double liar[SW_SENSORS]; /* evidence that this sensor reads wrongly and the other sensors do not */
     double bias[SW_SENSORS]; /* like `liar`, from the slow means */
     double swap;             /* evidence that two sensors are exchanged: the largest value of all pairs */
     double doubt;            /* evidence that the sensors in use contradict each other */
-    double drift;            /* like `doubt`, from the slow means; the smallest value, whichever sensor is left out */
+    double drift;            /* like `doubt`, from the slow means: the least value if one sensor is left out */
 } levels;
 
 static double square(double value) { return value * value; }
@@ -67,7 +67,7 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns a hypothesis's row of deviations; for an exchange, the sensor's own row, since no other is left out. */
+/* Returns the row of deviations for a hypothesis: the hypothesis's own row, or for an exchange the sensor's row. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
 /* Repeats the newest estimates in new rows: one row for this period, and one row for each skipped period. */
@@ -110,8 +110,8 @@ static void average(sw_sensors *sensors, const sw_release *release, int h, const
     }
 }
 
-/* Updates the running means of all hypotheses: each sensor may read wrongly, and each pair may be exchanged, in which
- * case its readings are compared crosswise.
+/* Updates the running means of all hypotheses: each sensor may read wrongly, and each pair may be exchanged. The
+ * readings of an exchanged pair are compared crosswise.
  */
 static void average_all(sw_sensors *sensors, const sw_release *release, const double cp[SW_SENSORS],
                         const sw_estimator_work *work)
@@ -183,7 +183,7 @@ static double moved(const double window[SW_WINDOW][SW_COLUMNS], int first, int c
     return most - least;
 }
 
-/* Returns the mean deviation of healthy sensors' residuals, each estimated from all others. */
+/* Returns the mean deviation of healthy sensors' residuals, if each sensor is estimated from all others. */
 static double sound_deviation(const sw_release *release)
 {
     double sound[SW_SENSORS];
@@ -191,8 +191,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether the other sensors' pressures moved in the periods in which this sensor was stuck: the median of their
- * ranges then shows a flow. Rows before row `first` are taken to be equal to row `first`.
+/* Returns whether the other sensors' pressures moved in the periods in which this sensor was stuck: the median of the
+ * ranges of their pressures then shows a flow. Rows before row `first` are taken to be equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {
@@ -225,7 +225,7 @@ static int any_alike(const sw_release *release, const double window[SW_WINDOW][S
     return alike;
 }
 
-/* Returns the sensor with the most evidence, the first of several equal ones; -1 if no sensor has enough evidence. */
+/* Returns the first sensor with the most evidence, or -1 if no sensor has enough evidence. */
 static int liar_of(const levels *found)
 {
     int liar = -1;
@@ -240,7 +240,7 @@ static int liar_of(const levels *found)
     return liar;
 }
 
-/* Returns the count of doubt: one more after a period in doubt, one less after a period without doubt. */
+/* Returns the count of doubt: one more after a period with doubt, one less after a period without doubt. */
 static uint32_t counted_doubt(uint32_t doubt, int doubted)
 {
     uint32_t next = doubt;

@@ -1,5 +1,5 @@
-/* The vehicle's speed through the air, with which pressures are converted to coefficients and actions to flow rates.
- * While no new speed is accepted, the last one stays in force for a limited time. This file corresponds to
+/* The vehicle's speed through the air, for the conversion of pressures to coefficients and of actions to flow rates.
+ * While no new speed is accepted, the last accepted speed stays in force for a limited time. This file corresponds to
  * ecu/speed_reception.py.
  */
 #include "sw_ecu_parts.h"
@@ -16,7 +16,7 @@ static uint64_t age_of(const sw_speed_state *speed, int64_t now_ns)
 static int is_plausible(const sw_speed_state *speed, const sw_release *release, double speed_m_per_s, int64_t now_ns)
 {
     const double elapsed_s = (double)age_of(speed, now_ns) * 1e-9;
-    /* Over a shorter time than SW_SHORTEST_S, rounding or a late frame would be mistaken for an acceleration. */
+    /* In a time shorter than SW_SHORTEST_S, rounding or a late frame would be mistaken for an acceleration. */
     const double most = SW_MOST_ACCELERATION * (elapsed_s > SW_SHORTEST_S ? elapsed_s : SW_SHORTEST_S);
     const double change = speed_m_per_s - speed->ratio * release->design_speed;
     return !speed->known || (change <= most && change >= -most);

@@ -5,7 +5,7 @@
 
 #include "sw_ecu.h"
 
-/* Number of frames that are stored between two steps; a period has one frame with pressures and one with the speed. */
+/* Number of frames that are stored between two steps. A period has one frame of pressures and one of the speed. */
 #define ROOM 16
 
 /* Identifiers of the frames that the ECU needs; on a busy bus, other frames would fill the buffer. */
@@ -29,8 +29,8 @@ void send_frame(const sw_frame *frame);
 void note_health(sw_bus_health *health);
 
 #if SW_SECOC
-/* Counts this power cycle in non-volatile memory, and reads the key and the freshness values from it. Returns 0, or 1
- * if they cannot be read. */
+/* Counts this power cycle in non-volatile memory, and reads the key and the freshness values. Returns 0, or 1 if they
+ * cannot be read. */
 int read_authentication(sw_authentication *given);
 
 /* Stores the receivers' newest freshness values, as often as wear of the non-volatile memory permits. */

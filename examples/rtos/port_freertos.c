@@ -1,4 +1,4 @@
-/* FreeRTOS has no CAN interface: write the three board_ functions in your driver, and clock_ns, which must read a
+/* FreeRTOS has no CAN interface: write clock_ns, and the three board_ functions in your driver. clock_ns must read a
  * free-running hardware timer: the tick counter is too coarse, and its interrupt may be late. */
 
 #include "FreeRTOS.h"

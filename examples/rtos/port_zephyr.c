@@ -1,4 +1,4 @@
-/* Zephyr has a CAN interface: you write only the devicetree and the configuration. */
+/* Zephyr has a CAN interface. You write only the devicetree and the configuration. */
 
 #include <zephyr/device.h>
 #include <zephyr/drivers/can.h>
@@ -37,7 +37,7 @@ int take_frames(sw_frame *taken, int room)
     return count;
 }
 
-/* A callback that does nothing: without one, can_send would wait for the end of the frame. */
+/* A callback that does nothing. Without a callback, can_send would wait for the end of the frame. */
 static void sent(const struct device *device, int error, void *unused) { (void)device, (void)error, (void)unused; }
 
 void send_frame(const sw_frame *frame)

@@ -37,8 +37,8 @@
 
 #define SW_BOARD_REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
 
-/* Feeds a watchdog; does nothing on the emulated board. The program calls this function in each pass of its loop, at
- * most one and a half control periods apart, and after the start-up, which may erase a sector.
+/* Feeds a watchdog; does nothing on the emulated board. The program calls this function after the start-up, which may
+ * erase a sector, and then in each pass of its loop, at least every one and a half control periods.
  */
 void sw_board_alive(void);
 
@@ -51,7 +51,7 @@ void sw_board_sleep(int64_t until_ns);
 /* The driver of the flash's second bank. */
 extern const sw_flash sw_board_flash;
 
-/* Returns 32 random bits, which may be 0. If the generator failed, *failed becomes 1 and the bits are invalid. */
+/* Returns 32 random bits; all may be 0. If the generator failed, *failed becomes 1 and the bits are invalid. */
 uint32_t sw_board_random(uint8_t *failed);
 
 /* Resets the microcontroller; does not return. */

@@ -1,7 +1,7 @@
-/* A driver of Bosch's M_CAN (user's manual, revision 3.3), which polls the controller. Received frames come through
- * FIFO 0. Each control frame has a separate transmit buffer; other frames go through the transmit FIFO, which follows
- * these buffers. Whenever the bus is free, the controller sends the frame with the lowest identifier, from a buffer or
- * the head of the FIFO. Each element of the message RAM has room for 64 bytes of data.
+/* A polling driver of Bosch's CAN controller M_CAN (user's manual, revision 3.3). Received frames come through FIFO 0.
+ * Each control frame has a separate transmit buffer. Other frames go through the transmit FIFO, which follows these
+ * buffers. Whenever the bus is free, the controller compares the buffers' frames and the FIFO's first frame, and sends
+ * the frame with the lowest identifier. Each element of the message RAM has room for 64 bytes of data.
  */
 #include <stddef.h>
 
@@ -183,8 +183,8 @@ int sw_board_can_is_idle(void) { return CAN(TXBRP) == 0u || is_off(); }
 
 void sw_board_can_health(sw_bus_health *health)
 {
-    /* A bus-off sets INIT; clearing INIT begins the recovery of 128 times eleven recessive bits. The loop looks for
-     * further bus-offs in IR, because INIT, which belongs to another clock domain, changes late.
+    /* A bus-off sets INIT. Clearing INIT begins the recovery, which lasts 128 times eleven recessive bits. The loop
+     * finds further bus-offs in IR, because INIT belongs to another clock domain and changes late.
      */
     for (uint32_t i = 0; i < MOST_BUS_OFFS && (CAN(IR) & IR_BUS_OFF) != 0u; i++) {
         CAN(IR) = IR_BUS_OFF;
@@ -196,6 +196,6 @@ void sw_board_can_health(sw_bus_health *health)
     const uint32_t errors = CAN(ECR);
     health->is_bus_off = (uint8_t)is_off();
     health->tx_errors = errors & 0xffu;
-    /* Bit RP is set if there are 128 receive errors or more, which the 7-bit counter cannot count. */
+    /* The 7-bit counter counts at most 127 receive errors; bit RP is set from 128 errors on. */
     health->rx_errors = ((errors >> 15) & 1u) != 0u ? 128u : (errors >> 8) & 0x7fu;
 }

@@ -1,4 +1,4 @@
-/* The counter, random numbers, sleep and reset. Interrupts are masked and never served; they only end sleep. */
+/* The counter, random numbers, sleep and reset. Interrupts are masked and never served: they only end sleep. */
 #include "sw_board.h"
 
 #define COUNTER_LOW SW_BOARD_REGISTER(SW_BOARD_COUNTER)
@@ -24,7 +24,7 @@ int64_t sw_board_now_ns(void)
     return (int64_t)(((uint64_t)high << 32) | low);
 }
 
-/* Sleeps. A frame received since the last poll has left an interrupt pending, which ends the sleep immediately. */
+/* Sleeps. If a frame has arrived since the last poll, its interrupt is pending and ends the sleep immediately. */
 void sw_board_sleep(int64_t until_ns)
 {
     COMPARE_LOW = (uint32_t)until_ns;

@@ -1,6 +1,6 @@
 /* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes. The driver
- * writes the bank that does not contain the program, so that the core continues to run; the core stalls only if it
- * reads the written bank during an erasure. The data cache, if enabled, must not hold data of this bank.
+ * writes the bank that does not contain the program, so that the core continues to run. It stalls only if it reads the
+ * written bank during an erasure. The data cache, if enabled, must not hold data of this bank.
  */
 #include <stddef.h>
 
@@ -87,7 +87,7 @@ static int program(void *context, uint32_t address, const uint8_t *word)
     return end();
 }
 
-/* Reads bytes. Uncorrectable words cause bus faults, which the core ignores while FAULTMASK and BFHFNMIGN are set. */
+/* Reads bytes. Uncorrectable words cause bus faults; the core ignores these while FAULTMASK and BFHFNMIGN are set. */
 static int read(void *context, uint32_t address, uint8_t *data, uint32_t length)
 {
     const uint32_t size = SW_FLASH_SECTOR * SW_BOARD_FLASH_SECTORS;

@@ -1,4 +1,4 @@
-/* The functions that compilers call to clear or copy memory, which a C library would provide. */
+/* The functions that compilers call to clear or copy memory. They replace the functions of a C library. */
 #include <stddef.h>
 
 void *memcpy(void *restrict to, const void *restrict from, size_t count);

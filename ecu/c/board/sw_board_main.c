@@ -1,5 +1,5 @@
 /* The program: it reads frames, steps the ECU once a control period, then answers diagnosis and sleeps. A step begins
- * when the pressures arrive, or half a period after they were due if they do not arrive.
+ * when the pressures arrive. If they do not arrive, it begins half a period after they were due.
  */
 #include "sw_board.h"
 #include "sw_board_equipment.h"
@@ -143,7 +143,7 @@ static void receive(sw_board_period *period)
     }
 }
 
-/* Removes the diagnostic frames from number `first` on, because control does not use them. */
+/* Removes the diagnostic frames among the frames from number `first` on: control does not use them. */
 static void drop_requests(sw_board_period *period, int first)
 {
     int kept = first;

@@ -1,10 +1,10 @@
 /* The bus key and the freshness values on this board. The key is compiled in, so this firmware must not be shipped; a
  * board for sale must read the key from memory that no debugger can read.
  *
- * Freshness values are in the backup SRAM, which survives a reset, and a loss of the supply while a battery supplies
- * VBAT. The SRAM does not wear, so every accepted value is stored. If the content of the SRAM is lost, power cycles
- * count from 1 again, as in a new ECU: the other node then refuses every frame, which is safe. For a board without a
- * battery, change this file to use FRAM or a log in flash.
+ * Freshness values are in the backup SRAM. It survives a reset and, while a battery supplies VBAT, a loss of the
+ * supply. The SRAM does not wear, so every accepted value is stored. If its content is lost, the ECU counts power
+ * cycles from 1 again, like a new ECU. The other node then refuses every frame, so the loss is safe. For a board
+ * without a battery, change this file to use FRAM or a log in flash.
  *
  * There are two records, written in turn: an interrupted write leaves the other record intact.
  */

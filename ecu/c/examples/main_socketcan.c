@@ -6,9 +6,9 @@
  * If frames are authenticated (SW_SECOC), the command is `./ecu can0 bus.key freshness`: bus.key is the key file that
  * `stillwake keygen --secret` writes, and the program stores freshness values in the file freshness.
  *
- * The ECU steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time after the arrival of the pressures, and each
- * frame has the kernel's time of arrival. SIGTERM and SIGINT end the program, whose last commands shut the jets. The
- * exit status is 1 if the program cannot start, or if the interface fails.
+ * The ECU steps at absolute deadlines on CLOCK_MONOTONIC, a fixed time after the pressures' arrival. Each frame has the
+ * kernel's time of arrival. SIGTERM and SIGINT end the program; its last commands shut the jets. The exit status is 1
+ * if the program cannot start, or if the interface fails.
  */
 #define _GNU_SOURCE /* for mlockall, and recvmsg's control messages */
 

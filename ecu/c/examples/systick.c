@@ -90,8 +90,8 @@ static void start_clock(void)
     SYSTICK_CONTROL = 7; /* clock source: the core; interrupt and counter on */
 }
 
-/* Waits for a new period and returns its number. Interrupts are masked from the check until the sleep: an interrupt
- * between the two would be missed, whereas a pending interrupt ends the sleep.
+/* Waits for a new period and returns its number. Interrupts are masked from the check until the sleep. An interrupt
+ * between check and sleep would otherwise be missed; a masked interrupt stays pending and ends the sleep.
  */
 static uint32_t next_period(uint32_t done)
 {

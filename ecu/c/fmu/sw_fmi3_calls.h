@@ -69,7 +69,7 @@ static inline fmi3String fmu_wrong_step(double stands, double point, double size
     return NULL;
 }
 
-/* Define a function for a type without variables, and a function that this kind of FMU does not support. */
+/* Define a function for a type that has no variables, and a function that this kind of FMU does not support. */
 #define FMU_NONE_OF(NAME, ...)                                                                                     \
     SW_EXPORT fmi3Status fmi3##NAME(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,         \
                                     __VA_ARGS__)                                                                   \

@@ -1,9 +1,9 @@
 /* The ECU as an FMU for co-simulation, FMI 3.0.
  *
- * The FMU contains the ECU of sw_ecu.h, bit for bit. The ECU receives only frames. They come from a simulated vehicle
- * inside the FMU, whose pressures and speed are the FMU's inputs, or from a bus terminal. With a simulated vehicle the
- * ECU steps at start, start + period, and so on, with the inputs at the time of the step. A communication step of any
- * length includes the ECU's steps that begin in it.
+ * The FMU contains the ECU of sw_ecu.h, bit for bit. The ECU receives only frames. They come from a bus terminal, or
+ * from a simulated vehicle inside the FMU. In the second case the FMU's inputs are the vehicle's pressures and speed.
+ * With a simulated vehicle the ECU steps at start, start + period, and so on, with the inputs at the time of the step.
+ * A communication step of any length includes the ECU's steps that begin in it.
  *
  * This file is for a computer, not a vehicle: the standard requires an FMU to allocate its instances and saved states.
  */
@@ -17,7 +17,7 @@
 
 const variable fmu_variables[SW_FMU_VARIABLES] = SW_FMU_TABLE;
 
-/* A saved state; the state in memory and its serialised bytes are equal. */
+/* A saved state. Its serialised form has the same bytes as the state in memory. */
 typedef struct {
     char token[sizeof SW_FMU_TOKEN]; /* token of the FMU that saved this state */
     fmu_memory kept;

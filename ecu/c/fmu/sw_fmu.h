@@ -39,7 +39,7 @@ typedef struct {
     int64_t reached_ns;
     int64_t off_until_ns;
     int64_t answer_ns; /* time at which `answers` are to be sent */
-    int32_t waiting;   /* number of answers that are not in `tx` yet; sent answers stay stored, to be repeated */
+    int32_t waiting;   /* number of answers that are not in `tx` yet; sent answers stay stored for a repetition */
     int32_t received;
     uint8_t status; /* status last reported to the bus simulation */
     uint8_t has_lost;

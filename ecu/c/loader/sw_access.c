@@ -1,4 +1,4 @@
-/* Security access: seeds and answers. */
+/* The security access: seeds and answers. */
 #include "sw_access.h"
 
 #include "sw_bytes.h"

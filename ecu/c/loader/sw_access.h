@@ -1,8 +1,8 @@
-/* Security access (ISO 14229-1, service 0x27): seeds, keys, wrong attempts and the delay after them. This file
- * corresponds to can_bridge/uds/security.py.
+/* The security access (ISO 14229-1, service 0x27): seeds, keys, wrong attempts, and the delay after wrong attempts.
+ * This file corresponds to can_bridge/uds/security.py.
  *
- * A seed is valid for one answer. An attempt is counted in the store before the answer is checked: to cut the supply
- * during the check does not give a tester a further attempt.
+ * A seed is valid for one answer. An attempt is counted in the store before the answer is checked. A tester therefore
+ * gains no further attempt by cutting the supply during the check.
  */
 #ifndef SW_ACCESS_H
 #define SW_ACCESS_H

@@ -1,4 +1,4 @@
-/* The calibration of the ECU through UDS and XCP: its values are put in force, stored and restored. */
+/* The calibration of the ECU through UDS and XCP. This file puts values in force, stores them and restores them. */
 #include "sw_calibrating.h"
 
 #include <stddef.h>

@@ -1,6 +1,6 @@
-/* The calibration of the ECU through UDS and XCP: the values that both protocols read and write and that control reads
- * between two periods, and the stored values, which survive a power loss. Values are sent as in memory: little-endian.
- * This file corresponds to can_bridge/calibration/segment.py and can_bridge/uds/calibration_service.py.
+/* The calibration of the ECU through UDS and XCP. Both protocols read and write its values. Control reads the values
+ * between two periods. Stored values survive a power loss. Values are sent as in memory: little-endian. This file
+ * corresponds to can_bridge/calibration/segment.py and can_bridge/uds/calibration_service.py.
  */
 #ifndef SW_CALIBRATING_H
 #define SW_CALIBRATING_H
@@ -27,7 +27,7 @@ typedef struct {
 #endif
 } sw_calibrating;
 
-/* Replaces the release's values, in force after a boot, by the stored values if these are within their limits. */
+/* Puts the stored values in force instead of the release's values, if the stored values are within their limits. */
 void sw_calibrating_restore(sw_calibrating *calibrating);
 
 /* Passes the values in force to the ECU if they have changed. It is called at the beginning of a control period. */

@@ -1,4 +1,4 @@
-/* The measurement list of DAQ (allocation, entries, start), and the packets of a period. */
+/* The measurement list of DAQ (its allocation, entries and start), and the packets of a period. */
 #include "sw_daq.h"
 
 #if SW_XCP
@@ -10,7 +10,7 @@ enum { NOTHING, FREED, LISTS, ODTS, ENTRIES };
 
 #define MOST_IN_ODT (SW_XCP_MAX_CTO - 1u)
 #define NO_BITS 0xffu
-#define STOP 0u /* modes of START_STOP_DAQ_LIST, and of START_STOP_SYNCH for the selected lists */
+#define STOP 0u /* modes of START_STOP_DAQ_LIST, and of START_STOP_SYNCH (for selected lists) */
 #define START 1u
 #define SELECT 2u
 #define STOP_SELECTED 2u
@@ -120,7 +120,7 @@ static uint8_t set_pointer(sw_daq *daq, const uint8_t *data)
     return SW_XCP_DONE;
 }
 
-/* Returns the number of bytes of the ODT's entries except the entry to which the tool's pointer points. */
+/* Returns the total length in bytes of the ODT's entries, without the entry at the tool's pointer. */
 static uint32_t beside(const sw_daq *daq)
 {
     uint32_t bytes = 0;

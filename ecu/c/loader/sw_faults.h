@@ -1,5 +1,5 @@
-/* The fault memory: status, age and one snapshot of each trouble code, which survive resets. This file corresponds to
- * can_bridge/uds/fault_memory.py and to ecu/flashable/watched_control.py.
+/* The fault memory: status, age and one snapshot of each trouble code. Its content survives resets. This file
+ * corresponds to can_bridge/uds/fault_memory.py and to ecu/flashable/watched_control.py.
  *
  * The fault memory is written only while no jet can run, and only if its content has changed.
  */
@@ -15,7 +15,7 @@
 typedef struct {
     uint8_t status;
     uint8_t age;          /* age of a confirmed fault: number of operation cycles without this fault */
-    uint8_t has_snapshot; /* whether a snapshot was taken at the first failure in the latest cycle with a failure */
+    uint8_t has_snapshot; /* whether there is a snapshot of the first failure in the latest cycle with a failure */
     uint8_t snapshot[SW_SNAPSHOT_BYTES];
 } sw_fault;
 
@@ -39,7 +39,7 @@ typedef struct {
 /* Begins the next operation cycle of the stored faults. Call it at power-on, after the store is open. */
 void sw_faults_open(sw_faults *faults);
 
-/* These two functions examine the ECU before and after each control period. */
+/* Examine the ECU before and after each control period. */
 void sw_faults_before(sw_faults *faults);
 void sw_faults_after(sw_faults *faults, int64_t now_ns);
 

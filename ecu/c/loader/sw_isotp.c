@@ -1,4 +1,4 @@
-/* ISO-TP: messages assembled from frames, and divided into frames. */
+/* The ISO-TP endpoint. It assembles messages from frames, and divides messages into frames. */
 #include "sw_isotp.h"
 
 #include <stddef.h>
@@ -55,7 +55,7 @@ static uint32_t in_one(sw_isotp *end, const sw_frame *frame, uint8_t *message)
     return length;
 }
 
-/* Begins a message, which replaces an incomplete message. A length of more than 12 bits is not supported. */
+/* Begins a message, and discards an incomplete earlier message. A length of more than 12 bits is not supported. */
 static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
     if (frame->length < CLASSIC) return;
@@ -83,8 +83,8 @@ static void first(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
     sw_bytes_copy(end->message, &data[2], end->received);
 }
 
-/* Processes a consecutive frame. Only the last frame may be shorter than the first frame. Another frame that is shorter
- * is ignored; the frame after it then has the wrong sequence number.
+/* Processes a consecutive frame. Only the last frame may be shorter than the first frame. Any other shorter frame is
+ * ignored, and the next frame then has a wrong sequence number.
  */
 static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame)
 {
@@ -110,7 +110,7 @@ static uint32_t consecutive(sw_isotp *end, int64_t now_ns, const sw_frame *frame
 
 /* --- Transmission --- */
 
-/* Returns the number of bytes of the message being sent and of the waiting messages. */
+/* Returns the total length in bytes of the message being sent and the waiting messages. */
 static uint32_t used(const sw_isotp_queue *queue)
 {
     uint32_t bytes = queue->under_way;
@@ -138,7 +138,7 @@ static void wait_for_flow(sw_isotp *end, int64_t now_ns)
     end->flow_until_ns = now_ns + SW_ISOTP_WAIT_NS;
 }
 
-/* Returns the least time in ns between two frames by a separation-time code; the longest time for a reserved code. */
+/* Returns the least time in ns between two frames for a separation-time code. Reserved codes mean the longest time. */
 static int64_t separation_ns(uint32_t code)
 {
     if (code >= SHORTEST_CODE && code <= LONGEST_CODE) return (int64_t)(code - SHORTEST_CODE + 1u) * (MS / 10);

@@ -1,4 +1,4 @@
-/* One endpoint of an ISO-TP connection (ISO 15765-2:2016): a state machine of time and frames. This file corresponds to
+/* An endpoint of an ISO-TP connection (ISO 15765-2:2016): a state machine of time and frames. This file corresponds to
  * can_bridge/isotp/endpoint.py. Messages have 1 to SW_ISOTP_MOST bytes; each direction transfers one message at a time.
  *
  * Times are in ns, from 0 to 2^61.
@@ -24,7 +24,7 @@ typedef struct {
 typedef struct {
     uint8_t *message; /* the caller's SW_ISOTP_MOST bytes, for a message of several frames */
     uint8_t *whole;   /* address of the latest complete message */
-    uint8_t is_held;  /* `message` is still being read: another message of several frames is refused */
+    uint8_t is_held;  /* whether `message` is still being read: other messages of several frames are refused */
     /* Reception. */
     uint8_t frame_length; /* length of the message's first frame */
     uint8_t next_number;
@@ -81,8 +81,8 @@ int sw_isotp_is_full(const sw_isotp *end);
 uint8_t *sw_isotp_place(sw_isotp *end, uint32_t *room);
 
 /* Queues a message of `length` bytes that the caller has written into the buffer of sw_isotp_place; later calls of
- * sw_isotp_poll send the message. A message that does not fit into the buffer, or that finds SW_ISOTP_QUEUE messages
- * waiting, is dropped and counted.
+ * sw_isotp_poll send the message. A message is dropped and counted if it does not fit into the buffer, or if
+ * SW_ISOTP_QUEUE messages are waiting.
  */
 void sw_isotp_send(sw_isotp *end, uint32_t length);
 

@@ -1,4 +1,4 @@
-/* Control and diagnosis of one ECU, from a boot to the next reset. */
+/* The control and the diagnosis of one ECU, from a boot to the next reset. */
 #include "sw_node.h"
 
 #include <stddef.h>
@@ -65,8 +65,8 @@ static int64_t clipped(int64_t now_ns)
     return now_ns < SW_LATEST_NS ? now_ns : SW_LATEST_NS;
 }
 
-/* Runs a control period while no release is booted, or while the booted release is overwritten: reads nothing of a
- * release, shuts the jets, sends the reason and advances the counters. It corresponds to ecu/shut_ecu.py.
+/* Runs a control period while no release is booted, or while the booted release is overwritten. Reads nothing of a
+ * release, shuts the jets, sends the reason and advances the counters. Corresponds to ecu/shut_ecu.py.
  */
 static int shut_step(sw_node *node, int64_t now_ns, sw_frame frames_out[SW_FRAMES_OUT])
 {
@@ -145,7 +145,7 @@ static void look_after_records(sw_node *node)
 }
 
 /* Maintains the records while diagnosis is idle. No erasure begins while the vehicle asks for control, or shortly after
- * power-on, when it may soon ask; an erasure that has begun is completed.
+ * power-on, because the vehicle may soon ask. An erasure that has begun is completed.
  */
 static void care_for_records(sw_node *node)
 {

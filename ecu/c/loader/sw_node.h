@@ -8,14 +8,14 @@
  *     sw_node_init(&node, &equipment, &flash, message);
  *     every control period:
  *         count = sw_node_step(&node, now_ns, frames_in, n, frames_out);   send frames_out[0 .. count - 1]
- *     in between, whenever there is time and either a frame for diagnosis or sw_node_is_busy:
+ *     in between, if there is time, and a frame for diagnosis has arrived or sw_node_is_busy:
  *         count = sw_node_service(&node, now_ns, frames_in, n, room, frames_out);
  *     whenever all frames have been sent and sw_node_wants_reset: reset the microcontroller.
  *
  * An image runs in place in the flash, or from a copy (sw_equipment). The copy is needed if the flash cannot be read
- * while one of its sectors is erased: an erasure takes a second on some chips, and without the copy a control period
- * would have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer
- * until a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
+ * while one of its sectors is erased. An erasure takes a second on some chips; without the copy a control period would
+ * have to wait. A transfer may overwrite the image that is running on trial. From the announcement of a transfer until
+ * a reset, the ECU therefore sends unchanged counts and pressure counters, and refuses the self-test.
  *
  * A call executes at most one part of long work (hash, signature, erasure). A call for a node must not interrupt
  * another call for the same node.

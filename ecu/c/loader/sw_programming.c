@@ -1,4 +1,4 @@
-/* Programming through UDS: key lists, routines and downloads that use the store. */
+/* The programming through UDS: key lists, routines and downloads that use the store. */
 #include "sw_programming.h"
 
 #include <float.h>
@@ -22,7 +22,7 @@ uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *val
     sw_sha256_of(value, length, digest);
     const int is_again = programming->has_keys && sw_bytes_equal(digest, programming->keys_digest, sizeof digest);
     if (is_again) return SW_UDS_DONE;
-    /* Verifying a signature takes a large part of a control period, so this waits until no control is requested. */
+    /* Verifying a signature takes a large part of a control period, so it is refused while control is requested. */
     uint8_t code = sw_request_refusal(programming->request);
     if (code == 0u) code = sw_store_refusal(sw_store_take_keys(programming->store, value, length));
     if (code == SW_UDS_DONE) {
@@ -42,7 +42,7 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
 }
 
 /* --- The self-test checks whether the running release computes correctly on this chip, as ecu/flashable/vehicle_fit.py
- * does. The test uses the ECU's memory for the control step, whose content no later period needs. ---
+ * does. The test uses the ECU's memory for the control step: no later period needs its content. ---
  */
 
 #define AMPLITUDE 0.3f /* in Cp: a typical amplitude of a shedding wake at the rear edges */
@@ -134,7 +134,7 @@ static uint8_t announce(sw_programming *programming, const uint8_t *option, sw_a
 }
 
 /* Confirms the running release if it is on trial and has passed its self-test. If it is not on trial, the tester means
- * another release, and the function refuses the request, unless it repeats an accepted confirmation.
+ * another release: the function refuses the request. It acknowledges a repeated confirmation.
  */
 static uint8_t confirm(sw_programming *programming)
 {
@@ -176,7 +176,7 @@ uint8_t sw_programming_begin(sw_programming *programming, uint32_t routine, cons
     case SW_ROUTINE_CONFIRM:
         code = confirm(programming);
         break;
-    default: /* this is SW_ROUTINE_REVERT: the table of routines has no further routine */
+    default: /* SW_ROUTINE_REVERT, the only remaining routine in the table of routines */
         code = sw_request_refusal(programming->request);
         if (code == 0u) code = ended(programming, sw_store_revert(programming->store), answer);
         break;

@@ -1,8 +1,8 @@
-/* Programming through UDS: key lists, downloads and routines that use the store of releases. This file corresponds to
- * can_bridge/uds/ecu_services.py.
+/* The programming through UDS: key lists, downloads and routines that use the store of releases. This file corresponds
+ * to can_bridge/uds/ecu_services.py.
  *
- * Each function returns SW_UDS_DONE, which is 0, or the SW_NRC_ of the refusal; functions that begin long work may
- * return SW_UDS_MORE.
+ * Each function returns SW_UDS_DONE (0) or the SW_NRC_ of the refusal. Functions that begin long work may return
+ * SW_UDS_MORE.
  */
 #ifndef SW_PROGRAMMING_H
 #define SW_PROGRAMMING_H

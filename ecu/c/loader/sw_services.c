@@ -11,7 +11,7 @@
 #define P2_UNIT_MS 10u
 #define ENABLE 0u
 #define DISABLE_SENDING 1u
-#define NORMAL 0x01u /* communication type that includes JetCommand and EcuStatus alone */
+#define NORMAL 0x01u /* communication type that includes only JetCommand and EcuStatus */
 #define NORMAL_AND_NETWORK 0x03u /* communication type that includes these messages and network management */
 #define COUNT(table) (sizeof(table) / sizeof(table)[0])
 
@@ -161,7 +161,7 @@ static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length,
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
-/* Handles security access: an odd sub-function requests its level's seed, and the next number answers this seed. */
+/* Handles security access. An odd sub-function requests its level's seed; the next even sub-function answers it. */
 static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
@@ -336,8 +336,8 @@ static const sw_service rows[] = {
     {SW_SERVICE_FAULT_SETTING, SW_IN_PROGRAMMING | SW_IN_EXTENDED, 1, 0, set_faults, NULL},
 };
 
-/* Drops an open transfer, which can be resumed after a reset. If a tester disappears during a transfer, the ECU is
- * reset, because the jets would otherwise stay shut until the next power-on. The earlier release is intact.
+/* Drops an open transfer; it can be resumed after a reset. If a tester disappears during a transfer, the ECU is reset,
+ * because the jets would otherwise stay shut until the next power-on. The earlier release is intact.
  */
 static void end_session(sw_services *services, uint8_t next)
 {

@@ -54,7 +54,7 @@ typedef struct {
     uint8_t has_time; /* whether now_ns is valid */
     uint8_t reset_is_due;
     uint8_t wants_reset; /* whether the ECU must be reset */
-    uint8_t is_silent; /* a tester has silenced the frames of control; while a jet can run they are sent nevertheless */
+    uint8_t is_silent; /* a tester has silenced the frames of control; they are still sent while a jet can run */
     uint8_t is_quiet;  /* the tester has suppressed the positive answer */
     uint8_t is_functional; /* the request goes to every ECU: refusals such as "not supported" are not sent */
     uint16_t waiting;      /* length in bytes of a request that waits for the end of an erasure; 0 if none waits */
@@ -64,12 +64,12 @@ typedef struct {
     int64_t pending_ns;
 } sw_uds;
 
-/* Returns whether a request or a reset is in progress, which sw_uds_tick continues. */
+/* Returns whether a request or a reset is in progress, so that sw_uds_tick has to be called. */
 int sw_uds_is_busy(const sw_uds *uds);
 
 /* Ends a session in which no tester was heard for the time S3. Every call of diagnosis calls this function first. The
- * tester counts as present while a message is being transferred, in either direction, and while a request is in
- * progress (ISO 14229-2).
+ * tester counts as present while a message is transferred in either direction, or while a request is in progress (ISO
+ * 14229-2).
  */
 void sw_uds_look(sw_uds *uds, int64_t now_ns);
 

@@ -1,4 +1,4 @@
-/* Seed and key of XCP, in parts that fit into one packet. */
+/* The seed and the key of XCP, in parts that fit into one packet. */
 #include "sw_xcp_access.h"
 
 #if SW_XCP

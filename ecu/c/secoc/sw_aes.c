@@ -64,7 +64,7 @@ static void substitute(uint32_t planes[SW_AES_PLANES])
     planes[0] = t48 ^ t60 ^ ALL;
 }
 
-/* ShiftRows: row r, which is four bits of each plane, moves r columns to the left. */
+/* ShiftRows: row r moves r columns to the left. A row is four bits of each plane. */
 static void shift_rows(uint32_t planes[SW_AES_PLANES])
 {
     for (uint32_t i = 0; i < SW_AES_PLANES; i++) {
@@ -102,8 +102,8 @@ static void add_key(uint32_t planes[SW_AES_PLANES], const uint16_t key[SW_AES_PL
     for (uint32_t i = 0; i < SW_AES_PLANES; i++) planes[i] ^= key[i];
 }
 
-/* Replaces a round key by the next round key: the last column, moved up by a row and substituted, is added to the first
- * column; then each column is added to the next column.
+/* Replaces a round key by the next round key. The last column is moved up by a row, substituted, and added to the first
+ * column. Then each column is added to the next column.
  */
 static void next_key(uint32_t key[SW_AES_PLANES], uint32_t constant)
 {

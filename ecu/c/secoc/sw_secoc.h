@@ -1,5 +1,5 @@
-/* Authenticated frames as in AUTOSAR SecOC: a frame that is not authentic or not fresh is refused before the E2E check.
- * This file corresponds to can_bridge/secoc/securing.py, which describes the frame:
+/* The authentication of frames as in AUTOSAR SecOC. A frame is refused before the E2E check if it is not authentic or
+ * not fresh. This file corresponds to can_bridge/secoc/securing.py, which describes the frame:
  *
  *     protected part | zeros | freshness, 8 bytes | MAC, 8 bytes
  */
@@ -22,7 +22,7 @@ typedef struct {
 typedef struct {
     uint64_t freshness;     /* freshness value of the latest accepted frame; 0 before the first accepted frame */
     uint32_t not_authentic; /* number of frames refused because of their length or MAC */
-    uint32_t not_fresh;     /* number of authentic frames that were repeated, or recorded earlier */
+    uint32_t not_fresh;     /* number of authentic frames refused because they were not fresh */
 } sw_verifier;
 
 /* The state of the sender: the freshness of its next frames. */
@@ -31,7 +31,7 @@ typedef struct {
     uint32_t count; /* number of frames of one message sent in this power cycle; saturates */
 } sw_freshness;
 
-/* Prepares a key. Returns 0, or 1 for a key of zeros, because an empty memory contains zeros; no key is then in use. */
+/* Prepares a key. Returns 0, or 1 if the key is zeros, as in an empty memory; no key is then in use. */
 int sw_secoc_begin(sw_secoc *secoc, const uint8_t key[SW_AES_BYTES]);
 
 /* Returns whether a frame of `bytes` bytes is an authentic message of `length` bytes; stores the frame's freshness. */

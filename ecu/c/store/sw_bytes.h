@@ -1,5 +1,5 @@
-/* Functions for bytes and the numbers in them, which need no library, and a buffer to which an answer is written.
- * Numbers are big-endian unless a function's name says otherwise.
+/* Functions that read, write and compare bytes and numbers without a library, and a buffer for an answer. Numbers are
+ * big-endian unless a function's name says otherwise.
  */
 #ifndef SW_BYTES_H
 #define SW_BYTES_H

@@ -1,4 +1,4 @@
-/* The cryptography of the store: SHA-256 (FIPS 180-4), also of data that come in parts, and Ed25519 (RFC 8032). */
+/* The cryptography of the store: SHA-256 (FIPS 180-4), in one call or in parts, and Ed25519 (RFC 8032). */
 #ifndef SW_CRYPTO_H
 #define SW_CRYPTO_H
 

@@ -26,8 +26,8 @@ typedef enum { SW_FLASH_DONE = 0, SW_FLASH_FAILED = 1, SW_FLASH_AT_WORK = 2 } sw
 /* A driver. Each function except `erased` returns 0, or 1 if the memory failed. If the supply fails during a call, the
  * words that the call erases or programs may have any value or be unreadable.
  *
- * An erasure takes a second on some chips, so `erase` only begins it. All bytes are 0xFF once `erased` returns DONE;
- * while it returns AT_WORK no other function is called. A driver aborts an erasure that takes longer than allowed.
+ * An erasure takes a second on some chips, so `erase` only begins it. All bytes are 0xFF once `erased` returns DONE.
+ * While it returns AT_WORK, no other function is called. A driver aborts an erasure that takes longer than allowed.
  */
 typedef struct {
     void *context;

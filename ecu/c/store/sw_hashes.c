@@ -1,4 +1,4 @@
-/* SHA-256, as in its standard, and SHA-512, which Ed25519 needs. */
+/* SHA-256, as in its standard, and SHA-512 for Ed25519. */
 #include "sw_crypto.h"
 
 #include "sw_bytes.h"

@@ -14,14 +14,14 @@
 #define IS_FIRST 0xa5u
 #define IS_FURTHER 0x5au
 
-/* The first word of a record: type; kind; length, 2 bytes; CRC-32 of kind, length and data, 4 bytes; data. */
+/* The first word of a record has type, kind, length (2 bytes), CRC-32 of kind, length and data (4 bytes), and data. */
 #define KIND 1u
 #define LENGTH 2u
 #define CRC 4u
 #define DATA 8u
 #define IN_FIRST (WORD - DATA)
 #define IN_FURTHER (WORD - 1u)
-/* The first word of a sector: type; magic, 3 bytes; sequence number, 4 bytes; CRC-32 of these fields, 4 bytes. */
+/* The first word of a sector has type, magic (3 bytes), sequence number (4 bytes) and a CRC-32 of these (4 bytes). */
 #define SEQUENCE 4u
 #define SECTOR_CRC 8u
 
@@ -308,7 +308,7 @@ static int moved(sw_records *records, const record *of)
         if (failed == 0) {
             next.words[i] = next.end;
         } else {
-            next.lengths[i] = 0; /* an unreadable record must not prevent copying the others */
+            next.lengths[i] = 0; /* an unreadable record must not prevent copying the other records */
         }
         next.end += count;
     }

@@ -1,9 +1,9 @@
-/* Records that survive a power loss, in two sectors: one sector is written until it is full, then the other.
+/* The records that survive a power loss, in two sectors: one sector is written until it is full, then the other sector.
  *
- * A record consists of consecutive words. The first word of a record has kind, length and a CRC-32; the first byte of
- * each word states whether the word is the first word or a further word, so that no part of a record can be mistaken
- * for another record. The newest complete record of a kind is valid. When a sector is full, the newest records are
- * copied into the other sector. The first word of a sector makes the sector valid, and is written last.
+ * A record consists of consecutive words. The first word of a record has kind, length and a CRC-32. The first byte of
+ * each word states whether the word is the first or a further word of a record. No part of a record can therefore be
+ * mistaken for another record. The newest complete record of a kind is valid. When a sector is full, the newest records
+ * are copied into the other sector. The first word of a sector makes the sector valid, and is written last.
  *
  * An erasure takes longer than a control period. Before control begins, the code waits for the erasure. Later
  * sw_records_care begins and checks an erasure while the jets are shut, so that the other sector is blank in time.
@@ -29,7 +29,7 @@ typedef enum {
 /* The permitted ways to store a record. */
 typedef enum {
     SW_RECORDS_WAIT = 0,  /* before control begins: the code may erase the other sector and wait until it is blank */
-    SW_RECORDS_MOVE = 1,  /* records may also move from a full sector to a blank one */
+    SW_RECORDS_MOVE = 1,  /* records may also move from a full sector to a blank sector */
     SW_RECORDS_APPEND = 2 /* while the jets run: records are only added after the last record */
 } sw_records_limit;
 
@@ -70,12 +70,12 @@ int sw_records_read(const sw_records *records, sw_record_kind kind, uint32_t off
 /* Returns the length of the newest record of a kind; 0 if there is none. */
 uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
 
-/* Replaces a record: afterwards, or after a power loss, the old or the new record is valid. Returns 1 if no place can
+/* Replaces a record. If the power fails meanwhile, either the old or the new record is valid. Returns 1 if no place can
  * be written, or if the limit allows no place; the old record then stays valid.
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 
-/* A part of a record: the bytes at `data` or, if `data` is NULL, of the stored record of this kind from `place` on. */
+/* A part of a record: the bytes at `data`. If `data` is NULL: bytes of this kind's stored record, from `place` on. */
 typedef struct {
     const uint8_t *data;
     uint32_t place, length;

@@ -37,7 +37,7 @@ typedef enum {
     SW_VERDICT_TOO_OLD = 12,
     SW_VERDICT_UNREADABLE = 13,
     SW_VERDICT_EMPTY = 14,
-    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC; also at the end, if sw_image_open refuses the image */
+    SW_VERDICT_WRONG_BUILD = 15, /* checked after WRONG_DBC, and again at the end by sw_image_open */
     SW_VERDICT_NONE = 0xff       /* the image is not judged yet */
 } sw_verdict;
 
@@ -47,8 +47,8 @@ typedef struct {
     uint8_t layout[32];      /* SHA-256 of the build's layout of the payload */
     uint8_t dbc[32];         /* SHA-256 of stillwake.dbc */
     uint8_t hardware[64];    /* UTF-8, zero padded */
-    uint8_t vehicle[44];     /* bytes 148..191 of the header of every image for it: control period, operating point,
-                                action limit, number of sensors */
+    uint8_t vehicle[44];     /* bytes 148..191 of the header of every image for this vehicle: control period,
+                                operating point, action limit, number of sensors */
 } sw_rules;
 
 /* The data about a valid image that the store saves. */

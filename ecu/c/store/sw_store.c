@@ -99,7 +99,7 @@ static int holds(const sw_slot_state *slot, const sw_slot_state *other)
 
 int sw_store_is_erasing(const sw_store *store) { return store->records.is_erasing; }
 
-/* Drops the work in progress, but waits until an erasure of this work has ended. */
+/* Drops the work in progress. If this work is an erasure, waits until the erasure has ended. */
 static void drop_work(sw_store *store)
 {
     const int clears = store->work == SW_WORK_CLEAR;
@@ -113,7 +113,7 @@ void sw_store_drop(sw_store *store)
     store->announced = SW_NO_SLOT;
 }
 
-/* Announces the image for the slot, whose memory after the received bytes is now writable. */
+/* Announces the image for the slot. The slot's memory after the received bytes is now writable. */
 static sw_store_result announced(sw_store *store)
 {
     const sw_slot_state *announced_slot = &store->scratch.next.slot;
@@ -149,7 +149,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* Before the erasure, the stored state is changed: it then counts only the bytes that stay. */
+    /* The changed state is stored before the erasure, and counts only the bytes that stay. */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;
@@ -300,8 +300,8 @@ sw_store_result sw_store_confirm(sw_store *store)
     sw_store_state *next = sw_state_draft(store);
     sw_slot_state *standing = &next->slots[slot];
     if (standing->phase == SW_PHASE_CONFIRMED) return SW_STORE_DONE;
-    /* If the release's key has been removed from the list, the release, once confirmed, would not boot again, and the
-     * earlier release's version might be below the new minimum.
+    /* A release whose key was removed from the list must not be confirmed: it would not boot again, and the earlier
+     * release's version might be below the new minimum.
      */
     if (standing->phase != SW_PHASE_TRIAL || !sw_key_is_allowed(store->keys, standing->facts.signer)) {
         return SW_STORE_OUT_OF_ORDER;
@@ -318,8 +318,8 @@ sw_store_result sw_store_confirm(sw_store *store)
 sw_store_result sw_store_revert(sw_store *store)
 {
     const uint32_t trial = sw_state_in_phase(&store->state, SW_PHASE_TRIAL);
-    /* The running release, not the active one, decides which release is the earlier release: a tester that missed the
-     * answer repeats its request, and the repeated request must not undo the first.
+    /* A revert goes back from the running release, not from the active release. A tester that missed the answer repeats
+     * its request, and the repeated request must not undo the first request.
      */
     const uint32_t now = store->running != SW_NO_SLOT ? store->running : store->state.active;
     drop_work(store);

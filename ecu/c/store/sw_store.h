@@ -1,4 +1,4 @@
-/* Two slots for releases, of which one runs and the other can be written. This file corresponds to
+/* The two slots for releases. The release in one slot runs, and the other slot can be written. This file corresponds to
  * can_bridge/flashing/store.py.
  *
  *     announce, append .., finish     write an image into the slot that is not protected, and check it in flash
@@ -6,11 +6,11 @@
  *     confirm                         keeps the image; the least security version rises to the image's version
  *     revert                          lets the previous release boot again
  *
- * A power loss may interrupt any call: the state stored before then lets the next boot find a valid image, if one was
- * there. The code is freestanding, without allocation or static state. Long work is done in parts: after SW_STORE_MORE,
- * call sw_store_go_on until it returns another result. The calls above, boot and drop discard such work before they
- * begin, and wait for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and the functions that
- * read state, facts and report.
+ * A power loss may interrupt any call. The next boot then finds a valid image from the stored state, if there was a
+ * valid image before. The code is freestanding, without allocation or static state. Long work is done in parts: after
+ * SW_STORE_MORE, call sw_store_go_on until it returns another result. The calls above, sw_store_boot and sw_store_drop
+ * first discard such work and wait for a running erasure. While sw_store_is_erasing, call only sw_store_go_on and the
+ * functions that read state, facts and report.
  */
 #ifndef SW_STORE_H
 #define SW_STORE_H
@@ -77,7 +77,7 @@ typedef struct {
 
 typedef enum { SW_WORK_NONE = 0, SW_WORK_CLEAR, SW_WORK_APPEND, SW_WORK_FINISH, SW_WORK_REVERT } sw_work;
 
-/* Scratch memory for reading an image, or for changing the state; a changed state is in force only once stored. */
+/* The scratch memory for reading an image, or for changing the state. A changed state is in force once it is stored. */
 typedef union {
     struct {
         sw_sha256 whole, payload;
@@ -105,7 +105,7 @@ typedef struct {
     uint8_t announced;   /* the slot of the present transfer; or SW_NO_SLOT */
     uint8_t verdict;     /* verdict of the latest `finish` or `revert` */
     uint32_t wanted;     /* result of `announce`: offset of the next bytes to send */
-    /* Long work, which is done in parts. */
+    /* Long work; it is done in parts. */
     uint8_t work, slot;  /* sw_work, and its slot */
     uint32_t at, until;  /* at: number of sectors erased, or bytes read or appended; until: number of bytes to append */
     const uint8_t *data; /* bytes to append */
@@ -129,8 +129,8 @@ int sw_store_read_image(const sw_store *store, uint8_t *data, uint32_t length);
  */
 sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_t sha256[32]);
 
-/* Appends bytes to the announced image. `data` must stay unchanged until the work is done; the bytes then survive a
- * power loss. Errors: OUT_OF_ORDER, BAD_MEMORY.
+/* Appends bytes to the announced image. `data` must stay unchanged until the work is done. Afterwards the bytes survive
+ * a power loss. Errors: OUT_OF_ORDER, BAD_MEMORY.
  */
 sw_store_result sw_store_append(sw_store *store, const uint8_t *data, uint32_t length);
 
@@ -186,7 +186,7 @@ uint32_t sw_store_received(const sw_store *store);
 
 #define SW_NO_OFFSET 0xffffffffu
 
-/* sw_store_kept.c: the state, and a copy of the state in the scratch memory, which can be changed and then stored. */
+/* sw_store_kept.c: the state, and a copy in the scratch memory that can be changed and then stored. */
 void sw_state_open(sw_store *store);
 void sw_state_empty_slot(sw_slot_state *slot);
 sw_store_state *sw_state_draft(sw_store *store);

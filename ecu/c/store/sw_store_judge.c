@@ -1,5 +1,5 @@
-/* Images in the flash: the checks of an image, the choice of the image to boot, and the report for testers. This file
- * corresponds to can_bridge/flashing/boot.py, to report.py, which has the layout, and to `judged` in remembered.py.
+/* The images in the flash: the checks of an image, the choice of the image to boot, and the report for testers. The
+ * file corresponds to boot.py, report.py (with the layout) and `judged` in remembered.py in can_bridge/flashing.
  */
 #include "sw_store.h"
 

@@ -1,6 +1,6 @@
-/* The data that survive a power loss. The record of the slots comes first. It has the bytes of the record of
- * can_bridge/flashing/state.py, and then the bytes of each slot after its last complete word, which cannot be written
- * to the slot yet.
+/* The data that survive a power loss. The record of the slots comes first. It begins with the bytes of the record in
+ * can_bridge/flashing/state.py. Then follow each slot's bytes after its last complete word: these bytes cannot be
+ * written to the slot yet.
  */
 #include "sw_store.h"
 
@@ -182,7 +182,7 @@ void sw_state_give_up(sw_slot_state *slot)
 
 /* --- Key list, calibrations, failed attempts and faults; they correspond to can_bridge/flashing/remembered.py --- */
 
-/* The record of calibrations: magic, 4 bytes; number, 1 byte; for each: digest, 32 bytes; length, 2 bytes; data. */
+/* The record of calibrations: magic (4 bytes), number (1 byte), and for each: digest (32), length (2), data. */
 #define HEAD 5u
 #define ENTRY 34u
 #define DIGEST 32u

@@ -1,5 +1,5 @@
 'use strict';
-/** WebSockets that reconnect by themselves, each time after a longer wait. */
+/** The page's WebSockets. They reconnect by themselves, each time after a longer wait. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -67,7 +67,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       });
     }
 
-    /** Resolves to the answer; its `error` states a failure. On a new page, waits up to OPEN_MS for the channel. */
+    /** Resolves to the answer, whose `error` states a failure. A new page waits up to OPEN_MS for the channel. */
     async ask(request) {
       if (!this.channel.ready) await Promise.race([this.opened, pause(OPEN_MS)]);
       if (!this.channel.ready) return {error: 'not connected to the loop'};

@@ -62,7 +62,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.show(hello.settings);
     }
 
-    /** Shows the loop's settings, which replace those that the viewer has just chosen. */
+    /** Shows the loop's settings. They replace the settings that the viewer has just chosen. */
     show(settings) {
       for (const [name, field] of this.fields) field.show(settings[name]);
       const weights = settings.weights || this.hello.weights;
@@ -112,7 +112,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       return make('div', {class: 'act'}, button, make('p', {class: 'note'}, help));
     }
 
-    /** Returns the controls for the weights of the cost, which are part of the release's calibration. */
+    /** Returns the controls for the weights of the cost. The weights are part of the release's calibration. */
     goal() {
       const {least, greatest, step} = this.hello.weight_slider;
       const fields = Object.keys(this.hello.weights).map((name) => {

@@ -1,5 +1,5 @@
 'use strict';
-/** Native form controls with a label and help; they show the loop's value and pass on the viewer's changes. */
+/** The native form controls with label and help. They show the loop's value and pass on the viewer's changes. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -53,7 +53,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
 
   /**
-   * A slider for a number, which is sent when the viewer releases it; meanwhile the loop's value is not shown.
+   * A slider for a number, sent when the viewer releases the slider; until then it does not show the loop's value.
    * `scale` has two functions: `to` maps a value to the slider's position, `from` maps a position to the value.
    */
   stillwake.Slider = class {

@@ -1,5 +1,5 @@
 'use strict';
-/** One sentence that describes the present situation to a new viewer. */
+/** A sentence that describes the present situation to a new viewer. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -57,7 +57,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   stillwake.reasonOf = (hello, now) => (hello.reasons && hello.reasons[now.reason]) ?? now.reason;
 
   stillwake.Headline = class {
-    /** The visible text always changes immediately; a screen reader reads the text only if its kind has changed. */
+    /** The visible text always changes immediately. A screen reader reads the text only if its kind has changed. */
     constructor(element) {
       this.kind = null;
       this.state = make('span', {class: 'pill'});

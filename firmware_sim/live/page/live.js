@@ -1,5 +1,5 @@
 'use strict';
-/** The live page: passes the channels' messages to the widgets. */
+/** The live page. It passes the messages of the channels to the widgets. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
@@ -104,7 +104,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       if (items.length) this.headline.happened(items.at(-1));
     }
 
-    /** HOLD and DECAY may last only one period each, so they are lit for longer, to be visible. */
+    /** HOLD and DECAY may last only one period each, so their boxes stay lit for longer. */
     passed(modes) {
       for (const [mode, state] of [[3, 'HOLD'], [4, 'DECAY']]) if (modes.includes(mode)) this.states.glow(state);
     }

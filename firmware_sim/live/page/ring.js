@@ -1,9 +1,9 @@
 'use strict';
-/** Columns of the latest control periods; the memory does not grow while the page is open. */
+/** The columns of the latest control periods. Their memory does not grow while the page is open. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 stillwake.Ring = class {
-  /** @param {number} kept number of rows to store; up to a quarter more are stored before the oldest are deleted. */
+  /** @param {number} kept number of rows to store; the oldest are deleted when a quarter more are stored. */
   constructor(kept) {
     this.kept = Math.max(1, kept);
     this.clear();
@@ -14,7 +14,7 @@ stillwake.Ring = class {
     this.length = 0;
   }
 
-  /** Appends rows, given as columns of equal length; drops rows whose `k` is not greater than the last stored one. */
+  /** Appends rows, given as columns of equal length; drops rows whose `k` is not greater than the last stored `k`. */
   push(columns) {
     const last = this.length ? this.columns.k[this.length - 1] : -1;
     const first = columns.k.findIndex((k) => k > last);

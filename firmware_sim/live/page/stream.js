@@ -1,5 +1,5 @@
 'use strict';
-/** Data from the loop that the widgets read: the latest message of each type, and a ring of periods. */
+/** The loop's data that the widgets read: the latest message of each type, and a ring of periods. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

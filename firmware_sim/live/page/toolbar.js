@@ -7,7 +7,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const at = (id) => document.getElementById(id);
   const SEEN = 'stillwake.seen';
 
-  /** Reads a value stored in the browser, after storing a new one if given; null if the browser allows no storage. */
+  /** Stores a value in the browser, if one is given; returns the stored value, or null if there is no storage. */
   const kept = (name, value) => {
     try {
       if (value !== undefined) localStorage.setItem(name, value);

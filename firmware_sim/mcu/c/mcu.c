@@ -1,5 +1,5 @@
-/* The control step on a bare Cortex-M7: a test bench, or a bus driver, fills mcu_row, calls mcu_step and reads
- * mcu_output once for each row; while the window is not full, it calls mcu_push instead.
+/* The control step on a bare Cortex-M7. For each row, a test bench or a bus driver fills mcu_row. Until the window is
+ * full, it then calls mcu_push; afterwards it calls mcu_step and reads mcu_output.
  */
 #include <stddef.h>
 
@@ -39,7 +39,7 @@ int mcu_step(void)
     return (int)status;
 }
 
-/* A weight that the prior does not support makes all iterations run. */
+/* Steps with a weight that the prior does not support, so that all iterations run. */
 int mcu_longest_step(void)
 {
     mcu_input.weights[SW_RATE] += 1e-6f;

@@ -55,7 +55,7 @@ SW_EXPORT fmi3Status fmi3SetClock(fmi3Instance fmu, const fmi3ValueReference ref
     return fmi3OK;
 }
 
-/* A triggered Tx_Clock is active once in an event in which frames are sent. */
+/* A triggered Tx_Clock is active once in each event that sends frames. */
 SW_EXPORT fmi3Status fmi3GetClock(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,
                                   fmi3Clock values[])
 {

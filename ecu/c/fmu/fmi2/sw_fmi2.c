@@ -1,5 +1,5 @@
-/* The functions of FMI 2.0 for a co-simulation, which call the functions of FMI 3.0 in the same binary. Real is
- * Float64, Integer is Int32; an FMU for FMI 2.0 has no variables of other integer types.
+/* The functions of FMI 2.0 for a co-simulation. They call the functions of FMI 3.0 in the same binary. The type Real
+ * becomes Float64, and Integer becomes Int32; an FMU for FMI 2.0 has no variables of other integer types.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -74,7 +74,7 @@ static int hex_digit(char digit)
     return found == NULL ? -1 : (int)(found - digits) % 16;
 }
 
-/* Writes the path of a file's URI, with a slash at its end; `path` has room for the URI and two characters. */
+/* Writes the path of a file's URI, and a slash after the path. `path` has room for the URI and two characters. */
 static void write_path(char *path, const char *uri)
 {
     if (strncmp(uri, "file:", 5) == 0) uri += 5;
@@ -129,7 +129,7 @@ SW_EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2Stri
     return NULL;
 }
 
-/* The first lines of a function of FMI 2.0, which take the component `found`, and return an error if it is NULL. */
+/* The first lines of a function of FMI 2.0. They define the component `found`, and return an error if it is NULL. */
 #define COMPONENT         \
     component *found = fmu; \
     if (found == NULL) return fmi3Error

@@ -1,6 +1,6 @@
-/* The front end, in C, of the plant's FMU, whose model is written in Python. The front end checks the order of calls,
- * references, numbers and times. Only valid calls reach pythonfmu3's binary in the same folder: in this binary every
- * error in Python is fatal.
+/* The front end of the plant's FMU. The front end is in C, and the plant's model is in Python. The front end checks the
+ * order of calls, references, numbers and times. Only valid calls reach pythonfmu3's binary in the same folder, because
+ * every error in Python is fatal there.
  */
 #define _GNU_SOURCE /* for dladdr */
 #include <dlfcn.h>
@@ -55,7 +55,7 @@ typedef struct {
     fmi3FMUState plant;
 } saved;
 
-/* Loads pythonfmu3's binary, which is in the same folder; returns NULL on failure. */
+/* Loads pythonfmu3's binary from the same folder; returns NULL on failure. */
 static void *beside(void)
 {
     Dl_info own;
@@ -178,7 +178,7 @@ SW_EXPORT fmi3Status fmi3DoStep(fmi3Instance fmu, fmi3Float64 point, fmi3Float64
     return status;
 }
 
-/* --- Variables, which are all floats --- */
+/* --- Variables: all are floats --- */
 
 SW_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance fmu, const fmi3ValueReference references[], size_t count,
                                     fmi3Float64 values[], size_t size)

@@ -1,4 +1,4 @@
-/* The functions of FMI 3.0 for events, clocks and binaries, in an FMU without them. */
+/* The functions of FMI 3.0 for events, clocks and binaries, in an FMU that has none of these. */
 #include "sw_fmi3_calls.h"
 
 FMU_NONE_OF(GetBinary, size_t sizes[], fmi3Binary values[], size_t size)

@@ -2,9 +2,9 @@
  *
  * The check detects sums and products in another order, divisions replaced by products, more digits than the type has,
  * small numbers taken as zero, the assumption that numbers are never NaN or infinite, zeros without a sign, and
- * rounding other than to the nearest. The cause may be the compiler, or the present mode of the processor. The inputs
- * are unknown to the compiler, so that it treats this code like all other code with these flags. sw_compiler.h rejects
- * the cases that a macro shows.
+ * rounding other than to the nearest. The cause may be the compiler or the processor's present mode. The inputs are
+ * unknown to the compiler, so that it treats this code like all other code with these flags. sw_compiler.h rejects the
+ * cases that a macro shows.
  */
 #ifndef SW_ARITHMETIC_H
 #define SW_ARITHMETIC_H
@@ -31,7 +31,7 @@ static inline int sw_float_fused(void)
     return product - one != 0.0f || above * below - one != 0.0f;
 }
 
-/* Returns 0 if all results are correct; contraction, which the control step allows, changes none of these results. */
+/* Returns 0 if all results are correct. The control step allows contraction; it changes none of these results. */
 static inline uint32_t sw_float_wrong(void)
 {
     const float one = sw_unknown(1.0f), three = sw_unknown(3.0f), five = sw_unknown(5.0f), seven = sw_unknown(7.0f);

@@ -1,4 +1,4 @@
-/* This header rejects compiler flags whose arithmetic would make control wrong, if predefined macros show the flags; a
+/* This header rejects compiler flags whose arithmetic would make control wrong, if predefined macros show the flags. A
  * known answer detects the other cases (sw_arithmetic.h). GCC and Clang each predefine some of these macros.
  */
 #ifndef SW_COMPILER_H
@@ -35,7 +35,7 @@
 #define SW_EIGHT_TIMES
 #endif
 
-/* Loads four numbers before the statements that follow: a Cortex-M cannot use a number in the cycle after its load. */
+/* Loads four numbers before the following statements: a Cortex-M cannot use a number in the cycle after its load. */
 #if defined(__ARM_FEATURE_DSP) && defined(__thumb2__) && defined(__GNUC__)
 #define SW_LOADED(a, b, c, d) __asm__("" : "+t"(a), "+t"(b), "+t"(c), "+t"(d))
 #else

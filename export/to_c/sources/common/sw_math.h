@@ -1,5 +1,5 @@
-/* Tests for finite numbers; exp, tanh, the logistic function and the square root, which have no branches, so that
- * compilers can vectorise loops over them. Tests check the stated error bounds over all arguments in a controller.
+/* Checks for finite numbers; exp, tanh, the logistic function and the square root. They have no branches, so that
+ * compilers can vectorise loops. Tests check the stated error bounds over all arguments in a controller.
  */
 #ifndef SW_MATH_H
 #define SW_MATH_H
@@ -42,8 +42,8 @@ static inline int sw_all_finite(const float *values, int count)
     return finite;
 }
 
-/* Returns exp(x) with a relative error of at most 1.5e-7 for -87 <= x <= 88; outside these limits, exp of the limit. x
- * = n ln 2 + r with |r| <= ln 2 / 2; exp(r) = 1 + r + r^2 q(r), with q fitted for the smallest maximum error.
+/* Returns exp(x) with a relative error of at most 1.5e-7 for -87 <= x <= 88; outside, returns exp of the nearer limit.
+ * With x = n ln 2 + r and |r| <= ln 2 / 2, exp(r) is 1 + r + r^2 q(r); q is fitted for the smallest maximum error.
  */
 static inline float sw_exp(float x)
 {

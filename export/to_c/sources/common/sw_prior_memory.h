@@ -12,16 +12,16 @@
 
 #if SW_PRIOR_UNITS > 0
 
-/* Numbers of inputs: the filtered rows for the units, the filtered sums of the sensors' pairs for the units' gates. */
+/* Numbers of inputs: a unit gets the filtered rows, and its gate gets the filtered sums of the sensors' pairs. */
 #define SW_PRIOR_INPUTS (SW_PRIOR_FILTERS * SW_PRIOR_ROW)
 #define SW_PRIOR_SUMS (SW_PRIOR_FILTERS * (SW_PRIOR_ROW - 1))
 /* The number of units, padded with zeros to a multiple of eight. */
 #define SW_PRIOR_OUTPUTS ((SW_PRIOR_UNITS + 7) / 8 * 8)
 
-/* The prior's members of sw_weights. prior_filter_rows: number of the first row of the past that a filter reads, and
- * number of rows. prior_filter: the rows' weights, filter by filter. prior_first: a unit's weights on its inputs, one
- * for each scheduling variable. prior_sums: a gate's weights on the sums. The matrices prior_first and prior_sums must
- * be multiplied by their scales, which are 1 in a float32 library.
+/* The prior's members of sw_weights. For each filter, prior_filter_rows has the first row of the past that the filter
+ * reads, and the number of rows. prior_filter has the rows' weights, filter by filter. For each input of a unit,
+ * prior_first has one weight per scheduling variable. prior_sums has the gates' weights for the sums. prior_first and
+ * prior_sums must be multiplied by their scales, which are 1 in a float32 library.
  */
 #define SW_PRIOR_NUMBERS                                                                        \
     SW_ALIGNED int32_t prior_filter_rows[SW_PRIOR_FILTERS][2];                                  \

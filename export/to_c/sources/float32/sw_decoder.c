@@ -1,4 +1,4 @@
-/* The decoder: (Cd, Cl) = f_dec(z) for the whole horizon together, and its adjoint; each step has its own norms. */
+/* The decoder: (Cd, Cl) = f_dec(z) for all steps of the horizon, and its adjoint. Each step has its own norms. */
 #include "sw_kernels.h"
 #include "sw_math.h"
 #include "sw_networks.h"

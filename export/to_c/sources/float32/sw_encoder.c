@@ -1,4 +1,4 @@
-/* The encoder: z_t = f_enc(window). An LSTM runs over the rows from a zero state; a layer norm of its last output and
+/* The encoder: z_t = f_enc(window). An LSTM runs over the rows from a zero state. A layer norm of its last output and
  * two linear layers follow.
  */
 #include "sw_kernels.h"

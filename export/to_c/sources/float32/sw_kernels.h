@@ -2,7 +2,7 @@
  * because every inner loop runs over independent sums.
  *
  * Vectors are padded to whole registers (SW_LANES) with zeros. Matrices are rows of such vectors. Forward pass and
- * adjoint use a single copy of a matrix: one of them through sw_combine, the other through sw_dots.
+ * adjoint use the same copy of a matrix: one uses sw_combine, and the other uses sw_dots.
  */
 #ifndef SW_KERNELS_H
 #define SW_KERNELS_H
@@ -33,7 +33,7 @@ static inline void sw_combine(float *restrict y, const float *restrict start, co
 #error "sw_lane_sum adds up 16 numbers"
 #endif
 
-/* Returns the sum of SW_LANES numbers; repeatedly adds one half of them to the other half. */
+/* Returns the sum of SW_LANES numbers. Repeatedly adds one half of the numbers to the other half. */
 static inline float sw_lane_sum(float lanes[SW_LANES])
 {
     for (int j = 0; j < 8; j++) lanes[j] += lanes[j + 8];

@@ -1,4 +1,4 @@
-/* Layer norm and ELU in one function, and their adjoint.
+/* The layer norm and ELU in one function, and their adjoint.
  *
  * A matrix W before a norm over n numbers is stored centred, as C W with C = I - 11^T / n, so that the norm's input u
  * has mean zero. The norm is then xhat = r u with r = 1 / sqrt(mean u^2 + eps), and h = ELU(y) with y = gain xhat +

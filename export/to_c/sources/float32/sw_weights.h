@@ -1,4 +1,4 @@
-/* The parameters of a trained program; the generated sw_weights.c defines the parameters that are compiled in. The rows
+/* The parameters of a trained program. The generated sw_weights.c defines the parameters that are compiled in. The rows
  * of a stored matrix belong to its inputs, or to the shorter of its two sides, so that the rows are long. Matrices
  * before a norm are centred (sw_norm.h).
  */

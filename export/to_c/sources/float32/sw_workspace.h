@@ -1,4 +1,4 @@
-/* Scratch memory of a control step. This structure is public only because the caller provides it. */
+/* The scratch memory of a control step. This structure is public only because the caller provides it. */
 #ifndef SW_WORKSPACE_H
 #define SW_WORKSPACE_H
 

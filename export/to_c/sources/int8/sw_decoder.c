@@ -94,7 +94,7 @@ static CALLED void decode_steps(sw_workspace *work, int first, int count)
     }
 }
 
-/* Writes x + sums to both arrays, and returns their new unit, four times the coarser unit, to avoid overflow. */
+/* Writes x + sums to both arrays. Returns their new unit: four times the coarser unit, so that no sum overflows. */
 static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sums, float unit_of_sums)
 {
     const float coarser = 4.0f * sw_fmax(unit, unit_of_sums);
@@ -108,7 +108,7 @@ static float add_adjoints(int32_t *restrict x, float unit, int32_t *restrict sum
     return coarser;
 }
 
-/* Converts x times the first layer's row scales to int16, as finely as the largest product allows; returns the unit. */
+/* Converts x times the first layer's row scales to int16, as finely as the largest product allows. Returns the unit. */
 static float round_adjoints(int16_t *restrict vector, int32_t *restrict x, float unit, const sw_weights *w)
 {
     uint32_t bits = 0;

@@ -1,14 +1,14 @@
-/* Products of int8 matrices with int16 vectors in 32-bit sums.
+/* The products of int8 matrices with int16 vectors, in 32-bit sums.
  *
- * The product is y = w x; the number of rows of w is a multiple of 4, the number of columns a multiple of 8, padded
- * with zeros. A sum cannot overflow: each number of a vector of n numbers is within SW_QMAX(n).
+ * The product is y = w x. The rows of w are padded with zeros to a multiple of 4, and the columns to a multiple of 8. A
+ * sum cannot overflow: each number of a vector of n numbers is within SW_QMAX(n).
  *
  * Matrices are tiles of four rows by four columns; the tiles of the same rows are adjacent. A row's four weights are
  * one word, in the order 0, 2, 1, 3: sign-extending every second byte of a word then gives the weights of two
  * neighbours of the vector.
  *
- * sw_dots takes one vector. sw_dots_two takes two vectors; the vectors are SW_APART numbers apart, and so are their
- * products. It may extend a weight once for both vectors. The results are equal bit for bit on every processor.
+ * sw_dots takes one vector. sw_dots_two takes two vectors, and may extend a weight once for both vectors. The vectors
+ * are SW_APART numbers apart, and their products, too. The results are equal bit for bit on every processor.
  */
 #ifndef SW_DOTS_H
 #define SW_DOTS_H

@@ -9,8 +9,8 @@
 /* Number of tiles of four rows that share the loads of a vector. */
 #define SW_BESIDE 8
 
-/* Returns `sums`, which has two numbers for each row, plus the products of a tile with four numbers of the vector in
- * the tile's order.
+/* Returns `sums` plus the products of a tile with four numbers of the vector in the tile's order. `sums` has two
+ * numbers for each row.
  */
 static inline __m256i sw_with_tile(__m256i sums, const int8_t *tile, __m256i vector)
 {

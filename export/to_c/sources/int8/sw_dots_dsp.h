@@ -1,8 +1,8 @@
 /* sw_dots.h for cores with the Arm DSP extension (Cortex-M4, M7, M33): an instruction adds two products to a sum.
  *
  * The loops are written in assembly, because compilers run out of registers in them. The instructions are ordered for
- * cores that issue two instructions at a time. Each loop needs thirteen registers; values used once per pass over the
- * columns are on the stack.
+ * cores that issue two instructions at a time. Each loop needs thirteen registers. Values that are used once per pass
+ * over the columns are on the stack.
  */
 #ifndef SW_DOTS_DSP_H
 #define SW_DOTS_DSP_H
@@ -73,9 +73,9 @@ static inline void sw_dots(int32_t *restrict y, const int8_t *restrict w, const 
     "smlad %[s2], %[u], %[zb], %[s2]\n" "ldrd %[za], %[zb], [%[x], %[apart]]\n"                             \
     "smlad %[s3], %[u], %[xb], %[s3]\n" "ldrd %[xa], %[xb], [%[x]], #8\n"
 
-/* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. The stack has at 0 y; at
- * 4 the number of rows left; at 8 and 12 the bytes by which w and x advance in a row of tiles, including loads ahead;
- * at 16 the address of w after the last tile; at 20 the distance from there to the next pair, which alternates.
+/* Multiplies pairs of rows by both vectors; every second pair begins in the middle of a tile. The stack has y at 0, and
+ * the number of rows left at 4. At 8 and 12 are the bytes by which w and x advance in a row of tiles, including loads
+ * ahead. At 16 is the address of w after the last tile, and at 20 the alternating distance from there to the next pair.
  */
 #define SW_TWO_ROWS_TWICE(tiles)                                                                                 \
     __asm__ volatile("sub sp, #24\n" "strd %[s0], %[s1], [sp]\n" "strd %[s2], %[s3], [sp, #8]\n"           \

@@ -1,5 +1,5 @@
 /* The dynamics: z_{k+1} = z_k + f_dyn(z_k, a_k) over the horizon, and their adjoint, which runs backwards. States are
- * in float, layers in integers.
+ * computed in float, and layers in integers.
  */
 #include "sw_networks.h"
 #include "sw_norm.h"

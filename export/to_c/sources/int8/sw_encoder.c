@@ -1,10 +1,10 @@
-/* The encoder: z_t = f_enc(window). An LSTM runs over the rows from a zero state; a layer norm of its last output and
- * two linear layers follow. Products are in integers, all other operations in float.
+/* The encoder: z_t = f_enc(window). An LSTM runs over the rows from a zero state. A layer norm of its last output and
+ * two linear layers follow. Products are computed in integers, and all other operations in float.
  */
 #include "sw_networks.h"
 #include "sw_norm.h"
 
-/* Replaces each gate's sum by the logistic function of the gate's argument; for the gate g, of twice its argument. */
+/* Replaces each gate's sum by the logistic function of the gate's argument, or of twice the argument for the gate g. */
 static void open_gates(sw_encoder_scratch *e, const sw_weights *w)
 {
     for (int c = 0; c < 4 * SW_LSTM_P; c += 8) {

@@ -1,4 +1,4 @@
-/* Integers for activations: the range of these integers, and the rounding to them. */
+/* The integers for activations: their range, and the rounding to such integers. */
 #ifndef SW_INTEGER_H
 #define SW_INTEGER_H
 

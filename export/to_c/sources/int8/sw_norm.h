@@ -4,7 +4,7 @@
  * stores xhat as int16, ELU' as uint8, and r; xhat cannot exceed sqrt(n) and so needs no calibration. Backwards, with t
  * = ELU'(y) gain dJ/dh, the adjoint is dJ/du = r (t - mean t - xhat mean(t xhat)), and ELU' = min(h, 0) + 1.
  *
- * A norm does not depend on its input's unit, so u is an integer in a unit of the layer, which is as fine as the
+ * A norm does not depend on its input's unit, so u is an integer in a unit of the layer. The unit is as fine as the
  * layer's largest sum allows. Only values that exist once per layer are float. Constants are grouped in eights, for
  * processors that take eight at a time. Padding has zeros for constants, so it has no effect.
  */
@@ -56,10 +56,10 @@ static inline sw_fine sw_fine_of(float bound, float top)
     return fine;
 }
 
-/* Returns the bits of a number that is not negative; for a negative number, those of its magnitude minus 1. */
+/* Returns the bits of a number that is not negative; for a negative number, the bits of its magnitude minus 1. */
 static inline uint32_t sw_bits_of(int32_t value) { return (uint32_t)(value ^ (value >> 31)); }
 
-/* Computes dJ/du from dJ/dh, which is in `sums` in units of `unit`; writes dJ/du times the scales of the matrix rows
+/* Computes dJ/du from dJ/dh, which is in `sums` in units of `unit`. Writes dJ/du times the row scales of the matrix
  * before the norm, as int16 for the transposed product. Overwrites `sums`; returns the factor for the product's sums.
  */
 SW_ONCE float sw_norm_adjoint(int32_t *restrict sums, float unit, int16_t *restrict vector,

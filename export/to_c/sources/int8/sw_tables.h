@@ -1,12 +1,12 @@
-/* ELU, the logistic function and tanh on integers, by tables with linear interpolation. */
+/* The functions ELU, logistic and tanh of integers, computed from tables with linear interpolation. */
 #ifndef SW_TABLES_H
 #define SW_TABLES_H
 
 #include "sw_integer.h"
 #include "sw_weights.h"
 
-/* Returns a table's value at x >= 0, interpolated linearly between points that are `step` apart. A point is a word: its
- * value in the lower half, the rise to the next point in the upper half.
+/* Returns a table's value at x >= 0, interpolated linearly between points that are `step` apart. A point is a word: the
+ * lower half is its value, and the upper half is the rise to the next point.
  */
 static inline int16_t sw_between(const uint32_t *points, int32_t x, int32_t step)
 {

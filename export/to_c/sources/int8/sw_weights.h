@@ -1,7 +1,7 @@
-/* The parameters of a trained program; the generated sw_weights.c defines the parameters that are compiled in. Matrices
- * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h, and each
- * matrix is followed by SW_AHEAD zeros, because weights are loaded ahead of their use. The adjoint has a transposed
- * copy of each matrix.
+/* The parameters of a trained program. The generated sw_weights.c defines the parameters that are compiled in. Matrices
+ * are int8 with one scale for each output, W[o][i] ~ scale[o] q[o][i]. Their layout is that of sw_dots.h. SW_AHEAD
+ * zeros follow each matrix, because weights are loaded ahead of their use. The adjoint has a transposed copy of each
+ * matrix.
  *
  * An activation is a scale times an int16. Forward scales are constants from calibration; an adjoint's scale is
  * computed when the adjoint is rounded.
@@ -17,13 +17,13 @@
 #define SW_LOGISTIC_START (SW_LOGISTIC_RANGE * SW_LOGISTIC_ONE)
 #define SW_LOGISTIC_STEP (SW_LOGISTIC_ONE / SW_POINTS_PER_UNIT)
 
-/* Tables for sw_between (sw_tables.h), which are the same for every program. */
+/* Tables for sw_between (sw_tables.h). They are the same for every program. */
 extern const uint32_t sw_elu_points[2 * SW_ELU_START / SW_ELU_STEP];
 extern const uint32_t sw_logistic_points[2 * SW_LOGISTIC_START / SW_LOGISTIC_STEP];
 
-/* Constants of outputs, grouped in eights: value = sum scale + bias. Before a norm all constants are integers: the
- * value, in a unit of its layer, is sw_scaled(sum, scale) + bias, and sw_scaled_on(offset, gain, xhat) is sw_elu's
- * argument. Here xhat is an integer of the tape; SW_XHAT_QMAX stands for its bound, sqrt(n) in a layer of width n.
+/* Constants of outputs, grouped in eights: value = sum scale + bias. Before a norm all constants are integers. The
+ * value in a unit of its layer is sw_scaled(sum, scale) + bias, and the argument of sw_elu is sw_scaled_on(offset,
+ * gain, xhat). Here xhat is an integer of the tape; SW_XHAT_QMAX stands for its bound, sqrt(n) in a layer of width n.
  */
 enum { SW_SCALE, SW_BIAS, SW_GAIN, SW_OFFSET };
 
@@ -48,7 +48,7 @@ typedef struct sw_weights {
     SW_ALIGNED float action_factor; /* 1 / action_std, the action's factor in the state */
 
     /* Encoder. LSTM gates are in the order i, f, g, o. An inverse scale is the number of integers per unit of an
-     * activation: of the LSTM's inputs and hidden state here, of a layer's inputs elsewhere.
+     * activation. The activations are the LSTM's inputs and hidden state here, and a layer's inputs elsewhere.
      */
     SW_ALIGNED int8_t lstm_input_rows[4 * SW_LSTM_P * SW_ROW_P + SW_AHEAD];
     SW_ALIGNED int8_t lstm_hidden_rows[4 * SW_LSTM_P * SW_LSTM_P + SW_AHEAD];
@@ -63,7 +63,7 @@ typedef struct sw_weights {
     SW_ALIGNED float cell_inverse_scale;
     SW_ALIGNED float head_inverse_scale;
 
-    /* Dynamics, whose matrices are in sw_hot. */
+    /* Dynamics; their matrices are in sw_hot. */
     SW_ALIGNED int32_t dyn1_channel[SW_DYN1_P / 8][4][8];
     SW_ALIGNED int32_t dyn1_adjoint[SW_DYN1_P / 8][2][8];
     SW_ALIGNED float dyn1_layer[2];
@@ -74,8 +74,8 @@ typedef struct sw_weights {
     SW_ALIGNED float dyn3_scale[SW_LATENT_P];
     SW_ALIGNED float state_inverse_scale;
 
-    /* Decoder. The sum of residuals has a separate unit, in which residual_of_elu is the integer 1 of an ELU's output;
-     * sw_scaled with residual_factor converts the sum to the inputs of the blocks and of the last layer.
+    /* Decoder. The sum of residuals has a separate unit. In this unit, residual_of_elu is one integer step of an ELU's
+     * output; sw_scaled with residual_factor converts the sum to the inputs of the blocks and of the last layer.
      */
     SW_ALIGNED int8_t decoder_rows[SW_DECODER_P * SW_LATENT_P + SW_AHEAD];
     SW_ALIGNED int8_t decoder_adjoint_rows[SW_LATENT_P * SW_DECODER_P + SW_AHEAD];

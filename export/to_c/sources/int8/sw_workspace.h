@@ -58,7 +58,7 @@ typedef struct {
     int16_t vector[SW_MAX(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* The distance between the vectors, and between the sums, of the two steps that the decoder computes together. */
+/* The decoder computes two steps together. Their vectors, and their sums, are this distance apart. */
 #define SW_APART SW_MAX(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {

@@ -4,8 +4,8 @@
  * caller's structures, so that several controllers may run side by side. The work of a step does not depend on the
  * data, with two exceptions: a few comparisons in the cost, and the iterations, which are skipped if no cost weight
  * needs them. Compile the sources as C; C++ may include this header. The generated sw_settings.h has the sizes and the
- * hash of the program, and sw_weights.c its parameters. The parameters need not be compiled in: the functions whose
- * names end in _of use parameters anywhere in memory (sw_program.h).
+ * hash of the program; the generated sw_weights.c has its parameters. The parameters need not be compiled in: the
+ * functions whose names end in _of use parameters anywhere in memory (sw_program.h).
  */
 #ifndef STILLWAKE_H
 #define STILLWAKE_H
@@ -56,9 +56,9 @@ typedef enum {
     SW_WRONG_ARITHMETIC = 2 /* this build or the processor's present mode does not follow IEEE 754; the plan is zeros */
 } sw_status;
 
-/* Checks with a known answer whether sums, divisions and small numbers follow IEEE 754; returns SW_OK or
- * SW_WRONG_ARITHMETIC. Some compiler flags change the arithmetic (-ffast-math and its parts), and so do some processor
- * modes (small numbers taken as zero, another rounding). Every control step makes this check itself.
+/* Checks with a known answer whether sums, divisions and small numbers follow IEEE 754. Returns SW_OK or
+ * SW_WRONG_ARITHMETIC. Some compiler flags (-ffast-math and its parts) and processor modes (small numbers taken as
+ * zero, another rounding) change the arithmetic. Every control step makes this check itself.
  */
 sw_status sw_arithmetic(void);
 
@@ -74,7 +74,7 @@ void sw_input_push(sw_input *input, const float pressures[SW_SENSORS], float pre
 sw_status sw_control_step(sw_workspace *work, const sw_input *input, sw_output *output);
 
 /* Runs a control step with all iterations on a window that is computed from the program, and compares the result with
- * the exporter's answer; call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any bit
+ * the exporter's answer. Call it once at the start. Returns SW_WRONG_ARITHMETIC if result and answer differ in any bit
  * or, in a build that fuses operations, by more than fusing explains. Returns SW_OK also if the exporter wrote no
  * answer. Resets `input` as sw_input_reset does.
  */

@@ -1,11 +1,11 @@
-/* The known answer of a whole control step. Correct sums and divisions (sw_arithmetic.h) do not guarantee a correct
- * network: a compiler may translate a product wrongly, a linker may omit parameters, and memory may fail with age.
+/* The known answer of a whole control step. Correct sums and divisions (sw_arithmetic.h) do not prove that a network is
+ * correct: a compiler may translate a product wrongly, a linker may omit parameters, and memory may fail with age.
  */
 #include "stillwake.h"
 #include "sw_arithmetic.h"
 #include "sw_weights.h"
 
-/* Largest change of an answer that fused operations may cause, absolute plus relative; as in replay.c. */
+/* Largest change of an answer that fused operations may cause: absolute plus relative, as in replay.c. */
 #define FUSED 5e-3f
 
 /* Fills a window from the program's own scaling, so that no stored data are needed: each value is the column's mean

@@ -39,7 +39,7 @@ static int speed_in(const float schedule[SW_SCHEDULED])
     return schedule[FASTER] > 0.0f ? FASTER : SLOWER;
 }
 
-/* Computes, for the present speed and goal, the weights by which the units multiply their inputs. */
+/* Computes the weights by which the units multiply their inputs at the present speed and goal. */
 static void take_weights(sw_prior_scratch *prior, const sw_weights *w)
 {
     const int speed = speed_in(prior->schedule);
@@ -71,7 +71,7 @@ static void take_past(sw_prior_scratch *prior, const float window[SW_WINDOW][SW_
     for (int c = 0; c < SW_PRIOR_ROW; c++) prior->rows[0][c] = prior->rows[1][c];
 }
 
-/* Returns the sum of weights times values that are `apart` numbers apart; computes it as two independent sums. */
+/* Returns the sum of weights times values; the values are `apart` numbers apart. Adds in two independent sums. */
 static float product(const float *weights, const float *values, int apart, int count)
 {
     float sum = 0.0f, other = 0.0f;
@@ -172,7 +172,7 @@ static float wanted(sw_prior_scratch *prior)
     return sw_tanh(sum + other);
 }
 
-/* Predicts the pressure differences that follow the past from the row `begin` on; computes two independent sums. */
+/* Predicts the pressure differences that follow the past from the row `begin` on, in two independent sums. */
 static void predict(sw_prior_scratch *prior, const sw_weights *w, int begin)
 {
     const float *values = prior->rows[begin];

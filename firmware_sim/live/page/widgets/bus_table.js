@@ -1,5 +1,5 @@
 'use strict';
-/** A table of the bus: a row for each CAN identifier, the bus load, and the error states of the nodes. */
+/** A table of the bus. It has a row for each CAN identifier, the bus load, and the error states of the nodes. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

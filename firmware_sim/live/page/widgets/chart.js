@@ -162,7 +162,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
         this.stroke(ctx, [bbox.left, y], [bbox.left + bbox.width, y]);
         if (!label) continue;
         ctx.font = `${11 * fine}px system-ui, sans-serif`;
-        // The label is at the newest end of the line, because a curve that began at the line has usually left it there.
+        // The label is at the newest end of the line. A curve that began at the line has usually left the line there.
         ctx.textAlign = 'right';
         const end = bbox.left + bbox.width - 6 * fine;
         ctx.setLineDash([]);

@@ -70,7 +70,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   };
   const tables = {night: fieldOf(NIGHT), day: fieldOf(DAY)};
 
-  /** Returns 256 pixels for the vorticity levels -127..127; the index is the level's low byte. */
+  /** Returns 256 pixels for the vorticity levels -127..127; the index of a pixel is the level's low byte. */
   stillwake.fieldPalette = () => (stillwake.isDark() ? tables.night : tables.day);
 
   /** Returns the palette of fieldPalette as CSS colours, for a legend. */

@@ -1,5 +1,5 @@
 'use strict';
-/** Drag, base pressure and action over time, with the uncontrolled drag, the plan, and shading of the modes. */
+/** The curves of drag, base pressure and action, with the uncontrolled drag, the plan, and shading of the modes. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

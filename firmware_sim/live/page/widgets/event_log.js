@@ -33,7 +33,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       const later = items.filter((item) => item.n > this.latest).slice(-this.kept);
       if (!later.length) return;
       this.latest = later.at(-1).n;
-      // A screen reader reads new events, but not the long list of earlier ones.
+      // A screen reader reads new events, but not the long list of earlier events.
       if (this.live) this.frame.setAttribute('aria-live', later.length > AT_ONCE ? 'off' : 'polite');
       this.none.hidden = true;
       this.list.prepend(...later.map((item) => this.line(item)).reverse());

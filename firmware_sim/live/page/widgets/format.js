@@ -1,5 +1,5 @@
 'use strict';
-/** Numbers in readable form: a missing value is a dash, and a negative number has a true minus sign. */
+/** The numbers in readable form. A missing value is a dash, and a negative number has a true minus sign. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 stillwake.format = {

@@ -1,5 +1,5 @@
 'use strict';
-/** Schedules drawing: at most once per frame of the browser, and once per second for elements out of sight. */
+/** Schedules drawing: at most once per frame of the browser, and at most once per second for elements out of sight. */
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {

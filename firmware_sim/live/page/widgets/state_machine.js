@@ -88,7 +88,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       this.present = state;
     }
 
-    /** Lights for a short time a state that the ECU has just left. */
+    /** Lights a state for a short time after the ECU has left this state. */
     glow(state) {
       for (const element of this.boxes.get(state) || []) {
         element.classList.remove('passed');

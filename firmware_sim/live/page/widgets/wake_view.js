@@ -6,7 +6,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
   const {make, write, format} = stillwake;
   const ARROW = 1.6; // length of the arrow at the action's bound, in W
   const SHAFT = 0.05; // half the width of the arrow and of the slot, in W
-  const NAMES_FROM = 56; // pixels per W from which on names fit
+  const NAMES_FROM = 56; // smallest scale at which names fit, in pixels per W
 
   const gradient = (words, colours) => {
     const bar = make('span', {class: 'scale'});

@@ -1,5 +1,5 @@
 'use strict';
-/** The page that compares several runs on one time axis, which begins at the request for control. */
+/** The page that compares several runs on one time axis. The axis begins at the request for control. */
 (() => {
   const {make, write, format} = stillwake;
   const runs = JSON.parse(document.getElementById('runs').textContent);
@@ -12,7 +12,7 @@
     ['Action / (U∞ W)', 'action', {snap: 0.02, digits: 3}],
   ];
 
-  /** Runs on the common time axis; `at` returns the period at a time: -1 before the run, `count` after its end. */
+  /** The runs on the common time axis. `at` returns the period at a time: -1 before the run, `count` after its end. */
   const lined = runs.map((run) => {
     const {t} = run.columns;
     const zero = t[run.requested ?? 0];

@@ -21,7 +21,7 @@
     title: 'Lift Cl', x: false, height: 110, snap: 0.5, onPick: pick, series: [{label: '', colour: '--curve'}],
     lines: [{value: 0}],
   });
-  // The chart of the speed is omitted if the speed is constant.
+  // A run at constant speed has no chart of the speed.
   const speed = run.drive === null ? null : new stillwake.Chart(place('speed'), {
     title: `Speed of the vehicle / (m/s), drive ${run.drive}`, x: false, height: 110, snap: 5, onPick: pick,
     series: [{label: '', colour: '--second'}],
