@@ -31,8 +31,8 @@ from train.refinement.imitation import Demonstration, demonstration, imitate, wa
 from train.refinement.pipeline import middles_and_deviations
 
 PERIODS: Final = 1000
-"""Periods of an expert's run: 200 convective times of the design speed. At 60 % of the design speed, the wake's drag
-needs half of this time until it no longer changes."""
+"""Number of periods of an expert's run: 200 convective times of the design speed. At 60 % of the design speed, the
+wake's mean drag becomes constant in half of this time."""
 STARTS: Final = 2
 RAMP: Final = 40
 """Periods over which the speed changes from the design speed."""

@@ -111,8 +111,8 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
 def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
     """Return mean, minimum and maximum of every figure over the starting phases.
 
-    With several phases the result also has the half width of the mean's 95 % confidence interval, which assumes
-    independent starts; it is too narrow if neighbouring starts give similar results.
+    With several phases the result also has the half width of the mean's 95 % confidence interval. The interval assumes
+    independent starts, so it is too narrow if neighbouring starts give similar results.
     """
     found = {}
     for name in FIGURES:

@@ -108,8 +108,8 @@ def outcome(bundle: Path, start: Path, case: Case) -> dict[str, Any]:
 
 
 def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return Spearman's rank correlation over all runs between each weight and its effect, the smallest one of several.
-    It is 1 if the figure always falls when the weight rises."""
+    """Return Spearman's rank correlation between each weight and its effect over all runs. For several effects, return
+    the smallest correlation. A correlation of 1 means that the figure always falls when the weight rises."""
     found = {}
     for weight, effects in EFFECTS.items():
         runs = [row for row in rows if row["weight"] == weight]
