@@ -43,7 +43,7 @@ bundle = typer.Typer(
 )
 
 DIFFERENT: Final = 1
-"""Exit status of `stillwake bundle diff` for two bundles that differ; the program diff(1) has the same status."""
+"""Exit status of `stillwake bundle diff` for two bundles that differ, as that of diff(1)."""
 
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
@@ -67,7 +67,7 @@ def keygen(
         typer.Option("--secret", help="Make a secret for frames (bus.key) or for a tester's access, not a key pair."),
     ] = False,
 ) -> None:
-    """Make a key pair: release.key signs and must be kept secret, release.pub is for everyone who checks the signature.
+    """Make a key pair. release.key signs and must be kept secret; release.pub is for everyone who checks signatures.
 
     With --secret the command writes a secret instead: 128 random bits as hexadecimal digits. For authenticated frames,
     name the file of the secret in `bus.key` on both nodes; for a tester's access, name the file with --access. Frames
@@ -209,7 +209,7 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 
 
 def _first_step(release: Bundle) -> Check:
-    """Run one step of each ONNX graph in bounded time and memory; check its inputs and outputs against the manifest."""
+    """Run one step of each ONNX graph with limited time and memory; compare inputs and outputs with the manifest."""
     # ONNX Runtime is imported here, because its import takes a while and leaves a file in the temporary folder.
     from contract.runtime.onnx_session import OnnxController, OnnxEstimator
 

@@ -55,8 +55,8 @@ def refine(
     trained = model_store.load(folder_read)
     own = trained.config
     if trained.prior is None:
-        # A model without a prior has settings for an optimiser that improves its own plan of the previous period. An
-        # optimiser that starts from a prior's plan has less to improve, so the default settings replace most of them.
+        # A model without a prior has settings for an optimiser that starts from its own plan of the previous period. An
+        # optimiser that starts from a prior's plan has less to improve, so defaults replace most of these settings.
         kept = own.mpc
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)
