@@ -1,4 +1,4 @@
-"""The improvement of the prior's plan by the controller's iterations, from pairs of runs of a release with and without
+"""The improvement of the prior's plan by the controller's iterations, measured in pairs of runs with and without
 iterations.
 
     python -m benchmarks iterations [--workers 2] [--json FILE]

@@ -1,4 +1,4 @@
-"""Fit the prior of a model, the base, to the actions of the priors of other models, the experts, at other speeds.
+"""Fit a model's prior (the base) to the actions of other models' priors (the experts) at other speeds.
 
     python -m benchmarks.release.join OUTPUT --base MODEL --expert 0.6 MODEL --expert 1.4 MODEL ...
 

@@ -37,7 +37,7 @@ def loop_ecu(
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        secret: key of the bus, if the sources are for a bus with `bus.key`.
+        secret: key of the bus; None if the sources are for a bus without `bus.key`.
     """
     precision = ProgramSettings.of(sources).text("SW_PRECISION")
     if kind == C:

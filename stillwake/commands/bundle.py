@@ -168,9 +168,9 @@ def inspect(
 ) -> None:
     """Verify a bundle, an image or a key list, and show its contents and its signer.
 
-    For a bundle, the command prints one line for each check that is made when a bundle is loaded, and one line for a
-    control step that it runs; if a check fails, nothing else is shown and the exit status is 1. A key list may have any
-    signer, unless --trust names the root key.
+    For a bundle, the command prints one line for each check that loading a bundle makes, and one line for a control
+    step that it runs. If a check fails, nothing else is shown and the exit status is 1. A key list may have any signer,
+    unless --trust names the root key.
     """
     if path is not None and (key_list.is_list(path) or is_image(path)):
         if sbom is not None:
@@ -226,8 +226,7 @@ def diff(
     a: Annotated[Path, typer.Argument(help="Bundle directory.")],
     b: Annotated[Path, typer.Argument(help="Bundle directory to compare with.")],
 ) -> None:
-    """Show the differences between two bundles, in the manifest, the signer and the files' hashes, or between two
-    images (.swi).
+    """Show the differences between two bundles (manifest, signer, hashes of files), or between two images (.swi).
 
     The exit status is 0 if there is no difference, 1 if there are differences, and 2 if a bundle or an image cannot be
     read or does not verify. A bundle with the stillwake.dbc of another version is accepted.

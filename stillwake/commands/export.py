@@ -328,7 +328,7 @@ def mcu(
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Compile the C library for a Cortex-M7, replay the library's recorded rows on an emulated Cortex-M7, and compare
-    the results with this computer's.
+    the results with those of this computer.
 
     The last lines report whether a control step fits into the control period of the operating point.
     """

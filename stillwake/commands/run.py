@@ -88,7 +88,7 @@ def run(
     (docs/reference/disturbances.md). Faults of one node are written with vehicle: or ecu: before their kind: drop,
     burst_loss, duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer or clock_drift.
 
-    --drive gives the vehicle a varying speed, and first runs the drive without control, to compare the energy:
+    --drive gives the vehicle a varying speed. The drive is first run without control, to compare the energy. Drives are
     steady-60 to steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV
     file with the columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
     """
