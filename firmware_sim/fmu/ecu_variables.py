@@ -129,7 +129,7 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return each input's and parameter's value reference by name; for a name common to all sensors, the first one."""
+    """Return the value references of inputs and parameters by name; a name common to all sensors has the first."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 

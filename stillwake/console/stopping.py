@@ -27,9 +27,9 @@ def ends_like_ctrl_c() -> None:
 
     Python handles a signal only between two of its own steps, so compiled code or an import ends before the signal is
     handled. Some compiled code treats the KeyboardInterrupt as an error of its own and continues; `until_stopped` and
-    `still_wanted` then raise KeyboardInterrupt again. A KeyboardInterrupt in a callback is lost too, and Python would
-    print it; a hook prevents the printing. Only the main thread may handle signals; in another thread this function
-    does nothing.
+    `still_wanted` then raise KeyboardInterrupt again. A KeyboardInterrupt in a callback is lost too. Python would print
+    it, but a hook prevents the printing. Only the main thread may handle signals; in another thread this function does
+    nothing.
     """
     if current_thread() is not main_thread():
         return

@@ -80,7 +80,7 @@ class LiveWake(NeverCopied):
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
         progress: called with (time done, total time) in t_c while the flow develops from the initial state.
-        drive: speeds of the inflow, for which the time steps in `config.flow` must be short enough.
+        drive: speeds of the inflow. The time steps in `config.flow` must be short enough for these speeds.
     """
 
     INSTEAD: ClassVar = "its solver is a process; start another wake"
