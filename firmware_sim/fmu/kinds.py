@@ -12,8 +12,8 @@ FMU_SUFFIX: Final = ".fmu"
 @dataclass(frozen=True, kw_only=True)
 class FmuKind:
     """A kind of FMU. It may have a CAN bus terminal (FMI-LS-BUS 1.0) instead of signals; for importers with fixed
-    steps, Tx_Clock is then triggered instead of a countdown. It may be in FMI 2.0 instead of 3.0, and have a library
-    for Windows on x86-64."""
+    steps, Tx_Clock may then be triggered instead of a countdown. It may be in FMI 2.0 instead of 3.0, and have a
+    library for Windows on x86-64."""
 
     bus: bool = False
     triggered: bool = False
