@@ -22,8 +22,8 @@ from stillwake.console.stopping import ends_like_ctrl_c
 
 
 class Measurement(NamedTuple):
-    """A line of the list: the module with the function `main`, which is imported only when the measurement runs because
-    each needs other packages; a description; and the approximate duration on two cores."""
+    """A line of the list: the module with the function `main`, a description, and the approximate duration on two
+    cores. The module is imported only when the measurement runs, because each needs other packages."""
 
     module: str
     text: str

@@ -44,13 +44,13 @@ RESULTS: Final = ROOT / "results"
 PLAN: Final = Path(__file__).with_suffix(".toml")
 RELEASE: Final = "release"
 _OF_ECU: Final = {"ecu": "", "secoc": "secoc", "store": "store", "loader": "loader", "board": "board"}
-"""Folders below `ecu/c`, by their names in `full.toml`. Other folders named there have the control step's C code."""
+"""Folders below `ecu/c`, by their names in `full.toml`. Other names there are folders of the control step's C code."""
 _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """A file in `results/` and the command that makes it: a table of `full.toml`, which explains the fields."""
+    """A file in `results/` and the command that makes it: a table of `full.toml`, where the fields are explained."""
 
     name: str
     run: str
@@ -140,7 +140,7 @@ def _make(one: Figures) -> None:
         _fail(one, one.run)
     minutes: float | None = round((time.monotonic() - began) / 60.0, 1)
     content = read(one.file)
-    # If a campaign continued an earlier campaign, its duration is not that of a whole campaign.
+    # The duration of a continued campaign is not that of a whole campaign.
     if before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0:
         minutes = before
     content["facts"][STAMP] = {**one.stamp(), "minutes": minutes}

@@ -21,9 +21,9 @@ from contract.atomic import replacing
 
 
 class PageTable(NamedTuple):
-    """A table of the pages: the function that returns it, the names of the results files that this function takes, and
-    the results file, of most of its rows, whose date, version and release are stated below the table; empty if the
-    table itself states them."""
+    """A table of the pages: the function that returns it, and the names of the results files that this function takes.
+    The last field names the file with most of the rows; its date, version and release are stated below the table. The
+    field is empty if the table itself states them."""
 
     made: Callable[..., str]
     files: tuple[str, ...]
@@ -91,7 +91,7 @@ def tables(results: Path) -> dict[str, str]:
 
 
 def _origin(path: Path) -> str:
-    """Return a sentence with the date, and as far as they are known version and release, of a measurement."""
+    """Return a sentence with a measurement's date and, if they are known, its version and release."""
     found = read(path)
     facts = found["facts"]
     bundle = facts.get("bundle_name") or facts.get("bundle") or facts.get("controller") or ""

@@ -1,10 +1,10 @@
-"""Write small samples of the C library, one of each kind, with random weights, to be opened, compiled and debugged.
+"""Write a small sample of each kind of C library, with random weights, to read, compile and debug it.
 
     python -m examples.c_samples build/c
 
-This command writes the folders `build/c/float32` and `build/c/int8`, which have the form that `stillwake export --c`
-writes, and in each a `compile_flags.txt` for editors that use clangd. While the samples are in `build/c`, such an
-editor also finds all headers of the sources in `export/to_c/sources`.
+This command writes the folders `build/c/float32` and `build/c/int8`, in the form of `stillwake export --c`. Each folder
+also has a `compile_flags.txt` for editors that use clangd. While the samples are in `build/c`, such an editor also
+finds all headers of the sources in `export/to_c/sources`.
 """
 
 from pathlib import Path

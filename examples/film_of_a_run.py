@@ -2,8 +2,8 @@
 
     python -m examples.film_of_a_run runs/demo film.webp
 
-The film redraws one figure of fixed size. Scales, positions and sizes of texts do not change, so that only the flow
-moves. The film is meant for a README: a few words show when control begins and how much it reduces the drag.
+Scales, positions and sizes of texts are the same in all frames, so that only the flow moves. The film is for a README:
+a few words show when control begins and how much it reduces the drag.
 """
 
 import sys
@@ -98,7 +98,7 @@ class Film:
         wake: the plant. Call `record` at every control period, also between frames.
         story: the times that the film shows, and the drag without control.
         sensor_names: the controller's sensors, which are drawn as bright dots; all other sensors are small dots.
-        width: width of the picture in pixels; an even number, as the height is.
+        width: width of the picture in pixels; width and height must be even.
 
     Attributes:
         figure: the figure in which the film is drawn.

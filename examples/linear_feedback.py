@@ -4,8 +4,8 @@
 
 An autoregressive model predicts the pressure differences between mirrored sensors, Cl and the velocity in the far wake
 (Ljung, System Identification, section 4.2). In the mirror image of a flow, these quantities and the action have the
-opposite sign, so the model has no constant term. The model's state is the history of differences and actions, which is
-measured: so the linear-quadratic regulator (Anderson and Moore, Optimal Control, section 3.4) needs no observer.
+opposite sign, so the model has no constant term. The model's state is the measured history of differences and actions,
+so the linear-quadratic regulator (Anderson and Moore, Optimal Control, section 3.4) needs no observer.
 """
 
 import sys
@@ -23,7 +23,7 @@ from contract.shipped import recording
 SENSORS = ("upper_39", "lower_39", "base_0", "base_9")
 """Names of the sensors in pairs: each sensor is followed by its mirror image."""
 MEMORY, TRANSIENT = 64, 500
-"""Number of control steps that the model reads, and number that is left out at the start of each episode."""
+"""Number of control steps that the model reads, and number of steps left out at the start of each episode."""
 RIDGE = 1e-3
 """Weight of the ridge penalty of the regression, for regressors that are scaled to a mean square of 1."""
 WEIGHTS, ACTION_WEIGHT = (10.0, 10.0, 1.0, 1.0), 100.0

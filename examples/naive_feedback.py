@@ -2,7 +2,7 @@
 
     python examples/naive_feedback.py [control steps]
 
-With a positive gain the slot on the side of the higher wall pressure blows; with a negative gain the other slot blows.
+With a positive gain, the slot at the edge with the higher wall pressure blows; with a negative gain, the other slot.
 """
 
 import sys

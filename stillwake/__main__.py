@@ -1,10 +1,10 @@
 """The program `stillwake`, which registers every command under its name.
 
 Each command imports other packages only when it needs them. So an ECU on a vehicle's computer needs neither torch nor
-the compiler of the flow solver, and a command that lacks an extra prints an error message of one line.
+the compiler of the flow solver. A command that lacks an extra prints an error message of one line.
 """
 
-from stillwake.console.start import check_memory  # refuses to go on where a file hides one of our packages
+from stillwake.console.start import check_memory  # refuses to continue if a file hides a package of the project
 
 # isort: split
 
@@ -94,8 +94,8 @@ app.add_typer(dataset, name="dataset", rich_help_panel=_MODEL)
 
 
 def _let_paragraphs_flow(group: typer.Typer) -> None:
-    """Let rich break the lines of every command's help where the terminal ends, not where the source's lines end, and
-    show brackets such as [t_c], which rich would take for markup."""
+    """Let rich break the lines of each command's help where the terminal ends, not where the source's lines end. Show
+    brackets such as [t_c], which rich would otherwise interpret as markup."""
     for info in group.registered_commands:
         paragraphs = (getdoc(info.callback) or "").split("\n\n")
         info.help = escape("\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs))

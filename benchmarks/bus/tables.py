@@ -34,7 +34,7 @@ FAULTED: Final = {
 }
 """Names of the results files of closed loops, by the disturbance of the pressures."""
 CAN_LOADS: Final = [f"can_load_{frames}{end}" for frames in ("fd", "classic") for end in ("", "_90")]
-"""Names of the results files of bus loads: for each message set without and with other traffic."""
+"""Names of the results files of bus loads, for each message set without and with other traffic."""
 CONTROLLERS: Final = {"onnx": "ONNX Runtime", "c": "C library"}
 QUANTILES: Final = {"p50_ms": "p50", "p99_ms": "p99", "p99_9_ms": "p99.9", "max_ms": "max"}
 
@@ -70,7 +70,7 @@ Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted}
 
 
 _FEW: Final = 4
-"""Largest number of services or identifiers that the table of the attack tools lists; of more it has the number."""
+"""Largest number of services or identifiers that the table of the attack tools lists; more of them are only counted."""
 
 
 def attack_tools(found: Any) -> str:

@@ -16,8 +16,8 @@ PICTURES: Final = ROOT / "docs" / "pictures"
 SOURCE: Final = "Source"
 """Name of the text field in a PNG that identifies the results file from which the picture was drawn."""
 STAMP: Final = "made"
-"""Name of the entry in a results file that states the release and sources of its figures, so that a test can find
-outdated files."""
+"""Name of a results file's entry that states the release and the sources of the figures. A test finds outdated files by
+this entry."""
 
 
 def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -> None:
@@ -28,8 +28,8 @@ def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -
 
 
 def source_text(source: Path) -> str:
-    """Return the text that identifies a picture's results file: its path in the project and its SHA-256 without the
-    stamp, which `benchmarks.full` adds after all pictures and tables were made."""
+    """Return the text that identifies a picture's results file: its path in the project and its SHA-256. The hash
+    leaves out the stamp, because `benchmarks.full` adds the stamp after all pictures and tables were made."""
     place = source.relative_to(ROOT).as_posix() if source.is_relative_to(ROOT) else source.name
     content = json.loads(source.read_text(encoding="utf-8"))
     content["facts"].pop(STAMP, None)

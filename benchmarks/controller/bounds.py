@@ -1,5 +1,5 @@
-"""The bounds of the firmware: the largest number of passes of each loop, the targets of calls through pointers, and the
-deepest stack; there is no recursion.
+"""The bounds of the firmware: the passes of each loop, the targets of calls through pointers, and the stack. The check
+also ensures that there is no recursion.
 
     python -m benchmarks bounds --json results/bounds.json
 
@@ -47,8 +47,8 @@ from stillwake.parts.c_release import library_folder
 
 REASONS: Final = Path(__file__).with_name("bounds.toml")
 LARGEST_PROVED: Final = 4095
-"""Largest number of passes of a loop for which GCC's proof is accepted. Larger proved numbers only reflect the range of
-a type or the size of the memory, so such loops need a reason in `bounds.toml`."""
+"""Largest proved number of passes that is accepted from GCC. A larger number only reflects the range of a type or the
+size of the memory, so such a loop needs a reason in `bounds.toml`."""
 EXCEPTION_FRAME: Final = 108
 """Bytes that the core pushes for an exception, including floating-point registers and alignment (Armv7-M, B1.5.6)."""
 _EXCEPTIONS: Final = ("sw_board_unexpected", "sw_board_tick")
@@ -58,8 +58,8 @@ _WORD: Final = 4
 
 
 def main(json_file: JsonFile = None) -> None:
-    """Report the bounds of the firmware with all its parts, and the bound and the measured depth of the stack of the
-    release's firmware, which has no loader and no key."""
+    """Report the bounds of the firmware with all its parts. For the release's firmware, which has no loader and no key,
+    also report the bound and the measured depth of the stack."""
     config, bundle = load_config(), load_bundle(BUNDLE)
     with library_folder(None) as folder:
         sources, rows = read_sources(folder, board=True), read_recorded(folder)
@@ -89,10 +89,10 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> d
 
     - loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
       not prove this number
-    - proved, reasoned, waits: numbers of loops whose bound GCC proves, whose bound is in `bounds.toml` (`reasons` in
-      place of it), and that wait for an event, and so have no bound by design
-    - functions, pointed_at: number of all functions, and of those that are called through pointers
-    - stack_b, stack_of: bytes of the deepest stack, including an exception, and the chain of calls that needs it
+    - proved: number of loops whose bound GCC proves; reasoned: of loops whose bound is in `reasons` (default:
+      `bounds.toml`); waits: of loops that wait for an event and have no bound by design
+    - functions, pointed_at: number of all functions, and number of functions called through pointers
+    - stack_b, stack_of: largest stack in bytes, including an exception, and the chain of calls that needs it
 
     Raises McuError, which lists every loop without a bound, a recursion and every unresolved call.
     """
@@ -131,8 +131,8 @@ def recursion(calls: Calls) -> list[str]:
 
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
-    """Return the bytes of the deepest stack of a function, including the functions that it calls, and the chain of
-    calls that needs this stack. There must be no recursion; a function of the compiler's runtime needs `runtime` bytes.
+    """Return the largest stack, in bytes, of a function with the functions that it calls, and the chain of calls that
+    needs this stack. There must be no recursion. A function of the compiler's runtime needs `runtime` bytes.
     """
     known = dict[str, tuple[int, list[str]]]()
     for name in TopologicalSorter(calls.calls).static_order():
@@ -142,7 +142,7 @@ def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
 
 
 def stack_of(built: Built) -> tuple[int, list[str]]:
-    """Return the bytes of a firmware's deepest stack, including an exception at the worst place, and the chain of calls
+    """Return the largest stack of a firmware, in bytes, with an exception at the worst place, and the chain of calls
     that leads to this place."""
     runtime = _stack_of_runtime(built)
     named = {name.split(" ")[0]: name for name in built.calls.stack}
@@ -169,9 +169,9 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
 
 
 def _stack_of_runtime(built: Built) -> int:
-    """Return the bytes of the deepest stack of the functions of the compiler's runtime that are called. GCC reports no
-    stack for these functions, so it is computed from their instructions. This depth is used for each of these
-    functions, because one of them may jump into another."""
+    """Return the largest stack, in bytes, of the called functions of the compiler's runtime. GCC reports no stack for
+    these functions, so their instructions are analysed. Each function counts with this largest stack, because a
+    function may jump into another function."""
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))
     text, table = elf.get_section_by_name(".text"), next(iter(elf.iter_sections("SHT_SYMTAB")))

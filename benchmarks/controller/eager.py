@@ -83,9 +83,9 @@ class EagerController:
         actions, plan = values[:, -1].roll(-1), list[Tensor]()
         rows = torch.column_stack([pairs, actions])[-memory:]
         filters, output, predictor = map(self._tensor, (prior.filters, prior.output, prior.predictor))
-        # The goal has three inputs. Two are the square roots of the weights on effort and lift, relative to
-        # `DEAREST_EFFORT` and `DEAREST_LIFT` times the weight on drag. The third is a measure of how far the action
-        # limit is lowered, which is 1 at half of the limit.
+        # The goal has three inputs. The first two are square roots of the weights on effort and lift, relative to
+        # `DEAREST_EFFORT` and `DEAREST_LIFT` times the weight on drag. The third measures how far the action limit is
+        # lowered; at half of the limit it is 1.
         prices = torch.sqrt(w[[5, 2]] / (w[0] * self._tensor([DEAREST_EFFORT, DEAREST_LIFT])))
         share = limit / self._program.action_limit
         slower, faster = min(0.0, 2.5 * (speed - 1.0)), max(0.0, 2.5 * (speed - 1.0))

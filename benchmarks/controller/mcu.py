@@ -1,5 +1,5 @@
-"""The C library on an emulated Cortex-M7 with networks of several sizes, and the release's ECU: memory, instructions,
-modelled time.
+"""Memory, instructions and modelled time on an emulated Cortex-M7: the C library with networks of several sizes, and
+the release's ECU.
 
     python -m benchmarks mcu [--json FILE] [--windows N]
 
@@ -104,9 +104,9 @@ def _release(windows: int) -> dict[str, Any]:
 
 def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> dict[str, int]:
     """Run a control step for each window, shape (L, S+1), with the plan of the previous step. Return the number of
-    windows, the smallest and the largest number of instructions (`fewest`, `most`), which includes conditional
-    instructions that are skipped, and the number of windows that differ from the most frequent number (`unlike`).
-    Raises McuError if the library does not compile or run, or there are no windows."""
+    windows, the smallest and the largest number of instructions (`fewest`, `most`), and the number of windows whose
+    number is not the most frequent number (`unlike`). Skipped conditional instructions count. Raises McuError if the
+    library does not compile or run, or there are no windows."""
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
     counter = machine.block_counter()
     machine.call("mcu_reset")

@@ -1,4 +1,4 @@
-"""The release's graph in other runtimes of ONNX: the largest differences between their results and ONNX Runtime's.
+"""The release's graph in other runtimes of ONNX: the largest differences from the results of ONNX Runtime.
 
     python -m benchmarks runtimes [--json FILE]
 

@@ -112,8 +112,8 @@ def mcu_release(found: Any) -> str:
 
 
 def mcu_worst(found: Any) -> str:
-    """Return the table of the longest control periods in the constructed drives, and of the bound of all periods, in
-    ms, without and with a key of the bus."""
+    """Return the table of the longest control periods in the constructed drives, and of the bound for all periods.
+    Times are in ms, without and with a key of the bus."""
     row = found["figures"]["release"]
     secured = row["secured"]
     frames = f" ({row['frames']} frames, with a key {secured['frames']})"

@@ -28,8 +28,8 @@ BARE: Final = (*CORE, "-std=c99", "-O2", "-ffp-contract=off", "-fno-unroll-loops
 """The flags of the compiler in the exported folder's CMakeLists.txt."""
 AS_WRITTEN: Final = ("-flto", "-fno-inline", "-fno-partial-inlining", "-fno-ipa-sra", "-fno-ipa-icf",
                      "-fno-aggressive-loop-optimizations")  # fmt: skip
-"""Flags with which each function exists only once in the program. They also make GCC compute a loop's bound from the
-loop's exit alone, and not from the assumption that there is no undefined behaviour."""
+"""Flags that keep one copy of each function. With them GCC also computes a loop's bound only from the loop's exit, and
+not from the assumption that there is no undefined behaviour."""
 DUMPS: Final = ("-fdump-tree-cunrolli-details-lineno", "-fdump-ipa-whole-program")
 _LINK: Final = ("-nostartfiles", "-nodefaultlibs", "-Wl,--gc-sections", "-T", "sw_board.ld")
 _CALLED_BY_THE_COMPILER: Final = "sw_board_libc.c"
@@ -57,8 +57,8 @@ _INDIRECT: Final = "__indirect_call"
 
 @dataclass(frozen=True, kw_only=True)
 class Loop:
-    """A loop of the program, its file and line, and the largest number of passes that GCC proves; None if it proves no
-    number."""
+    """A loop of the program: its file, its line, and the largest number of passes that GCC proves; None without a
+    proof."""
 
     function: str
     place: str
@@ -67,8 +67,8 @@ class Loop:
 
 @dataclass(frozen=True, kw_only=True)
 class Calls:
-    """Functions with their stack in bytes, the functions that each function calls, and the places of calls through a
-    pointer for which no function is known."""
+    """The calls of a program: each function's stack in bytes, the functions that it calls, and the places of calls
+    through pointers without a known target."""
 
     stack: dict[str, int]
     calls: dict[str, set[str]]
@@ -121,8 +121,8 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
 
 
 def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | None = None) -> Built:
-    """Compile a firmware as the exported folder does; `reached` is as in `calls_of`, None without such calls. Raises
-    McuError in the same cases as `read_program`."""
+    """Compile a firmware as the exported folder does. `reached` is as in `calls_of`; None if there are no such calls.
+    Raises McuError as `read_program` does."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         names = _written(folder, files)
@@ -192,8 +192,8 @@ def _functions(dump: str) -> Iterator[tuple[str, str]]:
 
 
 def _reached(bodies: str, taken: Mapping[str, str]) -> dict[str, set[str]]:
-    """Return the functions that a call through a pointer may reach, by the place of the call, from GCC's dump of the
-    functions and the names of those whose address is taken, by their titles in the dump."""
+    """Return, by the place of each call through a pointer, the functions that it may reach. `bodies` is GCC's dump of
+    the functions; `taken` has the names of the functions whose address is taken, by their titles in the dump."""
     of_type, pointers = defaultdict[str, set[str]](set), list[tuple[str, str]]()
     for title, body in _functions(bodies):
         signature = _SIGNATURE.search(body)

@@ -1,9 +1,9 @@
 """The longest control period of the firmware: constructed drives on the emulated board, and a bound from all drives.
 
-A period is all work that the core does from the end of one step to the end of the next step: one pass of the main loop
-for each frame that wakes the core, and the step. Each constructed drive has a different cause that makes steps longer,
-such as iterations, a full bus or lost frames. The bound is a sum over all basic blocks of the firmware: for each block,
-the largest number of cycles that it took in any period of any drive, as if all worst cases came together in one period.
+A period is all work of the core from the end of one step to the end of the next step: the step, and one pass of the
+main loop for each frame that wakes the core. Each constructed drive has a different cause that makes steps longer, such
+as iterations, a full bus or lost frames. The bound is a sum over all basic blocks of the firmware: for each block, the
+largest number of cycles that it took in any period of any drive, as if all worst cases came together in one period.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -94,8 +94,8 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Period:
-    """A control period, which starts late by `late_ns`; the frames of the flood wake the core before the vehicle's
-    frames arrive."""
+    """A control period that starts late by `late_ns`. The frames of the flood wake the core before the vehicle's
+    frames."""
 
     frames: Sequence[Frame]
     flood: Sequence[Frame] = ()
@@ -104,7 +104,7 @@ class Period:
 
 
 class Measured(NamedTuple):
-    """The work of a control period; `is_mean` if it is under control in the drive with the release's own goal."""
+    """The work of a control period. `is_mean`: it is under control, in the drive with the release's own goal."""
 
     drive: str
     cycles: int
@@ -161,7 +161,7 @@ def worst_periods(
     return {
         "mean_ms": _ms(float(np.mean([one.cycles for one in in_control]))),
         "worst_ms": _ms(worst.cycles),
-        # In one period, every block would take the largest numbers that it took in any period.
+        # The bound assumes one period in which every block takes its largest numbers of all periods.
         "bound_ms": _ms(sum(cycles for _, cycles in most.values())),
         "drives_ms": {name: _ms(max(one.cycles for one in ran if one.drive == name)) for name in names},
         "instructions": worst.instructions,

@@ -3,9 +3,9 @@
     python -m benchmarks ecu-loop [--bundle BUNDLE --library FOLDER] [--json FILE]
 
 Each ECU controls the live wake from the same initial state over the same bus. In the loop with the emulated core, a
-second ECU on this machine gets the same frames at the same times. It is compiled from the core's sources by the core's
-compiler, and its floating-point operations are contracted in the same way. After every step all frames and the whole
-state must be equal bit for bit. The virtual compute time is the core's modelled time in this loop, and
+second ECU on this machine gets the same frames at the same times. This second ECU has the same sources and the same
+compiler, and contracts floating-point operations in the same way. After every step, all frames and the whole states of
+both ECUs must be equal bit for bit. The virtual compute time is the core's modelled time in this loop, and
 `ecu.compute_time_ms` in the loops with the two other ECUs. Finished loops are stored in `runs/ecu_loop`, in a folder
 named after the hash of their inputs, so that an interrupted measurement can be continued.
 """
@@ -132,9 +132,9 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
 
 
 class Lockstep:
-    """A pair of ECUs with the interface of a single ECU. It gives `other` every call that the driver gets, returns the
-    frames of the driver, and counts the differences between the two ECUs' frames and states. Everything that it does
-    not define is the driver's.
+    """A pair of ECUs with the interface of one ECU. `other` gets every call that `driver` gets. The pair returns the
+    driver's frames, and counts differences between the frames and states of the two ECUs. All other attributes are
+    those of the driver.
 
     Attributes:
         steps, frames: numbers of steps and frames compared so far.
@@ -181,7 +181,7 @@ class Lockstep:
 
 
 def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, Any]:
-    """Return the figures of a run, and of the comparison of its two ECUs if there is one, for storing."""
+    """Return the figures of a run for storage, with those of the comparison if two ECUs were compared."""
     found = summary(log)
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:

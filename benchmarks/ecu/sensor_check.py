@@ -3,8 +3,8 @@
     python -m benchmarks sensor-check --json results/sensor_check.json
 
 The shipped bundle's check reads the recording as the ECU would, rounded to the signal's resolution. In the first part
-the sensors are healthy, in some passages with noise or with lost frames. A false alarm is a sensor that is excluded, or
-an implausible state that would shut the jets; after a false alarm the check starts again. In the second part faults
+the sensors are healthy; some passages have noise or lost frames. A false alarm excludes a sensor, or reports an
+implausible state, which would shut the jets. After a false alarm the check starts again. In the second part faults
 start at many places of the recording. The recorded flow does not respond to the check. In the closed loop the flow
 would respond, because a faulty sensor changes the jets' action.
 
@@ -68,7 +68,7 @@ class Passage(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """A place in the recording where a fault may start: passage, step, and the state of the check before this step."""
+    """A place in the recording where a fault may start, with the state of the check before this step."""
 
     passage: Passage
     step: int
@@ -77,7 +77,7 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lab:
-    """The shipped check, with the settings of the ECU, and the network of its graph, computed by NumPy."""
+    """The shipped sensor check with the ECU's settings; NumPy computes its estimator network."""
 
     check: SensorCheck
     network: EstimatorNetwork
@@ -85,8 +85,8 @@ class Lab:
     def read(
         self, passage: Passage, state: SensorCheckState, first: int = 0, *, restart: SensorCheckState | None = None
     ) -> Iterator[tuple[int, SensorCheckState, SensorCheckState]]:
-        """Yield each step from `first` on, with the check's states before and after it. After an alarm it starts again
-        from the state `restart`; if this is None, it continues."""
+        """Yield each step from `first` on, with the check's states before and after the step. After an alarm the check
+        restarts from `restart`, or continues if `restart` is None."""
         length = self.network.window
         windows = _windows(passage, length)[first:]
         # An estimator whose estimates of the present step, `now`, were computed in advance.
@@ -110,7 +110,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """What a fault came to: the excluded sensor, whether the jets were shut, and the periods until then."""
+    """The result of a fault: the excluded sensor, whether the jets were shut, and the number of periods until then."""
 
     set_aside: int | None
     shut: bool
@@ -122,7 +122,7 @@ def main(
     every: Annotated[int, typer.Option(help="Control steps between two places where faults begin.", min=1)] = 1500,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure the false alarms of the sensor check, and the outcomes of all faults."""
+    """Measure the false alarms of the sensor check, and the result of each fault."""
     config = Config()
     release = open_release(bundle)
     check = sensor_check_of(release, config)
@@ -256,7 +256,7 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
 
 
 def _on_each(one: SensorDisturbance, liars: Sequence[int | tuple[int, ...]]) -> list[SensorFault]:
-    """Return functions that apply the fault to each of these sensors; for a swap, each item is a pair of sensors."""
+    """Return for each of these sensors a function that applies the fault to it; a swap needs pairs of sensors."""
     return [one.begun((j,) if isinstance(j, int) else j, Config(), seed=0) for j in liars]
 
 

@@ -18,8 +18,8 @@ _LOST: Final = {
     "reflash_failed": "cases in which no release could be flashed and confirmed",
 }
 _LONG_MS: Final = 3.0
-"""Smallest modelled time in ms for which a piece of work for flashing is listed in the table. With a shorter piece, the
-control step still ends long before the end of its period."""
+"""Smallest modelled time in ms of a piece of flashing work that the table lists. After a shorter piece, the control
+step still ends long before the end of its period."""
 _ITEMS: Final = ROOT / "tests" / "proofs" / "prove" / "items.toml"
 
 
@@ -42,8 +42,8 @@ Measured on {found["date"]} for {len(facts["variants"])} configurations of the v
 
 
 def proofs(found: Any) -> str:
-    """Return two tables: for each part of the exported C, the statements that are proved by machine, with bounds and
-    assumptions; and the items that are not proved, with the reason."""
+    """Return two tables. The first lists the proved statements on each part of the exported C, with bounds and
+    assumptions. The second lists the items that are not proved, with the reasons."""
     of, facts = found["figures"], found["facts"]
     parts: dict[str, list[Any]] = {}
     undecided: dict[str, list[str]] = {}
@@ -72,7 +72,7 @@ Planted defects found: {of["sabotage_found"]} of {of["sabotage"]}; not found: in
 
 
 def models(found: Any) -> str:
-    """Return the table of the explorations of all states of fail-safe and flashing."""
+    """Return the table of the model checks that explore all states of fail-safe and flashing."""
     of = found["figures"]
     fail_safe, flashing = of["fail_safe"], of["flashing"]
     rows = [
@@ -143,7 +143,7 @@ def faults(found: Any) -> str:
 
 
 def flash_proof(found: Any) -> str:
-    """Return the table of the cuts of the power supply of an ECU whose store is a folder, with the losses."""
+    """Return the table of the power cuts of an ECU whose store is a folder, with the number of losses."""
     of, facts = found["figures"], found["facts"]
     texts = {
         "operations": "calls that change the store",
@@ -161,7 +161,7 @@ ways. The second cuts are random."""
 
 
 def flash_c(found: Any) -> str:
-    """Return the table of the loader in C: counts of its tests, cuts of the power supply among them, and its memory."""
+    """Return the table of the loader in C: its memory, and the numbers of its tests, including power cuts."""
     of = found["figures"]
     texts = {
         "cuts_depth_1": "first cuts of the supply",
@@ -188,7 +188,7 @@ def flash_c(found: Any) -> str:
 
 
 def uds_states(found: Any) -> str:
-    """Return the figures of the test that sends requests to the ECUs in Python and in C in all states of diagnosis."""
+    """Return the figures of a test that sends requests to the ECUs in Python and C in all states of diagnosis."""
     of = found["figures"]
     where = f"{of['states']} states of diagnosis ({of['services_in_states']} pairs of a state and a service)"
     answers = f"{of['kinds_of_answers']} kinds of answers and {of['mismatches']} differences"

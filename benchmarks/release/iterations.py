@@ -1,14 +1,14 @@
-"""The improvement of the prior's plan by the controller's iterations, from pairs of runs of a release with and without
+"""The improvement of the prior's plan by the controller's iterations, measured in pairs of runs with and without
 iterations.
 
     python -m benchmarks iterations [--workers 2] [--json FILE]
 
 A release's iterations act on the cost terms for which its prior was not trained (`unknown_to_prior` in
 `contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
-0. If these weights are 0 in a case anyway, the controller iterates in neither run; both runs would be equal, and none
-is made. In every other case, the cost is computed with the case's weights from the flow over the whole averaged time.
-Both runs of a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval
-of its mean by Student's t.
+0. If a case itself sets these weights to 0, the controller iterates in neither run: both would be equal, so none is
+made. In every other case, the cost is computed with the case's weights from the flow over the whole averaged time. Both
+runs of a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of its
+mean by Student's t.
 """
 
 from collections.abc import Mapping
@@ -35,8 +35,8 @@ from firmware_sim.runs.statistics import NoAverages, averages
 
 
 class Case(NamedTuple):
-    """A case by its differences from the goal of the prior's training: cost weights in place of the release's, the
-    action limit as a share of the release's, and the actuator's delay in control periods, which the ECU knows."""
+    """The differences of a case from the goal of the prior's training: cost weights, the action limit as a share of the
+    release's limit, and the actuator's delay in control periods, which the ECU knows."""
 
     name: str
     weights: Mapping[str, float] = {}

@@ -1,4 +1,4 @@
-"""Fit the prior of a model, the base, to the actions of the priors of other models, the experts, at other speeds.
+"""Fit a model's prior (the base) to the actions of other models' priors (the experts) at other speeds.
 
     python -m benchmarks.release.join OUTPUT --base MODEL --expert 0.6 MODEL --expert 1.4 MODEL ...
 
@@ -31,8 +31,8 @@ from train.refinement.imitation import Demonstration, demonstration, imitate, wa
 from train.refinement.pipeline import middles_and_deviations
 
 PERIODS: Final = 1000
-"""Periods of an expert's run: 200 convective times of the design speed. At 60 % of the design speed, the wake's drag
-needs half of this time until it no longer changes."""
+"""Number of periods of an expert's run: 200 convective times of the design speed. At 60 % of the design speed, the
+wake's mean drag becomes constant in half of this time."""
 STARTS: Final = 2
 RAMP: Final = 40
 """Periods over which the speed changes from the design speed."""

@@ -131,7 +131,7 @@ def forecast_errors(forecasts: Array, truth: Array) -> list[Array]:
     """Return |forecast - truth| at each h = 1 .. H, as an array of shape (m_h, 2) for the m_h comparable forecasts.
 
     Args:
-        forecasts: forecasts in n periods, shape (n, H, 2); row k is for the periods k + 1 .. k + H; NaN if missing.
+        forecasts: forecasts in n periods, shape (n, H, 2). Row k is for the periods k + 1 .. k + H; NaN if missing.
         truth: forces of the flow, shape (n, 2).
     """
     found = []

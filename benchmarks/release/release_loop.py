@@ -3,8 +3,8 @@
     python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
 Each run is computed as by `stillwake run`, over CAN and with ONNX Runtime in int8: 25 t_c without control and 100 t_c
-with control, the last 60 of which are averaged. For another body, give its settings together with a release for this
-body; the body's wake is then first developed from fluid at rest. Finished runs are stored.
+with control. The last 60 t_c are averaged. For another body, give its settings together with a release for this body;
+the body's wake is then first developed from fluid at rest. Finished runs are stored.
 """
 
 from collections.abc import Mapping, Sequence
@@ -111,8 +111,8 @@ def with_net(row: Mapping[str, Any]) -> dict[str, Any]:
 def spread(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
     """Return mean, minimum and maximum of every figure over the starting phases.
 
-    With several phases the result also has the half width of the mean's 95 % confidence interval, which assumes
-    independent starts; it is too narrow if neighbouring starts give similar results.
+    With several phases the result also has the half width of the mean's 95 % confidence interval. The interval assumes
+    independent starts, so it is too narrow if neighbouring starts give similar results.
     """
     found = {}
     for name in FIGURES:

@@ -3,8 +3,8 @@
     python -m benchmarks weights [--workers 2] [--json FILE]
 
 The runs use the mesh on which the prior was trained, CAN, and the ECU with the controller in int8. Each run has 15 t_c
-without control and 85 t_c with control, the last 50 of which are averaged; every case is run from three starts. One
-weight at a time has seven values over the range of the prior's training; the other weights are those of the release.
+without control and 85 t_c with control; the last 50 t_c are averaged. Every case is run from three starts. One weight
+at a time takes seven values over the range of the prior's training. The other weights are those of the release.
 Spearman's rank correlation states how consistently the effect follows the weight.
 """
 
@@ -108,8 +108,8 @@ def outcome(bundle: Path, start: Path, case: Case) -> dict[str, Any]:
 
 
 def _correlations(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return Spearman's rank correlation over all runs between each weight and its effect, the smallest one of several.
-    It is 1 if the figure always falls when the weight rises."""
+    """Return Spearman's rank correlation between each weight and its effect over all runs. For several effects, return
+    the smallest correlation. A correlation of 1 means that the figure always falls when the weight rises."""
     found = {}
     for weight, effects in EFFECTS.items():
         runs = [row for row in rows if row["weight"] == weight]

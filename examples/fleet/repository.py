@@ -5,9 +5,9 @@
     python examples/fleet/repository.py roll-out repo keys truck-wake-15 10
     python examples/fleet/repository.py renew repo keys
 
-Two roles must agree on what a vehicle gets, as in Uptane. `releases` lists the bundles; its key stays
-offline, and so does the one that signs the bundles themselves. `rollout` states which of them each hundredth of the
-fleet is to run; its key is used every time a share grows. Neither can do the other's work.
+Two roles decide together what a vehicle gets, as in Uptane. The role `releases` lists the bundles; its key and the key
+that signs bundles stay offline. The role `rollout` states which bundle each hundredth of the fleet runs; its key is
+used whenever a share grows. Neither role can do the work of the other role.
 """
 
 import argparse
@@ -45,7 +45,7 @@ from contract.release.image import image_of
 RELEASES: Final = "releases"
 ROLLOUT: Final = "rollout"
 BINS: Final = 100
-"""Parts of the fleet: a vehicle is in the one that the SHA-256 of its identity names (`vehicle.py`)."""
+"""Number of parts of the fleet. The SHA-256 of a vehicle's identity determines the vehicle's part (`vehicle.py`)."""
 LIFETIME: Final[Mapping[str, timedelta]] = {
     "root": timedelta(days=365),
     "targets": timedelta(days=365),
@@ -54,7 +54,7 @@ LIFETIME: Final[Mapping[str, timedelta]] = {
     "snapshot": timedelta(days=30),
     "timestamp": timedelta(days=2),
 }
-"""How old each role's statement may be. A server that withholds news is detected when the timestamp expires."""
+"""Lifetime of each role's metadata. When the timestamp expires, a vehicle detects that a server withholds news."""
 ROOT_KEYS: Final = ("root-1", "root-2", "root-3")
 ROOT_THRESHOLD: Final = 2
 T = TypeVar("T", Root, Snapshot, Targets, Timestamp)
@@ -63,13 +63,13 @@ _KEYS: Final = (*ROOT_KEYS, *(name for name in LIFETIME if name != "root"))
 
 
 class Repository:
-    """A repository in a folder, and the keys that this call needs.
+    """A repository in a folder, with the keys that sign its metadata.
 
     Args:
-        folder: folder with `metadata` and `targets`, to be served.
-        keys: folder with a folder for each key, as `stillwake keygen` makes it; those that a call does not use need not
-            be there.
-        now: time from which every expiry counts.
+        folder: folder that a web server serves; it contains `metadata` and `targets`.
+        keys: folder with a subfolder for each key, as `stillwake keygen` makes it. The keys that a call does not use
+            may be absent.
+        now: present time, from which lifetimes are counted.
     """
 
     def __init__(self, folder: Path, keys: Path, now: datetime) -> None:
@@ -112,7 +112,7 @@ class Repository:
         self._tell(Metadata(Timestamp()), snapshot.signed.version)
 
     def publish(self, bundle: Path) -> str:
-        """Add a bundle to the releases; returns its name. Nobody gets it before it is rolled out."""
+        """Add a bundle to the releases and return its name. No vehicle gets the bundle before its roll-out."""
         verified = bundles.load(bundle)
         manifest = verified.manifest
         if verified.signer is None:
@@ -133,7 +133,7 @@ class Repository:
         return manifest.name
 
     def roll_out(self, name: str, percent: int) -> None:
-        """Let the first hundredths of the fleet run a release; the others keep what they had before."""
+        """Let the first `percent` hundredths of the fleet run a release; the others keep their present releases."""
         if not 1 <= percent <= BINS:
             raise StillwakeError(f"share of {percent} %: must be in 1..{BINS}")
         place = f"{RELEASES}/{name}"
@@ -146,7 +146,7 @@ class Repository:
         self._change(ROLLOUT, rollout)
 
     def renew(self) -> None:
-        """Sign the last statement again, for as long as a timestamp lives: to be called once a day."""
+        """Sign the timestamp again, so that it does not expire. Call this once a day."""
         self._tell(self._read("timestamp", Timestamp), self._read("snapshot", Snapshot).signed.version)
 
     def _store(self, place: str, content: bytes) -> TargetFile:
@@ -157,7 +157,7 @@ class Repository:
         return target
 
     def _change(self, role: str, metadata: Metadata[Targets]) -> None:
-        """Sign a delegated role again, and record it in the snapshot and the timestamp."""
+        """Sign a delegated role's metadata, and record the new version in the snapshot and the timestamp."""
         self._sign(role, metadata, (role,))
         snapshot = self._read("snapshot", Snapshot)
         snapshot.signed.meta[f"{role}.json"] = MetaFile(version=metadata.signed.version)
@@ -169,7 +169,7 @@ class Repository:
         self._sign("timestamp", timestamp, ("timestamp",))
 
     def _sign(self, role: str, metadata: Metadata[Any], keys: Sequence[str]) -> None:
-        """The next version of a role's word, whole in its place."""
+        """Sign the next version of a role's metadata, and write the file completely or not at all."""
         place = self._folder / "metadata"
         if (place / f"{role}.json").exists():
             metadata.signed.version += 1
@@ -181,7 +181,7 @@ class Repository:
         metadata.to_file(str(part))
         if role != "timestamp":
             shutil.copyfile(part, place / f"{metadata.signed.version}.{role}.json")
-        # The latest of each, for the next call here; vehicles ask for the timestamp alone without a version.
+        # The next call of this program reads the file without a version. Vehicles read only the timestamp in this way.
         part.replace(place / f"{role}.json")
 
     def _read(self, role: str, kind: type[T]) -> Metadata[T]:
@@ -199,7 +199,7 @@ class Repository:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """One of the calls above."""
+    """Run the call that the arguments name."""
     parser = argparse.ArgumentParser(description="A TUF repository of release bundles.")
     calls = parser.add_subparsers(dest="call", required=True)
     for call, words in (

@@ -1,12 +1,12 @@
-"""A vehicle's side of a fleet: which release it is to run, fetched and checked.
+"""The vehicle's side of a fleet: it fetches the release that the vehicle must run, and checks the release.
 
     python examples/fleet/vehicle.py https://fleet.example/ state --root 1.root.json --vehicle WDB123 --to new
     stillwake flash new --bus socketcan:can0 --access access.key
 
-A computer in the vehicle, or the workshop's, does this; the ECU behind it believes none of it, and checks the bundle's
-own signature, hardware and security version again. For a repository in a folder on this machine, give its path.
+This program runs on a computer in the vehicle or in a workshop. The ECU does not rely on its checks: the ECU itself
+checks the bundle's signature, hardware and security version. A repository on this machine is given by its path.
 
-`state` holds the metadata that was seen last, and must outlive a restart: against it older metadata is refused.
+The folder `state` contains the latest metadata. It must survive a restart, because older metadata is refused.
 """
 
 import argparse
@@ -36,7 +36,7 @@ _NOT_FOUND: Final = 404
 
 
 class FolderFetcher(FetcherInterface):
-    """Reads file: URLs."""
+    """A fetcher that reads `file:` URLs."""
 
     def _fetch(self, url: str) -> Iterator[bytes]:
         path = Path(unquote(urlsplit(url).path))
@@ -48,18 +48,18 @@ class FolderFetcher(FetcherInterface):
 
 
 def bin_of(vehicle: str) -> int:
-    """The hundredth of the fleet that a vehicle is in; it stays there, so that a growing share loses no vehicle."""
+    """Return the index of the vehicle's part of the fleet. It never changes, so a growing share loses no vehicle."""
     return int.from_bytes(hashlib.sha256(vehicle.encode()).digest()[:8], "big") * BINS >> 64
 
 
 def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: str, to: Path) -> Bundle | None:
-    """The release that a vehicle is to run, as a bundle.
+    """Fetch the release that a vehicle must run, check it, and write it as a bundle.
 
     Args:
-        repository: URL of its folder, or a path.
-        state: folder of the metadata that was seen last; made at the first call.
+        repository: URL or path of the repository's folder.
+        state: folder for the latest metadata; the first call creates it.
         root: the root metadata that the vehicle was given at production.
-        vehicle: its identity.
+        vehicle: identity of the vehicle.
         hardware: name of the ECU's hardware.
         to: directory to write.
 
@@ -67,7 +67,7 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
         The bundle; None if nothing is rolled out to this vehicle.
 
     Raises:
-        StillwakeError: the repository cannot be reached or believed, or the release is not for this vehicle.
+        StillwakeError: the repository cannot be read or is not valid, or the release is not for this vehicle.
     """
     try:
         updater = _updater(repository, state, root)
@@ -126,7 +126,7 @@ def _custom(target: TargetFile) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Fetch, and print what was fetched."""
+    """Fetch the vehicle's release, and print its name."""
     parser = argparse.ArgumentParser(description="Fetch the release that a vehicle is to run.")
     parser.add_argument("repository", help="URL or folder")
     parser.add_argument("state", type=Path, help="folder that outlives a restart")

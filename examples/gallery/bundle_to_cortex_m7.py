@@ -2,11 +2,11 @@ r"""
 From a bundle to a Cortex-M7
 ============================
 
-For ECU engineers who want to know what a release costs on a microcontroller before there is a board. At its end you
-have the C sources of the shipped release, their memory and the modelled time of a control step, and see which part of
-it takes how long.
+For ECU engineers who want to know the memory and time that a release needs on a microcontroller before they have a
+board. At the end you have the C sources of the shipped release, their memory, and the modelled time of a control step
+and its parts.
 
-The core is emulated, and its time is a model. The last section explains what that means.
+The core is emulated, and its time is modelled. The last section states the limits of the model.
 """
 
 # sphinx_gallery_thumbnail_number = 2
@@ -14,9 +14,9 @@ The core is emulated, and its time is a model. The last section explains what th
 # %%
 # From the bundle to C
 # --------------------
-# ``stillwake export --c FOLDER`` does this on the command line: the release's controller and the whole ECU around it
-# as C99, freestanding and without allocation. The folder is written only if the library agrees with the reference
-# computation, and if its program is the one in the signed bundle.
+# On the command line, ``stillwake export --c FOLDER`` writes the release's controller and the whole ECU as freestanding
+# C99 without allocation. The folder is written only if the library agrees with the reference computation, and the
+# library's program is that of the signed bundle.
 
 import tempfile
 from pathlib import Path
@@ -42,10 +42,10 @@ for name in ("sw_control_step.c", "sw_encoder.c", "sw_dynamics.c", "sw_decoder.c
 # %%
 # Onto the core
 # -------------
-# The sources are compiled for a bare Cortex-M7 and put into the flash of an emulated one. It gets recorded pressures,
-# row by row, until the controller's window is full, and then computes one control step. ``expected.txt`` in the
-# folder has the action of the same library on a computer, where another compiler's settings round other sums. With
-# the same settings the two agree to the bit, which ``stillwake mcu`` checks for every row.
+# The sources are compiled for a bare Cortex-M7 and put into the flash of an emulated core. The core gets recorded
+# pressures, row by row, until the controller's window is full; then it computes one control step. ``expected.txt`` in
+# the folder has the action of the same library on a computer, whose compiler settings round sums differently. With
+# equal settings, core and computer agree to the bit; ``stillwake mcu`` checks every row.
 
 from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.cores import CORTEX_M7
@@ -76,8 +76,8 @@ print(f"action on the core {action:.5f}, on a computer {answer:.5f}: apart by {d
 # %%
 # Memory
 # ------
-# Code and weights stand in flash. RAM holds the workspace, the dynamics' weights, which are read in every iteration
-# and therefore copied there at start, and the stack.
+# The flash contains code and weights. The RAM contains the workspace, the stack, and a copy of the dynamics' weights,
+# because every iteration reads these weights.
 
 sizes = {
     "code": firmware.sections[".text"],
@@ -111,7 +111,7 @@ print(f"stack: {stack} B")
 # %%
 # Time
 # ----
-# Each basic block that ran is counted, and a model of the core's dual-issue pipeline gives the cycles that it takes.
+# The runs of each basic block are counted. A model of the core's dual-issue pipeline gives the cycles of each block.
 # The control period is 20 ms at the default operating point.
 
 from bisect import bisect_right
@@ -139,8 +139,8 @@ print(table)
 # %%
 # Where it goes
 # -------------
-# A control step encodes the window once. Then each of its iterations rolls the plan out through the dynamics, decodes
-# the forces, and goes back through both for the slope of the cost. Colour separates the way there from the way back.
+# A control step encodes the window once. Then each iteration computes the plan's effect with the dynamics, decodes the
+# forces, and computes the gradient of the cost backwards. Blue bars are forward computations, red bars backward.
 
 longest = [(name, count / 480e3) for name, count in cycles.most_common() if count > 0.002 * cycles.total()]
 figure, axis = plt.subplots(figsize=(8, 3.2), layout="constrained")
@@ -158,11 +158,11 @@ plt.show()
 # %%
 # What this page is not
 # ---------------------
-# Arm publishes no cycle counts of this core: the model is this project's, and nothing was measured on silicon. Code,
-# tables and the decoder's weights are taken to hit the caches, and the rest to lie in tightly coupled memory; a part
-# without it will be slower. The count of instructions is exact, and does not depend on the data.
+# Arm publishes no cycle counts of this core. The model is this project's own; nothing was measured on a real core. The
+# model assumes that code, tables and the decoder's weights are in the caches, and all else in tightly coupled memory. A
+# chip without such memory is slower. The number of instructions is exact, and does not depend on data.
 #
-# This is the control step alone. The ECU around it, with protection, fail-safe, sensor check and command gate, comes
-# on top. ``stillwake run runs/m7 --ecu mcu`` runs it in the closed loop with its modelled time, and the page
+# This page shows the control step alone. The ECU's protection, fail-safe, sensor check and command gate need more.
+# ``stillwake run runs/m7 --ecu mcu`` runs the ECU in the closed loop with its modelled time, and the page
 # :doc:`Integrate the ECU in C </how-to/integrate-the-ecu>` has its memory and worst case. ``stillwake mcu`` prints
-# the figures of this page for any library, compared over all recorded rows.
+# these figures for any library, compared over all recorded rows.

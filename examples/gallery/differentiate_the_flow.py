@@ -2,18 +2,18 @@ r"""
 Differentiate the flow
 ======================
 
-For flow-control engineers who want the slope of drag, and not only drag: how much a later drag changes by each earlier
-action of the jets, and by the flow that the window began with. At its end you have both, for any function of the
-sensors and forces, to rounding and for the price of about three runs, however many actions there are.
+For flow-control engineers who need the gradient of drag: how drag changes with each earlier action of the jets, and
+with the flow at the start of a time window. At the end you can compute both gradients of any function of sensors and
+forces. They are exact except for rounding, and cost about three runs for any number of actions.
 
-The flow is computed while the page is made, on a coarse mesh and for a short time.
+The flow is computed while this page is built, on a coarse mesh and for a short time.
 """
 
 # %%
 # Record a window
 # ---------------
-# A :class:`~wake.truck.tape.Tape` advances the plant as usual and keeps what the way back needs. The window here is of
-# 40 control periods, 8 :math:`t_c`, with the jets shut. It begins in the shipped wake, interpolated to this mesh.
+# A :class:`~wake.truck.tape.Tape` advances the plant as usual and stores what the gradient needs. This window has 40
+# control periods, 8 :math:`t_c`, with shut jets. It starts from the shipped wake, interpolated to this mesh.
 
 from dataclasses import replace
 
@@ -40,20 +40,20 @@ print(f"{PERIODS} periods, {tape.memory_mb:.0f} MB kept, mean drag {drag.mean():
 # %%
 # Go back
 # -------
-# The scalar is the mean wall drag of the window, so each period's sample counts with 1 / 40 of its ``Cd``. The weights
-# may be anything: other values of the sample, different ones in each period, or what a controller that reads the
-# sensors hands back. Each call goes back by one period and returns the slope by the action commanded in it.
+# The function is the mean wall drag of the window, so ``Cd`` of each period has the weight 1 / 40. Any weights are
+# allowed: for other values of the sample, different in each period, or from a controller that reads the sensors. Each
+# call goes back by one period and returns the derivative with respect to this period's action.
 
 weights = replace(no_weights(len(plant.layout)), Cd=1.0 / PERIODS)
 slopes = np.array([tape.back(weights) for _ in range(PERIODS)])[::-1]
 sensitivity = tape.bar.faces_u.copy()
 
 # %%
-# A plain difference of two whole runs, for one of the actions, agrees:
+# For one action, a finite difference of two whole runs agrees:
 
 
 def mean_drag(actions: np.ndarray) -> float:
-    """The sum of a run from the same start."""
+    """Return the mean drag of a run from the same start."""
     plant.reset(start)
     return float(np.mean([plant.advance(float(action)).Cd for action in actions]))
 
@@ -62,7 +62,7 @@ move = 1e-4 * np.eye(PERIODS)[5]
 print(f"slope by action 5: {slopes[5]:+.7f}, by differences {(mean_drag(move) - mean_drag(-move)) / 2e-4:+.7f}")
 
 # %%
-# And a step against the slope lowers the drag by what the slope promises, while the step is small:
+# A small step against the gradient lowers the drag as much as the gradient predicts:
 
 for largest in (0.001, 0.01, 0.04):
     actions = -largest * slopes / np.abs(slopes).max()
@@ -72,9 +72,9 @@ for largest in (0.001, 0.01, 0.04):
 # %%
 # Over time, and in space
 # -----------------------
-# The slope by an action swings with the shedding: the same jet, a few periods later, does the opposite. The map is the
-# slope of the mean drag by the streamwise velocity that the window began with, per area: where a push downstream would
-# have raised (red) or lowered (blue) the drag of the 8 :math:`t_c` to come.
+# The derivative oscillates with the shedding: a few periods later, the same action has the opposite effect. The map is
+# the derivative of mean drag with respect to the initial streamwise velocity, per area. Where it is red, a higher
+# velocity would have raised the drag of the next 8 :math:`t_c`; where it is blue, lowered it.
 
 figure, (over_time, in_space) = plt.subplots(2, 1, figsize=(8, 6.5), height_ratios=(1, 1.3), layout="constrained")
 over_time.plot(t - t[0], slopes, color="tab:blue", marker=".")
@@ -100,8 +100,8 @@ plt.show()
 # %%
 # Where to go from here
 # ---------------------
-# - A controller in the loop: its reaction to a sample goes into the next call's weights, between two calls of ``back``.
+# - With a controller in the loop, its reaction to a sample changes the weights of the next call of ``back``.
 #   :doc:`Gradients of the flow </explanation/gradients>` has the rule, the cost, and the bound on memory.
-# - From the Gymnasium environment: ``Tape(env.unwrapped.plant)``, between two steps.
-# - Small disturbances of this wake grow by a factor of about 1.2 per :math:`t_c`. Over 25 :math:`t_c` a slope grows
-#   fiftyfold and still points downhill; over 60 :math:`t_c` it no longer tells where a real step leads.
+# - In the Gymnasium environment, use ``Tape(env.unwrapped.plant)`` between two steps.
+# - Small disturbances of this wake grow by a factor of about 1.2 per :math:`t_c`. Over 25 :math:`t_c` a gradient grows
+#   fiftyfold and still shows how to lower the drag; over 60 :math:`t_c` it no longer predicts a real step's effect.

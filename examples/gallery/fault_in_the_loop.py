@@ -2,20 +2,20 @@ r"""
 What a fault does to the loop
 =============================
 
-For validation engineers who want to see what the ECU does when a sensor dies and the bus loses frames, before they read
-its table of states. At its end you have run the closed loop twice, healthy and with faults, and can put any other fault
-in the place of these.
+For validation engineers who want to see how the ECU reacts to a dead sensor and to lost frames, before they read the
+table of its states. At the end you have run the closed loop without and with faults, and can replace these faults by
+any others.
 
-The flow is computed while the page is made, on a coarser mesh than the default one and for a short time. The last
-section shows what that costs.
+The flow is computed while this page is built, on a mesh coarser than the default mesh, and for a short time. The last
+section states the consequences.
 """
 
 # %%
 # The release, the vehicle and the wake
 # -------------------------------------
-# The shipped release goes into the simulated ECU. Of the meshes that are coarser than the default, 0.75 is the one on
-# which the controller is worth as much as on that. The shipped wake is interpolated to it, and runs freely for a
-# moment to forget that.
+# The simulated ECU runs the shipped release. The mesh has the refinement 0.75: it is coarser than the default mesh, but
+# the controller has the same benefit on it. The shipped wake is interpolated to this mesh, and runs without control
+# until the effects of the interpolation have decayed.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -38,13 +38,12 @@ print(wake.description)
 # %%
 # Two runs
 # --------
-# A run is a function of release, settings, start and disturbances, all in virtual time: the same on any machine. The
-# vehicle sends the pressures over a simulated CAN FD bus every 20 ms, the ECU answers with a command and with its
-# status, and the jets follow. Control is requested from 1.3 s on. A disturbance is a line of text, with its times in
-# s:
+# A run depends only on release, settings, start and disturbances. It is in virtual time, so it is equal on any machine.
+# Every 20 ms the vehicle sends the pressures over a simulated CAN FD bus, the ECU answers with a command and its
+# status, and the jets follow. Control is requested from 1.3 s on. Each disturbance is a line of text with times in s:
 #
 # - one sensor on the base reads Cp 0 from 2.5 s on,
-# - and from 3.8 s on the vehicle's frames are lost, half of them, at random but from a seed.
+# - from 3.8 s on half of the vehicle's frames, chosen at random from a seed, are lost.
 
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
@@ -59,7 +58,7 @@ spans = Spans(lead_in=13.0, controlled=35.0, settle=0.0, averages=False)
 
 
 def run(disturbances: tuple[str, ...]) -> tuple[RunLog, list[tuple[float, int]]]:
-    """A run, and (time in s, sensors set aside as bits) of every status of the ECU."""
+    """Return the log of a run, and from each status frame of the ECU: (time in s, excluded sensors as bits)."""
     statuses: list[tuple[float, int]] = []
 
     def heard(frame: Frame) -> None:
@@ -77,7 +76,7 @@ faulty, statuses = run(FAULTS)
 # %%
 # What happened
 # -------------
-# The strip shows the ECU's state in the run with faults. Until the first fault the two runs are one.
+# The strip shows the ECU's state in the run with faults. Until the first fault both runs are equal.
 
 from matplotlib.patches import Patch
 
@@ -126,7 +125,7 @@ action.set(xlim=(seconds[0], seconds[-1]), xlabel="time / s   (dotted: the senso
 plt.show()
 
 # %%
-# Line by line: each change of the ECU's state, and the reason that it gives on the bus.
+# Each line is a change of the ECU's state, with the reason that the ECU sends on the bus.
 
 changes = np.flatnonzero(np.diff(faulty.series["mode"], prepend=-1))
 for k in changes[:12]:
@@ -138,18 +137,18 @@ print(f"sensor set aside: {'never' if noticed is None else f'at {noticed:.2f} s,
 # %%
 # What the ECU did
 # ----------------
-# - **The dead sensor.** Each pressure is estimated from the others, and the one that contradicts them is set aside: the
-#   controller gets the estimate in its place, and goes on. ``EcuStatus`` names it. The state stays CONTROL.
-# - **The lost frames.** One missing pressure: the last command is held (HOLD). Two or three in a row: it is halved each
-#   period (DECAY). Four in a row, or too many in a second: the jets are shut, and the state is FAULT.
-# - **It stays shut.** FAULT is latched. Good frames alone do not end it: the vehicle must take its request back and
-#   raise it again. The wake goes back to its own drag, which takes longer than is shown.
+# - **The dead sensor.** The ECU estimates each pressure from the others, and excludes a sensor that contradicts them:
+#   the controller gets the estimate instead, and continues. ``EcuStatus`` names the sensor. The state stays CONTROL.
+# - **The lost frames.** After one missing frame the ECU holds the last command (HOLD). After two or three in a row it
+#   halves the command in each period (DECAY). After four in a row, or too many in a second, it shuts the jets (FAULT).
+# - **The latched fault.** Good frames alone do not end FAULT: the vehicle must withdraw its request and then request
+#   control again. The drag returns to its value without control, but this takes longer than the plots show.
 #
 # What this page is not
 # ---------------------
-# The runs are of 4.8 s, from one start, on a mesh that is coarser than the default. The side force takes about 4 s to
-# calm down, so the drag here is not the release's figure: ``stillwake run runs/demo`` has that. For one fault on the
-# default mesh, with a report: ``stillwake run runs/dead --disturb dead:sensor=base_9@10..``. For every fault, from
-# several starts, judged by limits that you set: ``stillwake campaign``. The page :doc:`Disturbances of a run
-# </reference/disturbances>` lists all kinds, and :doc:`States of the ECU </reference/states>` has the table that the
-# ECU follows.
+# The runs last 4.8 s, from one start, on a mesh coarser than the default mesh. The side force needs about 4 s to
+# decrease, so this drag is not the release's figure; ``stillwake run runs/demo`` gives that figure.
+# ``stillwake run runs/dead --disturb dead:sensor=base_9@10..`` runs one fault on the default mesh and writes a report.
+# ``stillwake campaign`` runs all faults from several starts, and judges them by limits that you set. The page
+# :doc:`Disturbances of a run </reference/disturbances>` lists all kinds, and :doc:`States of the ECU
+# </reference/states>` has the table that the ECU follows.

@@ -2,12 +2,12 @@ r"""
 From a recording to sensors
 ===========================
 
-For flow-control engineers who have a recording of wall pressures and ask which few sensors a controller should read.
-At its end you have ranked the truck's 90 sensors in two ways, seen where on the body the best ones are, and know which
-call to replace in order to rank your own.
+For flow-control engineers who have a recording of wall pressures and must choose a few sensors for a controller. At the
+end you have ranked the truck's 90 sensors in two ways, seen the positions of the best sensors, and know which calls to
+change to rank your own sensors.
 
-The model is the shipped one, and few windows are drawn, so that this page is made in half a minute. The last section
-explains what the full procedure does beyond it.
+This page uses the shipped model and few windows, so that it is built in half a minute. The last section explains the
+full procedure.
 """
 
 # sphinx_gallery_thumbnail_number = 2
@@ -15,9 +15,9 @@ explains what the full procedure does beyond it.
 # %%
 # The recording
 # -------------
-# The shipped recording holds 72,500 control steps under open-loop forcing, and more under a controller: the pressure
-# coefficient Cp at 90 places, the action of the jets, and drag and lift. ``stillwake dataset inspect`` lists its
-# episodes. Three of them are enough here. Time is in t_c = W / U_inf, and there is a sample every 0.2 t_c.
+# The shipped recording has 72,500 control steps under open-loop forcing, and further steps under a controller. A step
+# has the pressure coefficient Cp at 90 places, the action of the jets, and drag and lift. ``stillwake dataset inspect``
+# lists its episodes. Three episodes are enough here. Time is in t_c = W / U_inf; the samples are 0.2 t_c apart.
 
 import matplotlib.pyplot as plt
 from rich import print
@@ -31,8 +31,8 @@ layout = dataset.layout
 print({episode.name: len(episode) for episode in episodes})
 
 # %%
-# One minute of a truck's wake is about 600 t_c; here are 60 of them. The jets sweep through frequencies, the pressure
-# on the base answers, and drag follows. A sensor near the front feels the same wake, with a small part of the
+# One minute of a truck's wake is about 600 t_c; the plot shows 60 t_c. The frequency of the jets varies, and the
+# pressure on the base and the drag respond. A sensor near the front measures the same wake with a much smaller
 # amplitude.
 
 shown = slice(500, 800)
@@ -54,10 +54,10 @@ plt.show()
 # %%
 # The model
 # ---------
-# Sensors are ranked by what a model makes of them. Its encoder reads a window of all pressures and of the action into
-# eight latents; dynamics take the latents a step further, and a decoder reads drag and lift from them. Here it is the
-# shipped one. ``stillwake train`` makes such a model in half an hour. Episode and mirror image both count, because
-# the truck is symmetric.
+# A model ranks the sensors. Its encoder computes eight latents from a window of all pressures and of the action. Its
+# dynamics predict the next latents, and its decoder computes drag and lift from them. This page uses the shipped model.
+# ``stillwake train`` makes such a model in half an hour. The data are the episodes and their mirror images, because the
+# truck is symmetric.
 
 from contract.shipped import model
 from train.model_store import load
@@ -71,8 +71,8 @@ print(f"in the held-out episode: R2 of drag {accuracy.drag.r2:.3f}, of lift {acc
 # %%
 # Ranked by SHAP
 # --------------
-# The paper's way: how much each sensor contributes to the latents, by the mean absolute SHAP value over windows that
-# are drawn at random. Drawing several times shows how firm the ranking is.
+# The paper ranks sensors by their contribution to the latents: the mean absolute SHAP value over windows drawn at
+# random. Several draws show how much the ranking depends on the draw.
 
 from train.selection.shap_ranking import ShapRanker, rank
 
@@ -85,8 +85,8 @@ print(f"the same four in each of {len(ranking.scores)} draws: {ranking.is_stable
 # %%
 # Chosen by QR pivoting
 # ---------------------
-# Another question, which needs no model: from which four pressures can the pressures at all 90 places be rebuilt
-# best? The pivots of a QR decomposition of the leading POD modes answer it.
+# The second way needs no model: it chooses the four pressures that best reconstruct the pressures at all 90 places.
+# They are the pivots of a QR decomposition of the leading POD modes.
 
 from train.selection.methods import select_qr
 
@@ -96,9 +96,9 @@ print(f"four by QR pivoting: {', '.join(by_qr)}")
 # %%
 # Where they are on the truck
 # ---------------------------
-# The flow comes from the left; the jets are at the two edges of the base. Colour is the SHAP score of every sensor,
-# rings are the choices. The shipped release has four sensors that a third method chose, forward selection under
-# noise.
+# The flow comes from the left; the jets are at the two edges of the base. The colour shows each sensor's SHAP score;
+# the rings mark the choices. A third method, forward selection under noise, chose the four sensors of the shipped
+# release.
 
 from contract.config.body import TRUCK_BODY
 from wake.pictures.drawing import outline
@@ -123,10 +123,10 @@ plt.show()
 # %%
 # What each choice is worth
 # -------------------------
-# A controller sees the chosen sensors alone, so each choice is judged by how well the latents can be read from it. A
-# ridge regression stands in for the encoder that would be trained; its error is the share of the latents' variance
-# that it misses. The sensors have noise of 5 % of the pressures' deviation, as in the release's training: without
-# noise a sensor near the front, which barely moves, would be as good as one on the base.
+# A controller reads only the chosen sensors, so a choice is judged by how well they determine the latents. A ridge
+# regression replaces the encoder that would be trained. Its error is the share of the latents' variance that it does
+# not explain. The sensors have noise of 5 % of the pressures' deviation, as in the release's training. Without noise a
+# sensor near the front, with its small signal, would be as good as a sensor on the base.
 
 from train.selection.methods import select_greedy
 from train.selection.ridge_student import ridge_student
@@ -139,21 +139,20 @@ for name, chosen in choices.items():
     print(f"{name:20s} misses {100 * missed:4.1f} %: {', '.join(chosen)}")
 
 # %%
-# Greedy selection has the smallest error because it was made to: it chose by this very student, which is also how the
-# release's four were found, from other episodes. Whether a choice is the best one for a controller is another matter,
-# and only the closed loop shows it.
+# Greedy selection has the smallest error because it minimises this error of this regression. The release's four sensors
+# were chosen in the same way from other episodes. Only the closed loop shows which choice is best for a controller.
 #
 # The full procedure
 # ------------------
 # ``stillwake train runs/model`` does more than this page:
 #
-# - It trains the model, from all training episodes.
-# - Where SHAP chooses (``--set train.selection=shap``), it takes 100 background and 500 explained windows, ten times
-#   over. Even so, only the best two are the same in all draws, and another seed of the training ranks other sensors
-#   first: neighbours carry the same signal, and SHAP divides the credit as the weights happen to.
-# - A slim encoder is trained on the chosen four, judged on held-out data, exported, and run in the closed loop. There
-#   the methods lie closer together than in any table of errors.
+# - It trains the model on all training episodes.
+# - With ``--set train.selection=shap`` it draws 100 background and 500 explained windows ten times. Even then only the
+#   best two sensors are equal in all draws, and another seed of the training ranks other sensors first: neighbours have
+#   the same signal, and the model's weights decide by chance which of them gets a high SHAP value.
+# - A slim encoder is trained on the four sensors, tested on other data, exported, and run in the closed loop. In the
+#   closed loop the methods differ less than in any table of errors.
 #
-# The page :doc:`Studies </explanation/studies>` has those figures, and :doc:`Use your own data
-# </how-to/use-your-own-data>` leads from your files to ``dataset`` above. To rank your own sensors, take the path of
-# your data set in place of ``recording()``, and that of your model in place of ``model()``.
+# The page :doc:`Studies </explanation/studies>` has these figures, and :doc:`Use your own data
+# </how-to/use-your-own-data>` leads from your files to ``dataset`` above. To rank your own sensors, replace
+# ``recording()`` by the path of your data set, and ``model()`` by the path of your model.

@@ -1,9 +1,9 @@
-"""Write a recording of the project's own solver as another solver would: plain CSV files and a table of its sensors.
+"""Write a recording of the project's solver as plain CSV files with a table of sensors, as another solver might do.
 
     python examples/square_cylinder/as_csv.py square.h5 csv
 
-makes `csv/sensors.csv` (name, x, y, base) and one file an episode, `csv/ROLE_NAME.csv`, whose columns are t, action,
-Cd, Cl and the sensors by name.
+The command writes `csv/sensors.csv` (name, x, y, base), and for each episode a file `csv/ROLE_NAME.csv` with the
+columns t, action, Cd, Cl and one column per sensor.
 """
 
 import csv
@@ -20,7 +20,7 @@ from contract.sensor_layout import SensorLayout
 
 
 def write_sensors(path: Path, layout: SensorLayout) -> None:
-    """One line a sensor; base is 1 on the base and 0 elsewhere."""
+    """Write one line per sensor; `base` is 1 on the base and 0 elsewhere."""
     base = set(layout.base.tolist())
     rows = (
         (name, *place, int(k in base))
@@ -30,7 +30,7 @@ def write_sensors(path: Path, layout: SensorLayout) -> None:
 
 
 def write_episode(path: Path, episode: Episode, layout: SensorLayout) -> None:
-    """One line a control step."""
+    """Write one line per control step."""
     series = [episode.series[name] for name in ("t", "action", "Cd", "Cl")]
     _write(path, ("t", "action", "Cd", "Cl", *layout.names), np.column_stack([*series, episode.series["Cp"]]).tolist())
 
@@ -50,7 +50,7 @@ def _write(path: Path, heads: Sequence[str], rows: Iterable[Sequence[object]]) -
 def main(recording: Path, folder: Path) -> None:
     """Write the files of one recording."""
     episodes = read(recording).episodes
-    # A recording from before there were other bodies is the truck's.
+    # An old recording that states no body is of the truck.
     layout = layout_of(BodyConfig(**episodes[0].provenance.get("body", {})))
     folder.mkdir(parents=True, exist_ok=True)
     write_sensors(folder / "sensors.csv", layout)

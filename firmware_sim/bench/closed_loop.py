@@ -1,4 +1,4 @@
-"""A closed-loop run under a bundle's controller, whose results are written to a run folder."""
+"""A closed-loop run under a bundle's controller, with its results in a run folder."""
 
 import json
 from collections.abc import Callable, Sequence

@@ -55,13 +55,13 @@ class WireNoise(Span, section="wire_errors"):
     """Probability that a bit is wrong, independent for each bit."""
     node: Literal["all", "vehicle", "ecu"] = "all"
     at: Literal["send", "receive"] = "send"
-    """Where errors occur: send for what all nodes see of `node`'s frames, receive for what only `node` sees."""
+    """Where errors occur. send: all nodes see the errors, in frames of `node`; receive: only `node` sees the errors."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reset(Instant, section="reset"):
-    """A reset of the ECU, which then loses its state, receives nothing while it boots, and starts again. Frames in its
-    CAN controller are still sent. The freshness values of `bus.key` are in non-volatile memory and survive."""
+    """A reset of the ECU. The ECU loses its state, receives nothing while it boots, and starts again. Frames in its CAN
+    controller are still sent. The freshness values of `bus.key` are in non-volatile memory and survive."""
 
     node: Literal["ecu"] = "ecu"
     boot_s: NonNegative[float] = 0.2
@@ -70,8 +70,8 @@ class Reset(Instant, section="reset"):
 
 @dataclass(frozen=True, kw_only=True)
 class WrongClock(Span, section="clock"):
-    """A clock of the ECU whose rate or time differs from the vehicle's clock, by which the run's periods are timed. The
-    time stamps of received frames are also of this clock, which jumps to the correct time at the end of the span."""
+    """An ECU clock whose rate or time differs from the vehicle's clock. The vehicle's clock times the periods. The
+    ECU's clock also stamps received frames; at the end of the span it jumps to the correct time."""
 
     node: Literal["ecu"] = "ecu"
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
@@ -94,8 +94,8 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body other than the release's, for a whole run of the built-in solver; the fields are those of the settings
-    `body`, in W. The sensors keep their names and lie on this body, of which the ECU has no information."""
+    """A body other than the release's body, for a whole run of the built-in solver. The fields are those of the
+    settings `body`, in W. The sensors keep their names and lie on this body, which the ECU does not know."""
 
     length: Finite[float]
     leading_edge_radius: NonNegative[float] = 0.0
@@ -115,7 +115,7 @@ class GustyWind(Span, section="gust"):
     """A gust: the wind against the vehicle is U(t) = U_inf (1 + amplitude sin(2 pi t / period)).
 
     `wake.plant.drive` defines the frame of reference; the period is in t_c. Forces, pressures and jet actions remain in
-    units of the mean U_inf. The gust ends with its last period that ends in the span.
+    units of the mean U_inf. The gust ends with its last whole period in the span.
     """
 
     amplitude: Below[float]
@@ -124,8 +124,8 @@ class GustyWind(Span, section="gust"):
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
-    """The vehicle's speed in m/s, or the air's density in kg/m3; None is the value of `operating_point`, the ECU's. It
-    scales pressures in Pa and jet flow rates in m2/s, but neither the control period in t_c nor the Reynolds number."""
+    """The vehicle's speed in m/s and the air's density in kg/m3; None means the ECU's `operating_point`. Both scale
+    pressures in Pa; speed scales jet flow rates in m2/s. Control period in t_c and Reynolds number stay."""
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
     density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
@@ -188,7 +188,7 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Class of each kind of disturbance, by the name with which its text begins; a node's name begins a `NodeFault`."""
+"""Class of each kind of disturbance, by the first word of its text; that of a `NodeFault` is a node's name."""
 
 Disturbance = NodeFault | Span
 
@@ -209,9 +209,9 @@ class Disturbances:
     """All disturbances of a run; comparable, picklable, and equal to the result of parsing `texts`.
 
     Attributes:
-        items: disturbances in the order given. Each draws from a random sequence of its own, numbered by its index.
-            Those of the sensors are applied in this order. Of several in a port, the first is closest to the bus. Of
-            several of one kind that act on the flow or the vehicle at the same time, only the last has an effect.
+        items: disturbances in the order given. Each has its own random sequence, numbered by its index. Disturbances of
+            the sensors are applied in this order. In a port, the first disturbance is closest to the bus. If several of
+            one kind act on the flow or the vehicle at the same time, only the last has an effect.
     """
 
     items: tuple[Disturbance, ...] = field(default=())

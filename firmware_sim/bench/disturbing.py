@@ -71,7 +71,7 @@ class NodeFaults:
         return [next(injectors[one.node]).acted for one in self._faults]
 
     def end(self) -> None:
-        """Stop the periodic calls of the ports, whose faults then act only when a node uses its port."""
+        """Stop the periodic calls of the ports. Then the ports' faults act only when a node uses its port."""
         self._ended = True
 
     def _look(self) -> None:
@@ -84,7 +84,7 @@ class NodeFaults:
 
 
 class _Babbling(WrappedBus):
-    """A port with a babbling fault, which sends, and stores what it receives, also between the node's calls."""
+    """A port with a babbling fault. Between the node's calls, it also sends frames and stores the received frames."""
 
     def __init__(self, port: Bus) -> None:
         super().__init__(port)
@@ -103,8 +103,8 @@ class Disturbing:
 
     Args:
         sensors: names of the sensors, in the order of the readings.
-        before: number of random sequences that earlier disturbances use: under the key "all" the number for all kinds
-            of disturbances, under a node's name the number in this node's port.
+        before: number of random sequences that earlier disturbances use. The key "all" has the number for all kinds of
+            disturbances; a node's name has the number in this node's port.
     """
 
     def __init__(

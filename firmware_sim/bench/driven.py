@@ -1,4 +1,4 @@
-"""A flow whose inflow follows a driving vehicle's speed, computed with and, for comparison, without control."""
+"""A flow whose inflow follows a vehicle's varying speed, with control and, for comparison, without control."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,8 +17,8 @@ from wake.plant.sample import Sample
 
 @contextmanager
 def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
-    """Make the plant's inflow follow the drive, which begins now, while the block runs. The wake is scaled to the first
-    speed, to which it adapts in the time without control. Raises ConfigError if the plant cannot change its speed."""
+    """Make the plant's inflow follow the drive from now on, while the block runs. The wake is scaled to the first
+    speed, and adapts to it in the time without control. Raises ConfigError if the plant cannot change its speed."""
     if not isinstance(plant, Drivable):
         raise ConfigError(f"drive {drive.name}: this plant has a constant speed (`wake.plant.protocol.Drivable`)")
     wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed
@@ -32,8 +32,8 @@ def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
 
 
 def uncontrolled(plant: Plant, disturbing: Disturbing, config: Config, periods: int) -> Iterator[Sample]:
-    """Run control periods with the jets shut, and yield the sample at the start of each period. Of the disturbances
-    only those of the flow act. Raises PlantError if the flow diverges."""
+    """Run control periods with the jets shut, and yield the sample at the start of each period. Only the disturbances
+    of the flow act. Raises PlantError if the flow diverges."""
     with disturbing.in_flow(plant):
         for k in range(periods):
             disturbing.set_flow(k * config.period_ns)

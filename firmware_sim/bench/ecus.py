@@ -1,4 +1,4 @@
-"""The ECU in C for a run, by name: compiled for this machine, or as an emulated microcontroller's firmware."""
+"""The ECU in C for a run: compiled for this machine, or as the firmware of an emulated microcontroller."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -14,12 +14,12 @@ C: Final = "c"
 MCU: Final = "mcu"
 """Name of the option for the ECU whose whole firmware runs on an emulated board with a Cortex-M7."""
 CLOCKS_MHZ: Final = (1.0, 10_000.0)
-"""Range of accepted clock rates: below it a control step takes seconds; no core has a higher rate."""
+"""Range of accepted clock rates. At lower rates a control step takes seconds; no core has a higher rate."""
 
 
 def check_ecu(kind: str, clock_mhz: float) -> None:
-    """Check what needs no C sources. Raises ConfigError for a clock outside `CLOCKS_MHZ`, LibraryError without a
-    compiler for C, ModuleNotFoundError without the emulator (extra mcu)."""
+    """Check a kind and a clock. Raises ConfigError for a clock outside `CLOCKS_MHZ`, LibraryError without a compiler
+    for C, ModuleNotFoundError without the emulator (extra mcu)."""
     if kind == C:
         host_compiler()
         return
@@ -37,7 +37,7 @@ def loop_ecu(
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        secret: key of the bus, if the sources are for a bus with `bus.key`.
+        secret: key of the bus; None if the sources are for a bus without `bus.key`.
     """
     precision = ProgramSettings.of(sources).text("SW_PRECISION")
     if kind == C:

@@ -54,7 +54,7 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 
 AGE_TOLERANCE: Final = 0.01
 """Tolerance of ages as a share of a period. It is far larger than the error of two clocks whose rates differ by 200
-ppm, and far larger than the time from a frame's arrival to the reading of the bus."""
+ppm, and than the time from a frame's arrival to the reading of the bus."""
 _LONGEST_S: Final = 1e6
 """Length in s that replaces the length of a span without an end."""
 ROUNDING: Final = 1e-9
@@ -71,8 +71,8 @@ class Violation:
 
 
 class HeardCommand(NamedTuple):
-    """A command without errors: whether its mode shows that control is requested from the ECU, it is enabled in a mode
-    that drives the jets, and its pressures are this vehicle's and recent enough."""
+    """A command without errors. The fields state whether its mode shows a request for control, whether it is enabled in
+    a mode that drives the jets, and whether it was computed from recent pressures of this vehicle."""
 
     counter: int
     wanted: bool
@@ -81,8 +81,8 @@ class HeardCommand(NamedTuple):
 
 
 class _Period(NamedTuple):
-    """A summary of the commands that the vehicle received in one period: whether one may drive the jets, whether one
-    would if its pressures were not too old, and whether the vehicle certainly accepted the last, and none may."""
+    """The commands of a period. drives: one may drive the jets. old: one would drive the jets, but its pressures are
+    too old. shuts: none may drive the jets, and the vehicle certainly accepted the last command."""
 
     drives: bool
     old: bool
@@ -90,7 +90,7 @@ class _Period(NamedTuple):
 
 
 class Commands:
-    """Checks of the flow rates that an ECU commands; `bus_shut` is the part of `bus_bounds` on modes and `Enable`."""
+    """Checks of an ECU's commanded flow rates; `bus_shut` is the part of `bus_bounds` about modes and `Enable`."""
 
     def __init__(self, config: Config) -> None:
         scale = config.operating_point.flow_rate_scale
@@ -151,7 +151,7 @@ class Jets:
         self._sound = self._sound + 1 if len(commands) == 1 and last is not None else 0
         known = [command for command in commands if command is not None]
         drives = any(command.drives and command.in_time for command in known)
-        # The E2E state depends only on the latest frames. If these had no errors, the vehicle accepts the next frame.
+        # The E2E state depends only on the latest frames. If they had no errors, the vehicle accepts the next frame.
         believed = last is not None and self._sound > self._e2e_window
         old = any(command.drives and not command.in_time for command in known)
         self._heard.append(_Period(drives=drives, old=old, shuts=believed and not drives))
@@ -215,8 +215,8 @@ class Invariants:
         """Return the invariants of a run with these disturbances.
 
         Some faults hide the age of pressures from the ECU: a gateway that gives delayed frames new time stamps, an ECU
-        clock that is ahead, and a transmit buffer that is sent again, if the first frame with its content that reaches
-        the ECU is a copy. The vehicle's jets are checked against the true age.
+        clock that is ahead, and a transmit buffer that is sent again, if its first frame was lost and a copy reaches
+        the ECU. The vehicle's jets are checked against the true age.
         """
         hidden_s = 0.0
         for one in disturbances.items:
@@ -224,7 +224,7 @@ class Invariants:
                 continue
             fault = one.fault
             if isinstance(fault, StuckAt) and not fault.counter_runs:
-                # It matters only for pressures, which the vehicle sends and the ECU receives.
+                # This fault matters only for pressures, which the vehicle sends and the ECU receives.
                 if (one.node == "vehicle") == (fault.at == "send"):
                     hidden_s += min(fault.end_s - fault.start_s, _LONGEST_S)
             elif one.node == "ecu" and isinstance(fault, Delay) and fault.restamp:

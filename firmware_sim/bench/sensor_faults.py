@@ -5,8 +5,8 @@ The function of a fault is called in the order of time with readings in Cp at th
 the frames, so one call for n frames and n calls for one frame give the same readings.
 
 Levels are in global deviations. The global deviation is the standard deviation of all 90 pressures taken together, each
-about its own mean (paper, appendix B; the paper has no bias, drift or dead sensors). So one level is an equal
-difference of Cp at every sensor.
+about its own mean (paper, appendix B). So a level is the same difference of Cp at every sensor. The paper has no bias,
+drift or dead sensors.
 """
 
 from abc import ABC, abstractmethod

@@ -38,7 +38,7 @@ from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
-"""Control steps on zeros before the run, as a real ECU's at boot: ONNX Runtime allocates memory on first use."""
+"""Number of control steps on zeros before the run, as at an ECU's boot: ONNX Runtime allocates memory at first."""
 
 
 class Simulation:
@@ -51,8 +51,8 @@ class Simulation:
         controller: computes the bundle's control step; if None, ONNX Runtime computes it.
         calibration: values that the ECU gets before its first step; if None, its default values.
         ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
-        drive: the vehicle's speeds from the request for control on, before which it has the first of these speeds; if
-            None, the operating point's speed. With a drive the log has totals of the drive in place of averages.
+        drive: the vehicle's speeds from the request for control on; before, the first of these speeds. If None, the
+            speed is that of the operating point. With a drive, the log has totals of the drive instead of averages.
 
     Attributes:
         periods: number of control periods without control, and total number of control periods.
@@ -112,13 +112,13 @@ class Simulation:
         progress: Callable[[Row, int, int], None] = lambda row, done, total: None,
         progress_without: Callable[[int, int], None] = lambda done, total: None,
     ) -> RunLog:
-        """Run on this wake from its present state; with a drive, after a run of the whole drive without control. Raises
+        """Run on this wake from its present state. With a drive, first run the whole drive without control. Raises
         StillwakeError if the bundle is for another body, or if the wake's flow cannot be disturbed or diverges.
 
         Args:
             wake: a plant at the start of a control period; afterwards it is at the end of the run.
             capture: called with every frame on the bus, stamped with the end of its transmission.
-            origin: date and origin of the run, for its record; if None, the date is today's.
+            origin: date and origin of the run, for its record; if None, today's date.
             ready: called with the total number of periods before the first period.
             requesting: called before the first period in which control is requested.
             progress: called with (row, periods done, total periods) after every period.

@@ -1,4 +1,4 @@
-"""Lengths of a run's parts: without control, under control, and the part under control that the averages leave out."""
+"""The lengths of a run's parts: without control, under control, and the part that averages under control leave out."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -45,7 +45,7 @@ class Spans:
             raise StillwakeError(f"{spans} leaves {left:g} t_c: {remedy}")
 
     def periods(self, control_period: float) -> tuple[int, int]:
-        """Return the periods without control, and in all. Raises StillwakeError for a span shorter than a period."""
+        """Return the numbers of periods without control and of all periods. Raises StillwakeError if one is zero."""
         lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
         for name, count in (("lead-in", lead_in), ("controlled", controlled)):
             if count < 1:

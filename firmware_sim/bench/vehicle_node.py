@@ -1,6 +1,6 @@
 """The vehicle's side of the bus: it samples the wall pressures and drives the jets as commanded.
 
-In every period the vehicle sends the pressures, its speed, and the air's density if it is known.
+In every period the vehicle sends the pressures, its speed, and the air's density if the density is known.
 
 The jets run only while the vehicle itself wants control. The jets follow a command only if it is enabled, has a mode
 that drives the jets, and was computed from recent pressures. No single signal of a command is enough to drive the jets.
@@ -8,10 +8,10 @@ If too many commands are missing, the vehicle gives up control and withdraws its
 
 A command repeats ("echoes") the counter of the Pressure frame from which it was computed. The counter repeats after 256
 frames, or after 16 frames in the classic message set, so an unchanged echo would look fresh again after that time. The
-vehicle therefore assigns each echo to the first frame that has the echoed counter and is not older than the previously
-echoed frame, and after an interruption to the newest frame with that counter.
+vehicle therefore assigns each echo to the first frame with the echoed counter that is not older than the previously
+echoed frame. After an interruption it assigns the echo to the newest frame with that counter.
 
-The limit of missed commands is (m, k)-firm, as that of missed pressures in the ECU (`ecu.fail_safe`), which cannot
+The limit of missed commands is (m, k)-firm, like the ECU's limit of missed pressures (`ecu.fail_safe`). The ECU cannot
 detect that its commands are lost.
 """
 
@@ -127,7 +127,7 @@ class Actuation:
     Attributes:
         action: action at the period's end, in U_inf W.
         command: valid command frame that arrived in the period; None if there was none.
-        next_period: whether this command acts in the next period; the jets still follow the previous one in this.
+        next_period: whether this command acts only in the next period; until then the jets follow the previous command.
         sampled_ns: sampling time of the command's pressures; None without a command.
     """
 
@@ -147,7 +147,7 @@ class VehicleNode:
         read: function from (Cp at the S transducers, shape (S,), time in ns) to the transducers' readings.
 
     Attributes:
-        operating_point, action_limit: those of the vehicle itself, initially as in `config`.
+        operating_point, action_limit: the vehicle's own values, initially those of `config`.
         stuck_at: action at which the actuator is stuck, in U_inf W; None for an actuator that moves.
         speed: speed of the vehicle in m/s, initially as in `config`; pressures and jets scale with `operating_point`.
         stated_speed, stated_density: values that the vehicle sends, in m/s and kg/m3; None, or a value outside the
@@ -261,8 +261,8 @@ class VehicleNode:
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
-            # It replaces the previous command, which was meant for the same period and whose action the jets have not
-            # reached. So the step is limited again, from the action that they have reached.
+            # The command replaces the previous command for the same period, whose action the jets have not reached. So
+            # the step is limited again, from the action that the jets have reached.
             self._action = self._in_reach_of(self._driven_to, self._action)
         self._driven_to = before if self._next_period else self._action
         return Actuation(
@@ -294,15 +294,15 @@ class VehicleNode:
 
     @property
     def foreseen_action(self) -> float:
-        """The jets' action, in U_inf W, at the end of the period whose pressures were sampled last, according to the
-        commands received so far, with one for the next period, which has already started."""
+        """The jets' action, in U_inf W, at the end of the period that has started with the latest pressures. It follows
+        from the commands received so far, including a command for this period."""
         if self.stuck_at is not None:
             return self.stuck_at
         return self._commanded.pushed(self._action if self._requested else 0.0).in_force
 
     @property
     def has_given_up(self) -> bool:
-        """Whether too many commands were missing, and the vehicle's own request has not been withdrawn since then."""
+        """Whether too many commands were missing, and the vehicle has requested control ever since."""
         return self._losses.is_latched
 
     @property

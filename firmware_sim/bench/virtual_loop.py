@@ -10,11 +10,11 @@ The control period that starts at t_k has these events:
 The simulated bus determines waits and frame times (`can_bridge.bus.simulated`). The jets keep their action until the
 command arrives; the time of arrival is rounded up to a time step of the flow. A command that arrives at t_{k+1} or
 later acts in the period of its arrival. An ECU that is still computing when its next step is due skips that step. The
-compute time is a setting, or that of the pipeline model of an emulated core; neither depends on the machine. The step's
-wall-clock time is measured separately.
+compute time is a setting, or comes from the pipeline model of an emulated core; neither depends on the machine. The
+step's wall-clock time is measured separately.
 
 The ECU steps when a pressure frame arrives. If no frame arrives within half a period (or one frame time, if that is
-longer), the ECU steps without pressures: its fail-safe counts a miss, and its command still acts in the period. A frame
+longer), the ECU steps without pressures. Its fail-safe counts a miss, and its command still acts in the period. A frame
 that arrives later stays in the ECU's queue for the next step. The jets' driver counts a missing command as a miss.
 """
 
@@ -131,8 +131,8 @@ class VirtualLoop(NeverCopied):
         return self._row(sample, actuation, step_ms, speed)
 
     def reset_ecu(self, boot_ns: int) -> None:
-        """Make the ECU lose its state at the bus's present time and start again after `boot_ns`, before which it
-        receives nothing. Freshness values are in non-volatile memory and continue to count."""
+        """Make the ECU lose its state at the bus's present time and start again after `boot_ns`. Until then it receives
+        nothing. Freshness values are in non-volatile memory and continue to count."""
         state = self._ecu.state
         self._ecu.restore(replace(self._power_on, verifier=state.verifier, freshness=state.freshness))
         self._pressures_came()
@@ -171,7 +171,7 @@ class VirtualLoop(NeverCopied):
         return pressures > 0
 
     def _step_ecu(self, now_ns: int) -> float:
-        """Step the ECU unless it is booting or computing; return the step's wall-clock time in ms, NaN without one."""
+        """Step the ECU unless it boots or computes; return the step's wall-clock time in ms, NaN without a step."""
         if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
         began = self._clock()

@@ -49,7 +49,7 @@ class Observer(Protocol):
     state of the nodes, and must not change anything in the loop."""
 
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
-        """Process a frame that the node's software sent or received at this time; faults act between it and the bus."""
+        """Process a frame that the node's software sent or received now. Faults act between software and bus."""
 
     def period(self, sample: Sample, *, requested: bool) -> None:
         """Process an ended control period: the sample at its start, and whether the vehicle requested control in it."""
@@ -80,7 +80,7 @@ class WatchedBus:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wired:
-    """A loop that is ready for its first period; `ports` are those of the bus without faults, by their nodes' names."""
+    """A loop that is ready for its first period; `ports` has the bus's ports without faults, by node name."""
 
     bus: SimulatedBus
     ports: dict[str, SimulatedPort]

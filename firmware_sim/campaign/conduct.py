@@ -31,8 +31,8 @@ from firmware_sim.campaign.starts import digest_of, keep_states, starting_states
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A campaign to run: its scenarios, of which one is undisturbed, and the settings of all runs, some of which a
-    scenario may override. `phases` runs of each scenario start at equal parts of a shedding cycle."""
+    """A campaign to run. One of its scenarios is undisturbed. A scenario may override some of the settings that all
+    runs share. `phases` runs of each scenario start at equal parts of a shedding cycle."""
 
     scenarios: tuple[Scenario, ...]
     bundle: Bundle
@@ -100,7 +100,7 @@ def conduct(
     """
     if scheduler is not None:
         with dask_client(1, scheduler):
-            pass  # the starts may take minutes, after which an error would come late
+            pass  # the starts may take minutes, so errors are raised before them
     pairs = {scenario.name: _tasks(campaign, scenario) for scenario in campaign.scenarios}
     tasks = {task.name: task for found in pairs.values() for pair in found for task in pair}
     plants = {plant_of(campaign.config): ""}

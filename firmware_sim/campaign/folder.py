@@ -1,7 +1,7 @@
 """The folder of a campaign: its label, the initial states and results of its runs, and its report.
 
 campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
-starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz: initial state of scenario NAME's own plant
+starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz: that of the runs in scenario NAME's plant
 runs/NAME.phase0.json   the outcome of a finished run
 table.csv, figures/, report.html
 """
@@ -31,7 +31,7 @@ class CampaignFolder:
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
-        """Return the file of a starting phase's flow state, in the plant of one scenario or of all others."""
+        """Return the file of a starting phase's flow state, for a scenario's own plant or for the common plant."""
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:

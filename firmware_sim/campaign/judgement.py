@@ -1,4 +1,4 @@
-"""The judgement of a campaign, a row a scenario: safety, benefit of control, spread over the starting phases."""
+"""The judgement of a campaign, one row per scenario: safety, benefit of control, spread over the starting phases."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ class Use(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseOutcomes:
-    """The run of a scenario under control from one starting phase, and that of the same flow without control."""
+    """The runs of a scenario from one starting phase: under control, and without control in the same flow."""
 
     under: RunOutcome
     free: RunOutcome
@@ -150,8 +150,8 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Judge an outcome by the reductions of wall drag in percent in this scenario and without disturbance, and by mean
-    |Cl| as a share of its value without control."""
+    """Judge an outcome. `reduction` and `undisturbed` are reductions of wall drag in percent, in this scenario and
+    without disturbance. `side_force` is mean |Cl| as a share of its value without control."""
     share = reduction / undisturbed if undisturbed > 0 else nan
     # A comparison with NaN is false, so an unknown outcome is not useful.
     if share >= criteria.useful and side_force <= criteria.abs_Cl:

@@ -1,4 +1,4 @@
-"""A campaign as text: plan and results for the terminal and the report, and results as CSV for other programs."""
+"""The texts of a campaign: plan and results for the terminal and the report, and results as CSV for other programs."""
 
 import csv
 from collections import Counter

@@ -11,7 +11,7 @@ from contract.arrays import Array
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
-"""Number of decimals of the stored series; for actions, the last decimal is a tenth of the resolution on the bus."""
+"""Number of decimals of the stored series. Its last decimal is a tenth of the resolution of actions on the bus."""
 MOST_KEPT: Final = 20
 """Largest number of violations that are stored as text; all violations are counted."""
 
@@ -43,7 +43,7 @@ class MeanFigures:
 
     @classmethod
     def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
-        """Average over the samples from the time `from_t` on: with and without control the same part of a cycle."""
+        """Average over the samples from `from_t` on. With and without control this is the same part of a cycle."""
         kept = np.array(course.t) >= from_t - 1e-9  # allows for rounding in sums of spans
         cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
         return cls(
@@ -79,8 +79,8 @@ class RunService:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOutcome:
-    """The outcome of one run. `key` is the hash of everything that it depends on; `failure` is the reason why it did
-    not finish, and then the other fields are None. `service` is None for a run without control, too."""
+    """The outcome of one run. `key` is the hash of everything that the run depends on. If the run did not finish,
+    `failure` is the reason, and the other fields are None. A run without control has no `service` (None)."""
 
     key: str
     figures: MeanFigures | None = None

@@ -63,7 +63,7 @@ class _PlanForm:
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """Return the built-in scenarios, then the users'. Raises ConfigError, which states the file, for a wrong entry."""
+    """Return the built-in, then the users' scenarios. Raises ConfigError, which states the file, for a wrong entry."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))
@@ -117,7 +117,7 @@ def _values(form: _ScenarioForm, place: Place) -> Sequence[int | float | str]:
 
 
 class _Time:
-    """A value for `str.format`, whose format specification is a time in t_c, and whose text is this time in s."""
+    """A value for `str.format`. Its format specification is a time in t_c; the result is this time in s."""
 
     def __init__(self, seconds: Callable[[float], float]) -> None:
         self._seconds = seconds

@@ -1,5 +1,5 @@
 """The report of a campaign: one self-contained HTML page with a table of the results, curves, and a section for each
-group of scenarios. The table and the figures are also written to separate files."""
+group of scenarios. Separate files contain the table and the figures too."""
 
 from datetime import date
 from itertools import groupby

@@ -1,7 +1,7 @@
 """Figures of a campaign: drag and side force against noise and delay, and an overview of all scenarios.
 
-The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well. Of the
-paper's tests under noise and delay (section 3.3, appendix B) only numbers in its text are shown, not its pictures.
+The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well. The
+paper's results under noise and delay are shown as far as its text states numbers (section 3.3, appendix B).
 """
 
 import re
@@ -33,14 +33,14 @@ MARKS: Final = {Use.USEFUL: "o", Use.MARGINAL: "D", Use.NONE: "X"}
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Results of scenarios that differ in one number; each point is (that number, row of the scenario)."""
+    """The results of scenarios that differ in one number; each point is (this number, row of the scenario)."""
 
     label: str
     points: tuple[tuple[float, ScenarioRow], ...]
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """Collect the scenarios whose name matches `pattern`, whose group is the number; the undisturbed one has 0."""
+    """Collect the scenarios whose name matches `pattern`. Its group is the number; the undisturbed scenario has 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)

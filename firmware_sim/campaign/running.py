@@ -1,4 +1,4 @@
-"""One run of a campaign: its data, from which any process can execute it, with the loop or without control."""
+"""One run of a campaign, with the loop or without control. Any process can execute the run from its data."""
 
 import hashlib
 import json
@@ -31,7 +31,7 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 _SETTINGS: Final = ("operating_point", "bus", "ecu", "vehicle", "flow.reynolds", "flow.substeps")
-"""Sections and settings that a scenario may change. The release fixes the controller and its period in t_c."""
+"""Sections and settings that a scenario may change. The controller and its period in t_c are fixed by the release."""
 PlantKey = tuple[FlowConfig, BodyConfig]
 
 MARGIN_PERIODS: Final = 2
@@ -40,8 +40,8 @@ MARGIN_PERIODS: Final = 2
 
 @dataclass(frozen=True, kw_only=True)
 class RunTask:
-    """The data of one run, with the name of its file. Without `controlled` the flow runs without the loop. `config` has
-    the plant's body, which may differ from the body of the release; `phase` is the index of the starting phase."""
+    """The data of one run, with the name of its file. If `controlled` is False, the flow runs without the loop. The
+    body in `config` is the plant's; the release's body may differ. `phase` is the index of the starting phase."""
 
     name: str
     disturb: tuple[str, ...]
@@ -77,8 +77,8 @@ def plant_of(config: Config) -> PlantKey:
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """Return the campaign's settings with those of the scenario and its plant's body. Raises ConfigError, which states
-    the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
+    """Return the campaign's settings, changed by the scenario's settings and its plant's body. Raises ConfigError,
+    which states the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)

@@ -10,9 +10,9 @@ from typing import Final
 from contract.errors import ConfigError
 
 UNDISTURBED: Final = "undisturbed"
-"""Name of the scenario with which all other scenarios are compared; every plan contains it."""
+"""Name of the scenario with which all others are compared; every plan contains this scenario."""
 UNCONTROLLED: Final = "uncontrolled"
-"""Name of the runs without control in the undisturbed flow; in a scenario's flow, the scenario's name precedes it."""
+"""Name of the runs without control in the undisturbed flow; in a scenario's flow, the scenario's name comes first."""
 _NAME: Final = re.compile(r"[a-z0-9][a-z0-9_.]*")
 LONGEST_NAME: Final = 80
 """Largest number of characters of a name, which is also part of a file name."""
@@ -20,9 +20,9 @@ LONGEST_NAME: Final = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """Criteria for a useful outcome: the smallest drag reduction for "useful", and that above which an outcome is
-    "marginal", as shares of the undisturbed scenario's; the largest mean |Cl| for "useful", as a share of that without
-    control. Raises ConfigError for a share that is not finite, or in the wrong order."""
+    """Criteria for a useful outcome: the smallest drag reductions for "useful" and for "marginal", as shares of the
+    undisturbed scenario's reduction, and the largest mean |Cl| for "useful", as a share of its value without control.
+    Raises ConfigError for a share that is not finite, or in the wrong order."""
 
     useful: float = 0.75
     marginal: float = 0.0
@@ -68,8 +68,8 @@ class Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values that the texts of a plan may use: the release's sensors, its first one on the base, and in s the time from
-    the start of the run to the request for control, and the convective time."""
+    """Values that the texts of a plan may use: the release's sensors, its first sensor on the base, the time from the
+    start of the run to the request for control, and the convective time. Times are in s."""
 
     sensors: tuple[str, ...]
     base_sensor: str | None

@@ -29,8 +29,8 @@ def starting_states(
 ) -> tuple[State, ...]:
     """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder or
     computed, which takes minutes for a body other than the truck: then `progress` is called with (time, total time) in
-    t_c. `scenario` is empty for the plant that the scenarios without one of their own share. Raises PlantError if there
-    is no developed wake for the settings."""
+    t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own. Raises PlantError if
+    there is no developed wake for the settings."""
     kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
     whole = [state for state in kept if state is not None]
     if len(whole) == phases:
@@ -60,7 +60,7 @@ def digest_of(state: State) -> str:
 
 
 def _kept(file: Path, config: Config) -> State | None:
-    """Return the state in the file; None if the file is missing or of a body that the scenario had earlier."""
+    """Return the state in the file; None if the file is missing or belongs to an earlier body of the scenario."""
     try:
         state = load_state(file)
         if state.origin is not None:

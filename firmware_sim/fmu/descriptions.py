@@ -22,7 +22,7 @@ _add = ElementTree.SubElement
 def model_description(
     variables: Sequence[Variable], token: str, bundle: Bundle, config: Config, kind: FmuKind
 ) -> ElementTree.Element:
-    """Return `modelDescription.xml` in FMI 3.0, without a date: equal releases and vehicles give equal bytes."""
+    """Return `modelDescription.xml` in FMI 3.0. It has no date, so equal releases and vehicles give equal bytes."""
     name, period = bundle.manifest.name, repr(config.period_ns / 1e9)
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -75,7 +75,7 @@ def model_description(
 
 
 def _list_terminal(listed: ElementTree.Element, first: int, kind: FmuKind) -> dict[str, str]:
-    """Add the terminal's clocks and binary variables to the list. Returns their value references, from `first` on."""
+    """Add the terminal's clocks and binary variables to the list. Return their value references, from `first` on."""
     names = ("Rx_Clock", "Rx_Data", "Tx_Clock", "Tx_Data")  # same order as in ecu/c/fmu/bus/sw_fmu_events.c
     references = {name: str(first + i) for i, name in enumerate(names)}
 

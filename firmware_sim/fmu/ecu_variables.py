@@ -1,6 +1,6 @@
 """The variables of the ECU's FMU, each with the DBC signal that contains the variable's value.
 
-A variable's place in the list is its value reference. The list is written as a table for the wrapper in C
+A variable's place in the list is its value reference. The list is written in two forms: as a table for the wrapper in C
 (`ecu/c/fmu/sw_fmu.c`), and as `modelDescription.xml` (`firmware_sim.fmu.descriptions`).
 """
 
@@ -129,13 +129,13 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value reference of each input and parameter by its name; by the common part for all sensors' first."""
+    """Return the value references of inputs and parameters by name; a name common to all sensors has the first."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 
 
 def _signals(messages: MessageSet) -> dict[str, dict[str, tuple[int, int, int]]]:
-    """Return (first bit, bits, whether signed) of each signal, by its message in the set and its name in the DBC."""
+    """Return (first bit, number of bits, whether signed) of each signal, by message in the set and name in the DBC."""
     blocks, found = dbc_bytes().decode("utf-8").split("\nBO_ "), {}
     for message, spec in zip(("pressure", "speed", "command", "status"), messages.specs, strict=True):
         block = next(item for item in blocks if item.startswith(f"{spec.frame_id} {spec.name}:"))

@@ -11,9 +11,9 @@ FMU_SUFFIX: Final = ".fmu"
 
 @dataclass(frozen=True, kw_only=True)
 class FmuKind:
-    """A kind of FMU: with a CAN bus terminal (FMI-LS-BUS 1.0) in place of signals, whose Tx_Clock may be a triggered
-    output in place of a countdown, for importers with fixed steps; in FMI 2.0 in place of 3.0; compiled also for
-    Windows on x86-64."""
+    """A kind of FMU. It may have a CAN bus terminal (FMI-LS-BUS 1.0) instead of signals; for importers with fixed
+    steps, Tx_Clock may then be triggered instead of a countdown. It may be in FMI 2.0 instead of 3.0, and have a
+    library for Windows on x86-64."""
 
     bus: bool = False
     triggered: bool = False
@@ -35,8 +35,8 @@ FMU_KINDS: Final = tuple(field.name for field in fields(FmuKind))
 
 
 def kind_and_path(text: str, names: tuple[str, ...] = FMU_KINDS) -> tuple[FmuKind, Path]:
-    """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that is not in `names`
-    or excludes another, and for a file whose name has the wrong ending."""
+    """Return the kind and the path in `KIND,KIND:FILE` or `FILE`. Raises OutputError for a kind that is not in `names`,
+    for kinds that exclude each other, and for a wrong ending of the file name."""
     before, colon, after = text.rpartition(":")
     chosen = [name.strip() for name in before.split(",")] if colon and len(before) > 1 else []
     path = Path(after if chosen else text)

@@ -1,4 +1,4 @@
-"""The plant as an FMU: settings, a script that `pythonfmu3` runs, and a binary that checks each call before."""
+"""The plant as an FMU: settings, a script that `pythonfmu3` runs, and a binary that first checks each call."""
 
 import json
 import shutil

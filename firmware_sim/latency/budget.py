@@ -12,7 +12,7 @@ from firmware_sim.latency.measured import Quantiles
 from firmware_sim.latency.stages import Stage
 
 COUNTS: Final = ("misses", "misses_ours")
-"""Counts over a whole run that a budget may limit: missed commands, and by how many they exceed the idle loop's."""
+"""Counts over a whole run that a budget may limit: missed commands, and their excess over the idle loop's misses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ _Form: Final[Any] = make_dataclass(
 
 
 class KeptLimit(NamedTuple):
-    """The limit of a figure, and its measured value; None if the stage did not occur."""
+    """The limit of a figure and its measured value, which is None if the stage did not occur."""
 
     name: str
     allowed: float
@@ -47,7 +47,7 @@ class KeptLimit(NamedTuple):
 
 
 def read_budget(path: Path) -> dict[str, float]:
-    """Read each figure's limit, such as `all.p99_ms`. Raises ConfigError for a file without one, or an invalid one."""
+    """Read the limits of figures such as `all.p99_ms`. Raises ConfigError for a file with an invalid or no limit."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)

@@ -28,7 +28,7 @@ _WANTED: Final = Wanted(priority=PRIORITY + 1)
 
 
 class IdleStage(IntEnum):
-    """Columns of the idle loop's table; times are in ns on CLOCK_MONOTONIC."""
+    """The idle loop's columns; times are in ns on CLOCK_MONOTONIC."""
 
     PERIOD = 0
     """Index of the period; skipped periods are counted too."""
@@ -53,7 +53,7 @@ def run(period_ns: int, is_stopped: Callable[[], bool], *, longest: int) -> Stag
 
 
 def lateness(rows: Times, period_ns: int) -> Array:
-    """Return the time in ns from each scheduled instant to the wake-up; for a skipped period, to the next wake-up."""
+    """Return the time in ns from each scheduled instant to the next wake-up, which may be after skipped periods."""
     numbers = np.arange(rows[0, IdleStage.PERIOD], rows[-1, IdleStage.PERIOD] + 1)
     own = rows[np.searchsorted(rows[:, IdleStage.PERIOD], numbers)]
     before = own[:, IdleStage.PERIOD] - numbers

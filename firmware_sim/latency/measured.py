@@ -16,7 +16,7 @@ from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
 
 LEFT_CONTROL: Final = 5
-"""Number of consecutive periods without a plan at which control counts as lost: more than two lost frames cause."""
+"""Number of consecutive periods without a plan at which control counts as lost. Two lost frames cause fewer."""
 NEEDED_FOR_P99_9: Final = 1_000
 """Smallest number of values for which the nearest-rank 99.9th percentile may differ from the maximum."""
 
@@ -131,7 +131,7 @@ class MeasuredRun:
         )
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures for a results file. Latencies are in ms; None if there is no latency or it is infinite."""
+        """Return the figures for a results file. Latencies are in ms; missing and infinite latencies are None."""
         idle = Quantiles.of(self.idle_late)
         return {
             "about": self.about,

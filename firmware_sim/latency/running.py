@@ -24,7 +24,7 @@ END_S: Final = 30.0
 """Longest time in s that a process may take to write its table after it was asked to end."""
 OVERTIME: Final = 2.0
 START_S: Final = 60.0
-"""Longest time that the vehicle may take: a multiple of the run's length, and s to start."""
+"""Longest time that the vehicle may take: a multiple of the run's length, plus a time in s to start."""
 
 
 ECU, VEHICLE, IDLE = "ecu", "vehicle", "idle"
@@ -56,7 +56,7 @@ def recorded(
     progress: Callable[[int], None],
 ) -> Recorded:
     """Run the three processes until the vehicle's process ends, and write tables and logs into the existing folder.
-    Raises BusError if a process ended too early or did not end, with the last line that it printed; StillwakeError if a
+    Raises BusError, with the last printed line, if a process ended too early or did not end. Raises StillwakeError if a
     table cannot be read.
 
     Args:

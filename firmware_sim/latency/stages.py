@@ -29,7 +29,7 @@ class Stage(StrEnum):
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
-    """The time from that receipt to the deadline of the step that uses the frame, which absorbs jitter of the bus."""
+    """The time from that receipt to the deadline of the step that uses the frame; it absorbs jitter of the bus."""
     RECEIVE = "receive"
     """The time from the deadline, or a later receipt of the frame, to the plan: wake-up, checks, window."""
     PLAN = "plan"
@@ -40,8 +40,8 @@ class Stage(StrEnum):
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
     """The time from the scheduled sampling instant to the arrival of the first command computed from these or newer
-    pressures; of the commands in a period only the newest, which the vehicle uses. It is due at the next sampling
-    instant. For a period without a plan, the time is recorded only if the command arrived after it was due."""
+    pressures. Of a period's commands only the newest counts, because the vehicle uses this command. It is due at the
+    next sampling instant. Without a plan, the time is recorded only if the command was late."""
     ACTUATE = "actuate"
     """The time from the next sampling instant to the use of the command by the jets' driver."""
 
@@ -56,8 +56,8 @@ class Periods:
         origin_ns: scheduled instant of the first period, CLOCK_MONOTONIC.
         scheduled: sampling instants, shape (n,).
         answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
-        stages: latencies of each stage, shape (n,); NaN where the stage did not occur.
-        stalls: for a stage whose node left out m periods, the time from each to the stage's next occurrence, (m,).
+        stages: latencies of each stage, shape (n,); NaN for a period without the stage.
+        stalls: for a stage whose node left out m periods, the time from each to the next occurrence, shape (m,).
         planned: number of periods with a plan from the period's pressures.
     """
 
@@ -105,7 +105,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     if planned[0] >= len(sent) - 1:
         raise StillwakeError("the ECU's first plan arrived in the vehicle's last period: measure for longer")
     first, last = int(sent[planned[0], VehicleStage.PERIOD]), int(sent[-1, VehicleStage.PERIOD]) - 1
-    # All periods, with or without a row in the vehicle's table. The row of a period that was left out is the next row.
+    # All periods, with or without a row in the vehicle's table. A period that was left out gets the next row.
     numbers, own_number = np.arange(first, last + 1), sent[:, VehicleStage.PERIOD]
     row = np.searchsorted(own_number, numbers)
     instants = sent[row, VehicleStage.SCHEDULED] - (own_number[row] - numbers) * period_ns
@@ -146,7 +146,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return, for each counter, the index of the latest row with it that was sent before its arrival, or -1."""
+    """Return, for each received counter, the index of the latest row sent with it before the receipt, or -1."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period

@@ -84,10 +84,10 @@ def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
 
 
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
-    """Return the message about the latest period. Lost frames are counted over the latest `losses` periods."""
+    """Return the message about the latest period. It counts the frames lost in the latest `losses` periods."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
     planned = forces is not None and latest.planned_ns is not None
-    # The plan's first action acts during the latest period, and shows in the sample at its end, number k + 1.
+    # The plan's first action acts during the latest period. Its effect is visible in the period's last sample, k + 1.
     return {
         "type": "now",
         "run": run.number,

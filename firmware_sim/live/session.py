@@ -1,5 +1,5 @@
-"""The live loop, without socket, process or thread: its caller lets it compute period by period, passes requests to it,
-and fetches messages. With unchanged settings its rows are those of a run (`firmware_sim.bench.simulation`)."""
+"""The live loop, without socket, process or thread. Its caller calls it for each period, passes requests to it, and
+fetches messages. With unchanged settings its rows equal those of a run (`firmware_sim.bench.simulation`)."""
 
 import time
 from collections import deque
@@ -42,9 +42,9 @@ class LiveSession(NeverCopied):
         config: settings of the vehicle; its operating point and control period must be those of the bundle.
         wake: function from the plant's name to a plant in its initial state.
         ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
-        ahead: function from the controller's name to one that prepares the ECU, if that takes seconds, or None.
-        settings: initial settings, but for their request: control is requested after `lead_in` in t_c of each run.
-        kept: number of latest periods that a page should store, and that are stored here until `messages` is called.
+        ahead: function from the controller's name to a function that prepares a slow ECU, or to None.
+        settings: initial settings, except that control is requested only after `lead_in`, in t_c, of each run.
+        kept: number of latest periods that a page should store; the session stores as many until `messages` is called.
         clock: wall clock in s.
     """
 
@@ -111,7 +111,7 @@ class LiveSession(NeverCopied):
         self._now_due = True
 
     def before(self, request: object) -> Callable[[], None] | None:
-        """Return a function, for a thread, that prepares the requested ECU; None if there is nothing to be prepared."""
+        """Return a function that prepares the requested ECU in a thread; None if there is nothing to prepare."""
         try:
             action, value = asked(request)
             if action != "set":
@@ -245,7 +245,7 @@ class LiveSession(NeverCopied):
         self._now_due = False
 
     def _ecu(self, controller: str, settings: LiveSettings, *, powered_on: bool = False) -> LoopEcu:
-        """Return the ECU of this controller, perhaps the running one, with these settings' weights."""
+        """Return the ECU of this controller with these settings' weights; it may be the running ECU."""
         if controller not in self._made:
             made = self._make_ecu(controller)
             self._made[controller] = made, made.ecu.state

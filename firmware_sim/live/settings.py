@@ -44,7 +44,7 @@ def asked(request: object) -> Asked:
 
 
 CONTROLLERS: Final = ("python", "c", "mcu", "off")
-"""The ECU in Python with the ONNX graph, in C here, in C on an emulated microcontroller, and without supply."""
+"""Names of the ECUs: Python with the ONNX graph, C on this machine, C on an emulated microcontroller, no supply."""
 PLANTS: Final = ("wake", "recording")
 """Names of the plants: the flow solver, and recorded pressures, which do not respond to the jets."""
 
@@ -103,9 +103,9 @@ class LiveSettings:
     def changed(
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
-        """Return settings with some values replaced; weights are given by their names, or None for those of the
-        release, whose calibration is `own`. Raises ConfigError, which states the unknown, mistyped or out-of-range
-        value."""
+        """Return settings with some values replaced. Weights are given by their names; None selects the release's
+        weights. `own` is the release's calibration. Raises ConfigError, which states an unknown, mistyped or
+        out-of-range value."""
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
             raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")
@@ -118,7 +118,7 @@ class LiveSettings:
 
     @property
     def without_faults(self) -> Self:
-        """The settings with the present request, controller and plant, and the default of every other value."""
+        """The settings with the present request, controller and plant, and the defaults of all other values."""
         return type(self)(enable=self.enable, controller=self.controller, plant=self.plant)
 
     @property

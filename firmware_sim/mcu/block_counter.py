@@ -37,9 +37,9 @@ def _library() -> ctypes.CDLL:
 
 
 class BlockCounter:
-    """A counter of executed basic blocks in the memory of `size` bytes at `origin`, from its creation on. Create it
-    before the core first runs, because a hook does not see code that Unicorn translated earlier. Raises McuError if
-    there is no compiler for the hook, or Unicorn does not accept the hook."""
+    """A counter of the basic blocks that run in the memory of `size` bytes at `origin`. Create it before the core first
+    runs, because a hook does not see code that Unicorn translated earlier. Raises McuError if there is no compiler for
+    the hook, or Unicorn does not accept the hook."""
 
     def __init__(self, core: Any, origin: int, size: int, pipeline: Pipeline) -> None:
         self._origin, self._pipeline = origin, pipeline
@@ -66,12 +66,12 @@ class BlockCounter:
         self._counts[:] = 0
 
     def total(self) -> tuple[int, int]:
-        """Return the numbers of instructions and modelled cycles since `start`."""
+        """Return the number of instructions and the modelled cycles since `start`."""
         blocks = list(self.blocks())
         return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
 
     def blocks(self) -> Iterator[tuple[int, int, int]]:
-        """Yield address, and instructions and modelled cycles of all runs, of each block that ran since `start`."""
+        """Yield each block that ran since `start`: address, and instructions and modelled cycles of all its runs."""
         places = np.flatnonzero(self._counts)
         found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
         for place, count, size in found:

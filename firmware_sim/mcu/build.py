@@ -18,8 +18,8 @@ NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # C allows the contraction of operations within an expression. Contraction gives equal results on all targets that have
 # fused multiply-add.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
-# The sources already unroll the loops that become faster; unrolling all loops would take 21 KiB more flash. Frame
-# pointers, which zig keeps, and more inlining would take 2 KiB and 3 % more time.
+# The sources already unroll the loops that become faster; unrolling all loops would take 21 KiB more flash. zig's
+# defaults, with frame pointers and more inlining, would take 2 KiB and 3 % more time.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops", "-fomit-frame-pointer",
     "-mllvm", "-inline-threshold=50", "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
@@ -28,7 +28,7 @@ BARE: Final = (
 BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
 BUS_KEY: Final = "sw_board_bus_key.h"
-"""Headers with what production writes; in an exported library they enable no loader and contain no key."""
+"""Headers with the values written at production. In an exported library they enable no loader and contain no key."""
 
 
 def compile_for_cortex_m7(
@@ -43,8 +43,8 @@ def compile_for_cortex_m7(
 
 
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
-    """Compile the whole firmware of a board, including its vector table; return an ELF file. `sources` are those of a
-    library with ECU and board by their paths in its folder; files of `own` replace those with the same name. Raises
+    """Compile the whole firmware of a board, including its vector table; return an ELF file. `sources` are the sources
+    of a library with ECU and board, by path in its folder; files of `own` replace those with the same name. Raises
     LibraryError for a library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
     """
     return _linked(board_files(sources, own), BOARD_SCRIPT, "sw_board_start", CORTEX_M7)

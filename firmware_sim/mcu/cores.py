@@ -6,8 +6,8 @@ from typing import Final
 
 @dataclass(frozen=True, kw_only=True)
 class Core:
-    """A Cortex-M with the DSP extension and single-precision floating point: its name for users and for the compiler,
-    clocks for which times are computed, and whether it issues two instructions per cycle."""
+    """A Cortex-M with the DSP extension and single-precision floating point. The fields are its names for users and for
+    the compiler, the clocks for which times are computed, and whether it issues two instructions per cycle."""
 
     name: str
     cpu: str

@@ -14,7 +14,7 @@ _BITS: Final = 32
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """A linked program: the flash as (address, bytes), sizes of sections in bytes, and addresses of symbols."""
+    """A linked program: contents of the flash as (address, bytes), sections' sizes in bytes, symbols' addresses."""
 
     segments: tuple[tuple[int, bytes], ...]
     sections: dict[str, int]

@@ -1,4 +1,4 @@
-"""The measurement of a library on an emulated Cortex-M7: time and memory, and the answers of this host."""
+"""The measurement of a library on an emulated Cortex-M7: time, memory, and a comparison with this host's results."""
 
 import subprocess
 import tempfile
@@ -36,9 +36,9 @@ class Measurement:
         multiply_accumulates: number of products with weights, computed from the networks' sizes.
         instructions: executed instructions, exact and equal for all steps in which all iterations run.
         cycles: modelled cycles (`firmware_sim.mcu.pipeline`).
-        one_per_cycle_ms, modelled_ms: time of a step with one cycle an instruction, and with these, by clock in MHz.
+        one_per_cycle_ms, modelled_ms: time of a step with one cycle per instruction, and with `cycles`, by MHz.
         steps: number of control steps compared with the host.
-        identical: whether all outputs were equal bit for bit; otherwise the largest differences follow.
+        identical: whether all outputs were equal bit for bit. If not, see the largest differences below.
     """
 
     precision: str
@@ -73,7 +73,7 @@ class Measurement:
 
 
 def measure_folder(folder: Path, *, phase: Callable[[str], None] = lambda begun: None) -> Measurement:
-    """Call `measure` for a folder written by `stillwake export --c`; raises LibraryError for any other folder."""
+    """Call `measure` for a folder written by `stillwake export --c`. Raises LibraryError for any other folder."""
     return measure(read_sources(folder), read_recorded(folder), phase=phase)
 
 
@@ -88,7 +88,7 @@ def measure(
     with the reason if there are too few rows, or the library does not compile or run.
 
     Args:
-        rows: n rows with the pressures Cp at the S sensors and the action commanded one step before, shape (n, S+1); n
+        rows: n rows, shape (n, S+1), with the pressures Cp at the S sensors and the action commanded one step before. n
             is at least the length of the window.
         core: core to compile for and to model; the emulated core is a Cortex-M7.
         phase: called with each of `MCU_PHASES` when it begins.
@@ -164,7 +164,7 @@ def _on_host(sources: Mapping[str, bytes], rows: ProgramRows) -> ProgramRows:
 
 
 def verdicts(modelled_ms: Mapping[str, float], period: float) -> Iterator[tuple[str, str]]:
-    """Yield (label, text) for users: the control period in ms, and a verdict on each of `Measurement.modelled_ms`."""
+    """Yield (label, text) for users: the control period in ms, and a verdict on each `Measurement.modelled_ms`."""
     yield "control period", f"{period:g} ms (from the settings; it is not in the library)"
     for clock, needed in modelled_ms.items():
         share = needed / period

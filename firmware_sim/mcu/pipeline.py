@@ -6,9 +6,9 @@ Arm publishes no cycle counts for the Cortex-M7, so its model makes these assump
 - Instructions issue in order, up to two per cycle, when both are ready. At most one instruction of a pair may multiply,
   use the floating-point unit, store, or branch. Two single loads may form a pair; a double load takes both load ports.
   The second instruction of a pair may write a register that the first one reads.
-- A result can be used one cycle later if it is from the integer unit, two cycles later after a load or a multiplication
-  (one cycle if an accumulator uses it), three cycles later if it is from the floating-point unit, and four cycles later
-  after a fused multiply-add. Divisions take 14 cycles and block their unit.
+- A result of the integer unit can be used one cycle later. After a load or a multiplication this takes two cycles (one
+  cycle if an accumulator uses the result), after a floating-point operation three cycles, and after a fused
+  multiply-add four cycles. Divisions take 14 cycles and block their unit.
 - A block that ends in a branch takes one more cycle; branches are predicted correctly.
 - Every memory access is a hit: code is in instruction TCM or cache, workspace and the dynamics' weights are in data
   TCM, and all other constants are in a warm data cache.
@@ -135,7 +135,7 @@ def _kind(mnemonic: str) -> tuple[str, int, int]:
 
 
 def _accumulators(instruction: Any) -> set[int]:
-    """Return the registers to which a multiply-accumulate adds. These are needed one cycle later than the factors."""
+    """Return the registers to which a multiply-accumulate adds. They are needed one cycle later than the factors."""
     operands = [int(operand.reg) for operand in instruction.operands]
     if instruction.mnemonic.startswith(("smlal", "umlal")):
         return set(operands[:2])

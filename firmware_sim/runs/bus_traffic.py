@@ -11,7 +11,7 @@ from can_bridge.wire.message_sets import MessageSet
 @dataclass(frozen=True, kw_only=True)
 class NodeErrors:
     """The state of a node's CAN controller at the end of the run: the name of a `can_bridge.bus.interface.BusState`,
-    its error counters, how often it went bus-off, and how many frames it could not send."""
+    error counters, and the numbers of bus-offs and of frames that the controller could not send."""
 
     state: str
     tx_errors: int
@@ -31,7 +31,7 @@ class BusTraffic:
     Attributes:
         load: share of the time in which the bus was not free, 0 to 1.
         error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
-        longest_wait_ms: longest time from the send queue to the successful transmission, by our messages' names.
+        longest_wait_ms: longest time from the send queue to the successful transmission, by name of our message.
     """
 
     load: float

@@ -20,8 +20,8 @@ KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have
 
 @dataclass(frozen=True, kw_only=True)
 class LatchedFault:
-    """The first fault that latched while control was requested: the name of its Reason, its period's start in t_c and
-    index in the series, and the number of control periods since the request."""
+    """The first fault that latched while control was requested. The fields are the name of its Reason, the start (in
+    t_c) and index of its period, and the number of control periods since the request."""
 
     reason: str
     t: float
@@ -34,7 +34,7 @@ class RunControl:
     """Counts of the control periods in which control was requested.
 
     Attributes:
-        modes: number of these periods in each mode of the ECU, by the mode's name or SKIPPED.
+        modes: number of these periods in each mode of the ECU, by the name of the mode or SKIPPED.
         warm_up: number of periods from the request on in which the controller's window was still filling.
         fault: first latched fault; None if there was none.
         shut: share of the requested time in which the jets were shut, 0 to 1.
@@ -64,7 +64,7 @@ def mode_names(log: RunLog) -> list[str]:
 
 
 def mode_spans(log: RunLog) -> list[tuple[str, int, int]]:
-    """Return (mode or SKIPPED, first period, period after the last) of every span of one, in order of time."""
+    """Return (mode or SKIPPED, first period, period after the last) of every span of equal modes, in order of time."""
     names = np.array(mode_names(log))
     edges = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
     return [(str(names[first]), first, after) for first, after in pairwise(edges) if after > first]
@@ -104,7 +104,7 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why the controller was not always in control, to be shown before all figures, or None."""
+    """Return a sentence on why the controller was not always in control, or None. It is shown before all figures."""
     found = control(log)
     if found.held:
         return None

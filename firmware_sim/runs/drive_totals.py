@@ -1,4 +1,4 @@
-"""The totals of a drive with and without control: the energy to overcome drag, and the energy of the jets."""
+"""The totals of a drive with and without control: energy to overcome drag, and energy of the jets."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -23,8 +23,8 @@ class DriveTotals:
     Attributes:
         drag_kJ_per_km, drag_kJ_per_km_without: energy to overcome the wall's drag, with and without control.
         jets_kJ_per_km: energy that the jets give to the flow; negative if they take energy.
-        net_kJ_per_km, net_kJ_per_km_without: energy to overcome the drag of wall, slots and jet momentum, plus the
-            jets' energy, with and without control.
+        net_kJ_per_km, net_kJ_per_km_without: energy of the jets, plus energy to overcome the drag of wall, slots and
+            jet momentum; with and without control.
         reduction_percent, net_reduction_percent: reductions, by control, of the drag energy and of the net energy.
         abs_Cl, abs_Cl_without: mean of |Cl| in units of the present speed's dynamic pressure, with and without control.
         in_control_percent: percentage of the periods in control; the energies include all periods.

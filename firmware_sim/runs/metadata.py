@@ -32,13 +32,13 @@ class RunOrigin:
 
     @classmethod
     def on(cls, day: date, *, command: tuple[str, ...] = (), start: str | None = None) -> "RunOrigin":
-        """Return the origin of a run on this day; `start` is the name of the state file, if one was given."""
+        """Return the origin of a run on this day. `start` is the name of the state file, if a file was given."""
         return cls(day=day.isoformat(), command=command, flow=cls.flow if start is None else start)
 
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance and how often it acted: as a port's fault counts; for bit errors, attempts; else periods."""
+    """A disturbance and how often it acted: counts of a port's fault, attempts to send with bit errors, or periods."""
 
     text: str
     acted: int
@@ -46,8 +46,8 @@ class InjectedFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RunEcu:
-    """The ECU of a run: python, c or mcu; of an emulated core, its clock, and median and maximum of its times for a
-    step with a plan. Without a clock, the computing time is `ecu.compute_time_ms`."""
+    """The ECU of a run: python, c or mcu. An emulated core also has its clock, and median and maximum of its times for
+    a step with a plan. Without a clock, the computing time is `ecu.compute_time_ms`."""
 
     kind: str = "python"
     clock_mhz: float | None = None
@@ -68,7 +68,7 @@ class RunMetadata:
     """The description of a run, which is stored with its series.
 
     Attributes:
-        controller, digest: name, precision and short digest of the bundle; full digest.
+        controller, digest: name, precision and short digest of the bundle in one text; and its full digest.
         computed_by: runtime that computes the control step.
         signer: fingerprint of the key that signed the bundle; None for an unsigned bundle.
         sensors: names of the sensors, in the order of the Pressure message.
@@ -99,7 +99,7 @@ class RunMetadata:
 
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
-        """Create the metadata of a run in this process. `calibration` is the ECU's after the run."""
+        """Create the metadata of a run in this process. `calibration` is that of the ECU after the run."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
         own = {"python": platform.python_version(), "machine": platform.machine()}
@@ -139,7 +139,7 @@ _UNUSED: Final = ("forcing", "model", "train", "mpc")
 
 
 def settings_of(run: RunMetadata) -> dict[str, str]:
-    """Return a run's settings by their dotted TOML names; those of `mpc` are the bundle's, with the run's weights."""
+    """Return a run's settings by dotted TOML names. Settings of `mpc` are from the bundle, weights from the run."""
     used = {name: value for name, value in loading.to_tree(run.config).items() if name not in _UNUSED}
     built = asdict(run.mpc) | {"weights": asdict(run.weights)}
     return {name: str(value) for name, value in leaves(used | {"mpc": built})}

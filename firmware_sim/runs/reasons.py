@@ -1,4 +1,4 @@
-"""Texts for laypeople: the ECU's behaviour in each mode, and why the jets do not follow the controller."""
+"""The texts for laypeople: what the jets do in each mode, and why they do not follow the controller."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -11,8 +11,8 @@ class RunFolder:
 
     Attributes:
         series, summary: files of `run_log.RunLog` and of `summary.whole_summary` as JSON.
-        frames: log of every frame on the bus, in candump's format.
-        uncontrolled_picture, controlled_picture: vorticity at the end of the time without control, and of the run.
+        frames: log of every frame on the bus, in the format of candump.
+        uncontrolled_picture, controlled_picture: vorticity at the end of the lead-in and of the run.
         wake: file of `wake_stills.WakeStills`; missing in folders of earlier versions.
     """
 

@@ -29,7 +29,7 @@ WALL: Final = "wall_Cp"
 """Name of the series of Cp at the bundle's S sensors, shape (n, S) for n periods."""
 
 WITHOUT: Final = ("without_Cd", "without_Cd_net", "without_Cl")
-"""Names of the series of a drive's flow with the jets shut, for comparison; each has the shape (n,) for n periods."""
+"""Names of the series of a drive's flow with the jets shut, for comparison. Each has the shape (n,) for n periods."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,8 +43,8 @@ class Row:
         mode: `can_bridge.wire.messages.Mode` of the ECU after its latest step.
         reason: `can_bridge.wire.messages.Reason` for which the ECU was not in control after this step.
         step_ms: wall-clock time of the ECU's step on this machine; NaN if the ECU skipped the step.
-        age_ms: virtual time from the sampling of the pressures to the arrival of the command computed from them; NaN if
-            no command arrived in this period.
+        age_ms: virtual time from the sampling of pressures to the arrival of the command computed from them; NaN if no
+            command arrived in this period.
         set_aside: sensors that the controller does not use; bit i is sensor i of the bundle.
         speed: speed of the vehicle at the period's start, in m/s.
     """
@@ -87,8 +87,8 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: arrays for the n periods of the run: the names in `COLUMNS`, shape (n,); `WALL`, if the sensors were
-            recorded; for a drive the names in `WITHOUT`.
+        series: arrays for the n periods of the run. They have the names in `COLUMNS`, shape (n,); also `WALL`, if the
+            sensors were recorded, and for a drive the names in `WITHOUT`.
         enabled_at: index of the first row in which control is requested.
     """
 

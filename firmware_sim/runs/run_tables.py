@@ -1,4 +1,4 @@
-"""The figures of a run as text, in tables that both the page and the terminal show."""
+"""The figures of a run as text, in tables for the page and the terminal."""
 
 from math import isnan
 from typing import Final
@@ -29,17 +29,17 @@ _DRAG_ROWS: Final = (
     ("std of Uy at {probe}", "Uy_std", ".3f"),
     ("whole shedding cycles averaged", "cycles", "d"),
 )
-"""Label, field of `Regime`, and number format of each row. {probe} in a label is the position of the wake probe."""
+"""Label, field of `Regime`, and number format of each row. In a label, {probe} is the position of the wake probe."""
 
 _ECUS: Final = {"python": "in Python", "c": "in C, on this machine", "mcu": "in C, on an emulated Cortex-M7"}
 ENOUGH_CYCLES: Final = 2
 """Smallest number of cycles that an average needs, because drag varies by several per cent between cycles."""
 _STILL: Final = 0.01
-"""Rms action, as a share of the limit, below which the jets do not move; a working controller reaches a half."""
+"""Rms action, as a share of the limit, below which the jets count as still. A working controller reaches a half."""
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
-    """Return (quantity, value without control, value under control) as text, or one row why there are no averages."""
+    """Return (quantity, value without control, value under control) as text, or a row on missing averages."""
     if (drive := drive_totals(log)) is not None:
         return _drive_rows(drive)
     means = averages(log)
@@ -113,7 +113,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def headline(log: RunLog) -> str:
-    """Summarise the run, problems first. A reduction has no reservation only under control and with less side force."""
+    """Summarise the run, problems first. A reduction gets a reservation unless control was held and side force fell."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
     if (drive := drive_totals(log)) is not None:

@@ -1,7 +1,7 @@
 """Figures of a run: averages without and with control, and the computing time of the ECU's steps.
 
-Averages are over whole shedding cycles (`wake.truck.averages`): before control those between the lift's zero crossings;
-under control as many of their mean length as fit between the end of the settling time and the last sample.
+Averages are over whole shedding cycles (`wake.truck.averages`): before control, those between zero crossings of the
+lift; under control, as many of their mean length as fit between the end of the settling time and the last sample.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Regime:
-    """Time averages over `cycles` in one part of a run, `duration` in t_c; coefficients as in `DragLedger`."""
+    """Time averages over `cycles` cycles in a part of a run; `duration` in t_c, coefficients as in `DragLedger`."""
 
     cycles: int
     duration: float
@@ -43,7 +43,7 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """Averages of a run before and under control, and whether each of its n periods contributes to `under`, (n,)."""
+    """Averages of a run before and under control. `averaged`, (n,), marks which of the n periods count for `under`."""
 
     before: Regime
     under: Regime
@@ -63,7 +63,7 @@ class NoAverages:
 
 @dataclass(frozen=True, kw_only=True)
 class Latency:
-    """Wall-clock times in ms of the ECU's steps with a plan; of these, `over_budget` exceeded the bundle's budget."""
+    """Wall-clock times in ms of the ECU's steps with a plan; `over_budget` steps exceeded the bundle's budget."""
 
     p50: float
     p90: float

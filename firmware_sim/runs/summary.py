@@ -12,8 +12,8 @@ from firmware_sim.runs.statistics import NoAverages, averages, latency, rounded,
 
 
 def summary(log: RunLog) -> dict[str, Any]:
-    """Return the measured figures that `stillwake run --json` prints. An unknown figure is null, as is
-    `reduction_percent` unless the controller was in control in all averaged periods."""
+    """Return the measured figures that `stillwake run --json` prints. An unknown figure is null. `reduction_percent` is
+    null unless the controller was in control in all averaged periods."""
     metadata, held, drive, timing = log.metadata, control(log), drive_totals(log), latency(log)
     names = ("overruns", "missed", "crc_errors", "not_authentic", "bus_off")
     counted = {name: getattr(metadata.status, name) for name in names}

@@ -43,7 +43,7 @@ bundle = typer.Typer(
 )
 
 DIFFERENT: Final = 1
-"""Exit status of `stillwake bundle diff` for two bundles that differ; the program diff(1) has the same status."""
+"""Exit status of `stillwake bundle diff` for two bundles that differ, as that of diff(1)."""
 
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
@@ -67,7 +67,7 @@ def keygen(
         typer.Option("--secret", help="Make a secret for frames (bus.key) or for a tester's access, not a key pair."),
     ] = False,
 ) -> None:
-    """Make a key pair: release.key signs and must be kept secret, release.pub is for everyone who checks the signature.
+    """Make a key pair. release.key signs and must be kept secret; release.pub is for everyone who checks signatures.
 
     With --secret the command writes a secret instead: 128 random bits as hexadecimal digits. For authenticated frames,
     name the file of the secret in `bus.key` on both nodes; for a tester's access, name the file with --access. Frames
@@ -168,9 +168,9 @@ def inspect(
 ) -> None:
     """Verify a bundle, an image or a key list, and show its contents and its signer.
 
-    For a bundle, the command prints one line for each check that is made when a bundle is loaded, and one line for a
-    control step that it runs; if a check fails, nothing else is shown and the exit status is 1. A key list may have any
-    signer, unless --trust names the root key.
+    For a bundle, the command prints one line for each check that loading a bundle makes, and one line for a control
+    step that it runs. If a check fails, nothing else is shown and the exit status is 1. A key list may have any signer,
+    unless --trust names the root key.
     """
     if path is not None and (key_list.is_list(path) or is_image(path)):
         if sbom is not None:
@@ -209,7 +209,7 @@ def _verify(where: Path, trusted: PublicKey | None) -> None:
 
 
 def _first_step(release: Bundle) -> Check:
-    """Run one step of each ONNX graph in bounded time and memory; check its inputs and outputs against the manifest."""
+    """Run one step of each ONNX graph with limited time and memory; compare inputs and outputs with the manifest."""
     # ONNX Runtime is imported here, because its import takes a while and leaves a file in the temporary folder.
     from contract.runtime.onnx_session import OnnxController, OnnxEstimator
 
@@ -226,8 +226,7 @@ def diff(
     a: Annotated[Path, typer.Argument(help="Bundle directory.")],
     b: Annotated[Path, typer.Argument(help="Bundle directory to compare with.")],
 ) -> None:
-    """Show the differences between two bundles, in the manifest, the signer and the files' hashes, or between two
-    images (.swi).
+    """Show the differences between two bundles (manifest, signer, hashes of files), or between two images (.swi).
 
     The exit status is 0 if there is no difference, 1 if there are differences, and 2 if a bundle or an image cannot be
     read or does not verify. A bundle with the stillwake.dbc of another version is accepted.

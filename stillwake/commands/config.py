@@ -1,4 +1,4 @@
-"""The command that shows settings: each with its value, the value's source, and its meaning."""
+"""The command that shows each setting with its value, the value's source, and its meaning."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -43,7 +43,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""A text that names the command by which the user makes an option's file, by the name of the option."""
+"""The command that makes an option's file, as a text, by the name of the option."""
 
 
 class _RunsByDefault(TyperGroup):
@@ -98,9 +98,9 @@ def run(
 
     With --slots the command runs the release in a folder. `stillwake ecu provision` makes the folder, `stillwake flash`
     replaces the release over the same bus, and `stillwake calibrate` changes its goal and limits. With --mcu the
-    command runs the whole firmware of --library in the emulator, from its reset vector. Firmware that runs for the
-    first time has no release; send it a key list and an image (`export --image`) with `stillwake flash`. A control step
-    of the emulated firmware takes longer than a control period, so use `stillwake run --ecu mcu` for control.
+    command runs the whole firmware of --library in the emulator, from its reset vector. At its first run the firmware
+    has no release: send a key list and an image (`export --image`) with `stillwake flash`. A control step of the
+    emulated firmware takes longer than a control period, so use `stillwake run --ecu mcu` for control.
 
     stillwake ecu --bus socketcan:can0
 
@@ -247,8 +247,8 @@ def _run_firmware(
     header = equipment_header(signing.read_public_key(root), read_secret(access), vehicle, hardware, _SERIAL)
     console.print("building the firmware")
     ecu = BoardEcu(sources, own={EQUIPMENT: header}, bank=bank)
-    # The bus delivers only the frames of the message set and of diagnosis; the filters of the emulated CAN controller
-    # select the ECU's frames from these.
+    # The bus delivers only the frames of the message set and of diagnosis. The filters of the emulated CAN controller
+    # then select the ECU's frames.
     accept = [spec.frame_id for spec in message_set(config.bus).specs] + list(config.bus.diagnosis.heard)
     with PythonCanBus.open(config.bus, accept=accept) as port, until_stopped() as is_stopped:
         console.print(f"{hardware}: running, flash in {flash}; stop with Ctrl-C")

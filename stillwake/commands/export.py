@@ -44,7 +44,7 @@ _NO_BUNDLE: Final = (
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
-"""Settings of a release that may differ from the settings that its model stores."""
+"""Settings of a release that may differ from those stored in its model."""
 USES_IN_C: Final = ("bus", "ecu")
 """Further settings, which are compiled into the ECU of a C library."""
 USES_FOR_TESTERS: Final = (
@@ -144,7 +144,7 @@ class _Files:
 
     @property
     def in_c(self) -> bool:
-        """Whether the C library is needed: for its own folder, or to make the FMU or the image."""
+        """Whether the C library is needed, for its own folder or to make the FMU or the image."""
         return self.c is not None or self.fmu is not None or self.image is not None
 
     @property
@@ -299,7 +299,7 @@ def _settings(model: Path, given: list[str], *, uses: Sequence[str] = USES) -> C
     try:
         own = model_folder.read_description(model)["config"]
     except ModelError:
-        # A setting that does not exist is reported before all other errors, as in every other command.
+        # As in every command, a setting that does not exist is reported before all other errors.
         read_settings(given)
         raise
     try:
@@ -328,7 +328,7 @@ def mcu(
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Compile the C library for a Cortex-M7, replay the library's recorded rows on an emulated Cortex-M7, and compare
-    the results with this computer's.
+    the results with those of this computer.
 
     The last lines report whether a control step fits into the control period of the operating point.
     """

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 _NOT_PASSED: Final = 3
 """Exit status of a complete run in which the latency budget was exceeded, or the ECU left control."""
 LEAD_IN_S: Final = 2.0
-"""Time in s from the start to the request for control; by then the ECU's deadlines follow the vehicle's sampling."""
+"""Time in s from the start to the request for control. By then the ECU's deadlines follow the vehicle's sampling."""
 SPARE_PERIODS: Final = 25
-"""Number of control periods that are run but not counted, before the first plan and after the last counted period."""
+"""Number of periods that are run but not counted: before the first plan, and after the last counted period."""
 INTERFACE: Final = "udp_multicast"
 USES: Final = ("operating_point", "flow.control_period", "flow.action_limit", *REAL_BUS, "ecu", "vehicle")
 
@@ -166,7 +166,7 @@ def measured(
 
 
 def ecu_command(subject: Subject, chosen: Path, *, periods: int) -> list[str]:
-    """Return the command line of `stillwake ecu` that runs this controller for at most `periods` control steps."""
+    """Return the command line of `stillwake ecu` for this controller, with at most `periods` control steps."""
     library = [] if subject.library is None else ["--library", str(subject.library)]
     # The benefit check is off, because the vehicle's pressures are recorded and do not respond to the jets.
     unjudged = ["--set", "ecu.benefit_check.enabled=false"]

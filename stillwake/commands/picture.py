@@ -146,8 +146,8 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
     if forcing.partition(":")[0] in FORCINGS:
         usual = round(_USUAL_DURATION / config.flow.control_period)
         return _signal(config, usual if asked is None else asked, forcing)
-    # Row k holds the action reached at t_k, to which the plant ramps from the action in row k - 1. So the commands are
-    # the actions from row 1 on.
+    # Row k has the action reached at t_k. The plant ramps to this action from the action in row k - 1, so the commands
+    # are the actions from row 1 on.
     recorded: npt.NDArray[np.float64] = _run_log(Path(forcing)).series["action"][1:]
     steps = len(recorded) if asked is None else asked
     if steps > len(recorded):

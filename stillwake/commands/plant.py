@@ -36,7 +36,7 @@ def develop(
     The shipped state was made in this way. Another Reynolds number or body needs its own state; give this command and
     the command that uses the state the same settings, for example --set flow.reynolds=1000.
 
-    With --steady, the flow is kept symmetric about its midline, so that no vortices are shed, until it is steady. The
+    With --steady, the flow is kept symmetric about its midline until it is steady, so that no vortices are shed. The
     drag of the steady flow is the lowest that a controller can reach by suppressing the shedding only; --json writes
     the drag to a file.
     """

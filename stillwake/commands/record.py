@@ -1,5 +1,5 @@
-"""The command `stillwake record`, which records forced episodes (with --paper those of the paper's data set), or adds a
-round of episodes under a controller or from the steady wake."""
+"""The command `stillwake record`. It records forced episodes (with --paper, the episodes of the paper's data set), or
+adds a round of episodes under a controller or from the steady wake."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -235,7 +235,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
 
 
 def _advice(output: Path) -> str:
-    """Return how to continue the recording if a part of it was stored, otherwise an empty text."""
+    """Return a text on how to continue the recording; empty if no part of it was stored."""
     from wake.recording.parts_folder import PartsFolder
 
     parts = PartsFolder.for_output(output)
@@ -245,7 +245,7 @@ def _advice(output: Path) -> str:
 
 @contextmanager
 def _progress(episodes: int) -> Iterator[dict[str, Any]]:
-    # Steps are counted when their block is complete. A block takes seconds, so the rate is averaged over many blocks.
+    # Steps are counted when their block is complete. A block takes seconds, so the speed is averaged over many blocks.
     with progress("steps", estimate_over=600.0) as report:
         done: dict[str, tuple[int, int]] = {}
 

@@ -42,9 +42,9 @@ def refine(
 
     The prior is a small feedback that gives the plan from which the controller's optimiser starts. It runs in closed
     loop with the flow solver, and learns by the exact gradient of the drag. The command can be stopped at any time; the
-    same command continues. docs/explanation/through-the-flow.md describes the method. The sensors of --sensors must be
-    pairs of mirror images; without it they are the model's sensors if these are such pairs, or else two pairs next to
-    the rear edges. --dataset is the model's training data, and --state is on the default grid.
+    same command continues. docs/explanation/through-the-flow.md describes the method. --sensors must name pairs of
+    mirror images. The default is the model's sensors if they are such pairs, otherwise two pairs next to the rear
+    edges. --dataset is the model's training data; --state must be on the default grid.
     """
     from train import model_store
     from train.refinement.pipeline import are_pairs, refine_model
@@ -55,8 +55,8 @@ def refine(
     trained = model_store.load(folder_read)
     own = trained.config
     if trained.prior is None:
-        # A model without a prior has settings for an optimiser that improves its own plan of the previous period. An
-        # optimiser that starts from a prior's plan has less to improve, so the default settings replace most of them.
+        # A model without a prior has settings for an optimiser that starts from its own plan of the previous period. An
+        # optimiser that starts from a prior's plan has less to improve, so defaults replace most of these settings.
         kept = own.mpc
         mpc = replace(load_config().mpc, horizon=kept.horizon, drag_reference=kept.drag_reference)
         own = replace(own, mpc=mpc)

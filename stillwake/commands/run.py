@@ -88,7 +88,7 @@ def run(
     (docs/reference/disturbances.md). Faults of one node are written with vehicle: or ecu: before their kind: drop,
     burst_loss, duplicate, delay, reorder, flip_bits, stuck_at, babble, disconnect, slow_consumer or clock_drift.
 
-    --drive gives the vehicle a varying speed, and first runs the drive without control, to compare the energy:
+    --drive gives the vehicle a varying speed. The drive is first run without control, to compare the energy. Drives are
     steady-60 to steady-140 (percent of operating_point.speed, in tens), steps, ramps, wltc-high, gusty-ramp, or a CSV
     file with the columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
     """
@@ -154,7 +154,7 @@ def _check_reduction(percent: float | None, *, averages: bool) -> None:
 def _spans(
     config: Config, drive: "Drive | None", lead_in: float, controlled: float | None, settle: float, *, averages: bool
 ) -> dict[str, Any]:
-    """Return the fields of the run's `Spans`; an error in these times is raised before a C library is made."""
+    """Return the fields of the run's `Spans`. An error in these times is raised before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
@@ -223,9 +223,9 @@ def _closed(
 
 
 def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle, config: Config) -> "LoopEcu":
-    """Return the bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library was named and the
-    bundle is not the shipped one, or if the library is not the bundle's. Raises StillwakeError if the library cannot be
-    compiled, or an ECU in C does not support the settings."""
+    """Return the bundle's ECU in C, for the vehicle of this run. Raises LibraryError if no library is given for a
+    bundle other than the shipped one, or if the library is of another bundle. Raises StillwakeError if the library
+    cannot be compiled, or an ECU in C does not support the settings."""
     from can_bridge.secoc.key import read_secret
     from ecu.in_c.c_ecu import ecu_sources
     from firmware_sim.bench.ecus import check_ecu, loop_ecu

@@ -30,9 +30,9 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
     "mdf": ("asammdf",),
     "mcap": ("mcap_protobuf", "foxglove_schemas_protobuf"),
 }
-"""The packages that each extra of `pyproject.toml` installs, by the names with which they are imported."""
+"""The packages that each extra of `pyproject.toml` installs, by their import names."""
 _FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
-"""The extra that an error message recommends, by command, if several extras install the missing package."""
+"""The extra that an error message recommends if several extras install the missing package, by command."""
 REPORT: Final = "this is an error in stillwake: please report it with the lines above"
 
 errors = make_console(stderr=True)
@@ -41,8 +41,8 @@ errors = make_console(stderr=True)
 def status_of(command: Callable[[], object]) -> int:
     """Run a command to its end; return its exit status. If the command failed, one line is printed to stderr.
 
-    An exception that no user should be able to cause is printed with its traceback, followed by a line that asks the
-    user to report it.
+    An exception that no user should be able to cause is printed with its traceback. A further line asks the user to
+    report it.
     """
     try:
         try:
@@ -52,7 +52,7 @@ def status_of(command: Callable[[], object]) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:
-        # Python would write the rest of the buffer again when it ends, and fail again, so the output is redirected.
+        # At its end Python would write the rest of the buffer again, and fail again. So the output is redirected.
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1 if error.errno == errno.EPIPE else _fail(f"cannot write to standard output: {_reason(error)}")
@@ -63,7 +63,7 @@ def _status_of(command: Callable[[], object]) -> int:
     try:
         command()
     except SystemExit as stop:
-        # typer ends by exiting, and makes this of Ctrl-C.
+        # typer ends with SystemExit, also after Ctrl-C.
         return _stopped() if stop.code == INTERRUPTED else _code(stop)
     except KeyboardInterrupt:
         return _stopped()

@@ -111,8 +111,8 @@ def steps_of(option: str, duration: float, period: float, *, least: int = 1) -> 
 
 
 def workers_of(text: str | None) -> dict[str, Any]:
-    """Return the arguments `workers` and `scheduler` for the value of `--workers`: a number of processes, by default
-    one per core, or a scheduler's address. Raises ConfigError for another text."""
+    """Return the arguments `workers` and `scheduler` for the value of `--workers`. The value is a number of processes
+    (default: one per core) or a scheduler's address. Raises ConfigError for another text."""
     if text is None:
         return {"workers": cores(), "scheduler": None}
     if ":" in text:

@@ -2,9 +2,9 @@
 only on request.
 
 A second command that would write to a locked path is refused before it begins its work, so no work is lost. A lock is
-the system's lock on a hidden file beside the output, `.NAME.lock`. It ends with the process in every case; a hidden
-file that a killed process left has no effect. Linux passes the lock on to an NFS server, so that it also works between
-machines. Windows and some file systems have no such locks; no command is refused on these systems.
+the system's lock on a hidden file beside the output, `.NAME.lock`. It always ends with the process, so the hidden file
+of a killed process has no effect. Linux passes the lock on to an NFS server, so the lock also works between machines.
+Windows and some file systems have no such locks, and there no command is refused.
 """
 
 import atexit
@@ -78,7 +78,7 @@ def _lock(path: Path, file: Path) -> None:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(held), file.stat()):
                 break
-        # The lock's previous holder has removed the file in the meantime, so a lock on it does not stop other commands.
+        # The lock's previous holder has removed this file in the meantime. A lock on it would not stop other commands.
         os.close(held)
     with suppress(OSError):
         os.ftruncate(held, 0)
@@ -139,8 +139,8 @@ def check_frames(path: Path | None) -> None:
 
 
 def print_written(path: Path, result: object) -> None:
-    """Print that a file was written; for a measurement file also how many frames of each name have no signals in the
-    file."""
+    """Print that a file was written. For a measurement file, also print the number of frames without signals, by
+    name."""
     skipped = listed(result) if isinstance(result, Counter) else ""
     console.print(f"wrote {path}{f'; frames without signals: {skipped}' if skipped else ''}")
 

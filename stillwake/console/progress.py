@@ -1,4 +1,4 @@
-"""The progress of work: a bar on a terminal, lines of text in a log. Every command reports through `progress`.
+"""The display of progress: a bar on a terminal, lines of text in a log. Every command reports through `progress`.
 
 Bar and lines use rich's `Progress`, which counts the steps and estimates the time left.
 """
@@ -28,10 +28,10 @@ from stillwake.console.stopping import still_wanted
 from stillwake.console.terminal import console as usual_console
 
 SELDOM: Final = 0.1
-"""Shortest time in s from one shown report of a task to the next, and from the task's start to its first. Drawing every
-report might take longer than the work."""
+"""Shortest time in s between two shown reports of a task, and from the task's start to its first shown report. Drawing
+every report might take longer than the work."""
 INTERVAL: Final = 30.0
-"""Longest time in s from one printed line to the next, so that a user does not think that the command hangs."""
+"""Longest time in s between two printed lines. After a longer time a user may think that the command hangs."""
 _HARDLY: Final = 1e-9
 """A part of a step that is too small to be seen in the count."""
 _DAYS: Final = 100.0 * 3600.0
@@ -70,8 +70,8 @@ class ProgressLines(Progress):
     """A display of lines of text: at the first update, at least every `interval` seconds, and at the end of each task.
 
     A task gets a new line only if it has advanced since its last line. If no task has advanced during an interval, the
-    task with the latest line gets another line, which shows that the work continues. Such lines are also printed before
-    a task's first update, if its first step is long.
+    task with the latest line gets another line, to show that the work continues. If a task's first step is long, such
+    lines are also printed before its first update.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class ProgressLines(Progress):
         with self._lock:
             task, last = self._tasks[task_id], self._lines.get(task_id)
             if last is None:
-                # If several tasks start together, only the first task gets a line at its start.
+                # If several tasks start together, only the first of them gets a line at its start.
                 if task.completed > 0 or not self._lines:
                     self._print(task)
             elif task.completed != last.completed:

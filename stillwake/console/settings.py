@@ -25,7 +25,7 @@ _BUS: Final = ("bus.interface", "bus.channel")
 
 
 def read_settings(given: Sequence[str], *, base: Config | None = None) -> Loaded:
-    """Read the settings with the changes of `--set`, one of which may be a file. Raises ConfigError as `load` does."""
+    """Read the settings and apply the `--set` texts; one text may be a file. Raises ConfigError as `load` does."""
     files = [text for text in given if "=" not in text and text.endswith(".toml")]
     if len(files) > 1:
         raise ConfigError(f"--set {files[1]}: is the second file; give one file, and changes as section.key=value")
@@ -37,13 +37,13 @@ def settings(verb: str, given: Sequence[str], *, uses: Sequence[str], base: Conf
     """Return the settings for one call of a command.
 
     A single setting that the command does not use is refused. A file of settings may be meant for several commands, so
-    its settings that this command does not use are only listed in one line. Raises ConfigError as `load` does, or for a
-    single setting that would have no effect.
+    its unused settings are only listed in one line. Raises ConfigError as `load` does, or for a single setting that
+    would have no effect.
 
     Args:
         given: the texts of `--set`.
         uses: sections or single settings that the command reads, such as "flow" or "mpc.weights".
-        base: the settings that `--set` changes; the release's settings if None.
+        base: the settings that `--set` changes; if None, the release's settings.
     """
     loaded = read_settings(given, base=base)
     unused = sorted(name for name in loaded.in_overrides if not _is_used(name, uses))

@@ -1,12 +1,12 @@
-"""Checks before anything else is loaded: no file of the user hides one of the project's packages, and memory is not
-short. `__main__` imports this module first.
+"""The checks before anything else is loaded: no file of the user hides a package of the project, and there is enough
+memory. `__main__` imports this module first.
 
 The packages have everyday names, and `python -m stillwake` searches the working folder before the installed packages.
 So a user's `train.py` in the working folder would run in place of the package `train`.
 
 If the address space is too small for its buffers, OpenBLAS requests them again and again without end, and LLVM ends the
-process without a message. Both happen only with a limit set by `ulimit -v` or `-d`; if the machine itself has too
-little memory, the kernel ends a process.
+process without a message. Both occur only with a limit set by `ulimit -v` or `-d`. If the machine itself has too little
+memory, the kernel ends a process.
 """
 
 import os
@@ -21,7 +21,7 @@ ROOMS: Final = ("contract", "wake", "train", "export", "can_bridge", "ecu", "fir
 HOME: Final = Path(__file__).resolve().parents[2]
 """The folder that contains all packages."""
 LEAST_MB: Final = 150
-"""Smallest address space in MB with which Python, numpy and the command line load, as measured once."""
+"""Smallest address space in MB with which Python, numpy and the command line load (measured once)."""
 NEEDS_MB: Final = {
     **dict.fromkeys(("run", "campaign", "vehicle", "live", "latency", "export"), 850),
     **dict.fromkeys(("train", "refine", "mcu"), 750),

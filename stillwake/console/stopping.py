@@ -27,9 +27,9 @@ def ends_like_ctrl_c() -> None:
 
     Python handles a signal only between two of its own steps, so compiled code or an import ends before the signal is
     handled. Some compiled code treats the KeyboardInterrupt as an error of its own and continues; `until_stopped` and
-    `still_wanted` then raise KeyboardInterrupt again. A KeyboardInterrupt in a callback is lost too, and Python would
-    print it; a hook prevents the printing. Only the main thread may handle signals; in another thread this function
-    does nothing.
+    `still_wanted` then raise KeyboardInterrupt again. A KeyboardInterrupt in a callback is lost too. Python would print
+    it, but a hook prevents the printing. Only the main thread may handle signals; in another thread this function does
+    nothing.
     """
     if current_thread() is not main_thread():
         return
@@ -54,11 +54,11 @@ def _report_lost(lost: "sys.UnraisableHookArgs") -> None:
 
 @contextmanager
 def until_stopped() -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether Ctrl-C or SIGTERM was received, for work that asks this function and ends
-    by itself.
+    """Yield a function that returns whether Ctrl-C or SIGTERM was received. Work that calls this function can end by
+    itself.
 
-    The first signal does not interrupt the work, so that files are written to their end; a second signal does. Only the
-    main thread may handle signals; in another thread no signal stops the work. Raises KeyboardInterrupt if the
+    The first signal does not interrupt the work, so that files are completed; a second signal interrupts the work. Only
+    the main thread may handle signals; in another thread no signal stops the work. Raises KeyboardInterrupt if the
     exception of an earlier SIGTERM was lost.
     """
     if current_thread() is not main_thread():
@@ -70,7 +70,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
 
     def stop(number: int, _frame: Any) -> None:
         came.append(number)
-        # If the work is incomplete, its command raises KeyboardInterrupt; the signal's name gives the exit status.
+        # If the work is incomplete, its command raises KeyboardInterrupt. The signal's name determines the exit status.
         _asked.append(signal.Signals(number).name)
         signal.signal(number, before[signal.Signals(number)])
 
@@ -94,8 +94,8 @@ def still_wanted() -> None:
 
 @contextmanager
 def go_on_with(advice: Callable[[], str]) -> Iterator[None]:
-    """Run work that can be continued. If the work is stopped, the command prints `advice()`, a text on how to continue,
-    which may be empty."""
+    """Run work that can be continued. If the work is stopped, the command prints `advice()`, a text (maybe empty) on
+    how to continue."""
     try:
         yield
     except KeyboardInterrupt:

@@ -1,5 +1,4 @@
-"""The ECU in C: its files in the folder of a C library, the library of the shipped bundle, and the FMU and the image
-that are made from a library."""
+"""The ECU in C: its files in the folder of a C library, the shipped bundle's library, and a library's FMU and image."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -35,7 +34,7 @@ def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[
     cannot run the release.
 
     Args:
-        rows: (n, S + 1) recorded pressures of S sensors and the action in n control periods; an example program replays
+        rows: recorded pressures of S sensors and action in n control periods, (n, S + 1). An example program replays
             the pressures.
         notice: called with a line for each part that the ECU lacks, or with the reason why there is no ECU.
     """
@@ -57,8 +56,8 @@ def ecu_files(release: Bundle, rows: Array, *, config: Config, notice: Callable[
 
 
 def c_library(folder: Path, config: Config, notice: Callable[[str], None], *, billed: bool = True) -> "CLibrary":
-    """Return the C library that an export writes into a folder, with the ECU of its release; with `billed` the folder
-    gets a bill of materials, and `notice` is as in `ecu_files`."""
+    """Return the C library that an export writes into a folder, with the ECU of its release. With `billed`, the folder
+    also gets a bill of materials. `notice` is as in `ecu_files`."""
     from ecu.in_c.host_library import CController
     from export.release.pipeline import CLibrary
     from export.release.sbom import folder_bom
@@ -128,7 +127,7 @@ def write_image(
 
 @contextmanager
 def library_folder(given: Path | None) -> Iterator[Path]:
-    """Yield the given folder, or else a temporary folder with the shipped bundle's library, deleted after the block."""
+    """Yield the given folder, or a temporary folder with the shipped bundle's library; delete the latter at the end."""
     if given is not None:
         yield given
         return
@@ -139,8 +138,8 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """Return the settings, with the check of the sensors switched off if the ECU in C cannot do this check. If the
-    release has no estimator, the ECU in Python cannot do the check either."""
+    """Return the settings; switch the sensor check off if the ECU in C cannot run it. Without an estimator in the
+    release, the ECU in Python cannot run it either."""
     check, manifest = config.ecu.sensor_check, release.manifest
     if not check.enabled:
         return config

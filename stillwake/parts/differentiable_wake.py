@@ -20,13 +20,13 @@ from wake.truck.truck_wake import TruckWake
 def differentiable_wake(
     config: Config, sensors: Sequence[str], start: Path | None, progress: Callable[[float, float], None]
 ) -> tuple[DifferentiableWake, list[FlowState]]:
-    """Return the plant of a refinement on its mesh, and a developed wake for each of the flows that the refinement
-    simulates side by side (`refine.streams`), each in a different phase. Raises PlantError if the wake in `start` is of
-    another body, Reynolds number or mesh, or if the flow diverges.
+    """Return the plant of a refinement on its mesh, and developed wakes in different phases. The refinement simulates
+    these flows side by side (`refine.streams`). Raises PlantError if the wake in `start` is of another body, Reynolds
+    number or mesh, or if the flow diverges.
 
     Args:
-        start: file with a developed wake on the default mesh. If None, the truck's shipped wake is used, or for another
-            body a wake that is started from rest.
+        start: file with a developed wake on the default mesh. If None, the truck's shipped wake is used; for another
+            body, a wake started from rest.
         progress: called with the simulated time and the duration, both in t_c, while the wake settles on the
             refinement's mesh.
     """

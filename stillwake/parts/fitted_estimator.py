@@ -1,4 +1,4 @@
-"""A sensor estimator for a bundle, fitted to a data set while the progress is shown."""
+"""The fit of a bundle's sensor estimator to a data set, with a display of the progress."""
 
 from collections.abc import Sequence
 from pathlib import Path

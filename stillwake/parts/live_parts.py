@@ -31,7 +31,7 @@ COMPILING: Final = {
 _MAKES_LIBRARY: Final = ("safetensors", "onnx")
 _EMULATES: Final = ("ziglang", "unicorn", "capstone", "elftools")
 _TOLD_EVERY: Final = 10.0
-"""Time in t_c between two messages to the user while an initial state settles on a grid that is not the state's own."""
+"""Time in t_c between two messages to the user while an initial state of another grid settles on the present grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,8 +117,7 @@ class Ecus:
         return partial(self.prepare, name) if name in COMPILING and name not in self._in_c else None
 
     def prepare(self, name: str) -> None:
-        """Make an ECU in C, which takes seconds, if it was not made before. Raises StillwakeError if it cannot be
-        made."""
+        """Make an ECU in C unless it exists; this takes seconds. Raises StillwakeError if it cannot be made."""
         from can_bridge.secoc.key import read_secret
         from firmware_sim.bench.ecus import loop_ecu
 

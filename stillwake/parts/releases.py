@@ -17,7 +17,7 @@ from contract.shipped import BUNDLE
 from stillwake.console.settings import COST_WEIGHTS
 
 PROJECT: Final = "project"
-"""Value of `trust` that selects the project's key, with which the shipped bundle is signed, instead of a key file."""
+"""Value of `trust` that selects the project's key instead of a key file. This key signed the shipped bundle."""
 
 
 def open_release(path: Path | None, trust: str | None = None) -> Bundle:
@@ -59,9 +59,9 @@ def locate(path: Path | None, trust: str | None) -> tuple[Path, PublicKey | None
 
 
 def asked_calibration(loaded: Loaded, release: Bundle) -> Calibration:
-    """Return the release's calibration in this vehicle, with the cost weights that the user gave. Raises ConfigError
-    for a weight out of its limits, or if the user changed another setting of the optimiser, because the bundle fixes
-    these settings."""
+    """Return the release's calibration in this vehicle, with the user's cost weights. Raises ConfigError for a weight
+    out of its limits. The bundle fixes the other settings of the optimiser, so a change of these settings also raises
+    ConfigError."""
     from ecu.calibrating import limits_of, release_calibration
 
     built, given = asdict(release.manifest.mpc), asdict(loaded.config.mpc)

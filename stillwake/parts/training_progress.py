@@ -1,5 +1,5 @@
-"""The common parts of commands that train: the check of the output, the display of progress, and a line on how to
-continue after a stop."""
+"""The common parts of the training commands: check of the output, display of progress, and a line on how to continue
+after a stop."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -29,8 +29,8 @@ from wake.truck.truck_wake import TruckWake
 _ROOM: Final = 0.9
 """Largest share of a control period that the solver may take; transfers and other processes need the rest."""
 COARSE: Final = (0.75, 15)
-"""Grid refinement, and time steps per control period, of the fastest plant found so far on which the shipped controller
-acts as on the default grid (docs/explanation/solver.md)."""
+"""Grid refinement, and time steps per control period, of a fast plant. It is the fastest known plant on which the
+shipped controller acts as on the default grid (docs/explanation/solver.md)."""
 
 
 class Speed(NamedTuple):
@@ -51,7 +51,7 @@ class Speed(NamedTuple):
         return cls(median(times), max(times))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:
-        """Return None if the plant is fast enough, a warning if only just. Raises PlantError with remedies if not."""
+        """Return None, or a warning if the plant is barely fast enough. Raises PlantError with remedies otherwise."""
         if self.typical_ms > period_ms:
             lacking = self.typical_ms / (_ROOM * period_ms)
             coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"
@@ -74,13 +74,13 @@ _LONGEST_END_S: Final = 5.0
 
 
 class LiveWake(NeverCopied):
-    """A live wake in a separate process, used as a context manager; entering it takes seconds. Raises StillwakeError if
-    the plant cannot be opened. `speed` is the computing time of a control period, measured before the start.
+    """A live wake in a separate process; a context manager whose start takes seconds. Raises StillwakeError if the
+    plant cannot be opened. `speed` is the computing time of a control period, measured before the start.
 
     Args:
         start: file with the initial state; if None, the shipped state, interpolated to the grid in use.
         progress: called with (time done, total time) in t_c while the flow develops from the initial state.
-        drive: speeds of the inflow, for which the time steps in `config.flow` must be short enough.
+        drive: speeds of the inflow. The time steps in `config.flow` must be short enough for these speeds.
     """
 
     INSTEAD: ClassVar = "its solver is a process; start another wake"
@@ -119,7 +119,7 @@ class LiveWake(NeverCopied):
         return np.asarray(self._cp)
 
     def drive(self, action: float) -> None:
-        """Start the next control period, with a ramp of the jets to `action`; do nothing while a period is computed."""
+        """Start the next control period with a ramp of the jets to `action`; do nothing while one is computed."""
         if not self._is_busy:
             try:
                 self._pipe.send(action)
@@ -153,7 +153,7 @@ class LiveWake(NeverCopied):
 
 def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | None) -> None:
     """Run in the solver's process: let the flow develop, then compute one control period for each received action."""
-    # A terminal or a service manager may signal all processes of the vehicle, which itself ends this process.
+    # A terminal or a service manager may signal all processes, but the vehicle itself ends this process.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     stay_ordinary()

@@ -24,8 +24,8 @@ class Pressures(Protocol):
 
 
 class Replay:
-    """Recorded pressures, one row per period, which do not respond to the jets. Raises DatasetError if the episode does
-    not exist. `rounds` counts how often the recording started again; the pressures jump each time.
+    """Recorded pressures, one row per period. They do not respond to the jets. Raises DatasetError if the episode does
+    not exist. `rounds` counts the restarts of the recording; at each restart the pressures jump.
 
     Args:
         episode: name of the episode; if None, the first episode without a controller, preferably without jets.

@@ -28,7 +28,7 @@ from wake.plant.drive import Drive
 LEAD_IN_NS: Final = 50_000_000
 """Time in ns from the start of the loop to its first sampling instant."""
 _ROOM: Final = 4096
-"""Largest number of frames stored in a period: about the number on a fully loaded classic bus in a second."""
+"""Largest number of frames stored in a period: about the frames of one second on a fully loaded classic bus."""
 WRITTEN_EVERY: Final = 500
 """Number of periods between two writes of the freshness file: 500 periods of 20 ms are ten seconds."""
 
@@ -40,7 +40,7 @@ class Course:
     Attributes:
         periods: number of periods; None for an endless run.
         enable_after_s: time in s of the first request for control; None for no request.
-        freshness: file in which the node's power cycles are counted; None exactly if `bus.key` is empty.
+        freshness: file that counts the node's power cycles; must be given with `bus.key`, and only then.
         frames: measurement file for the frames that the vehicle sent and accepted.
     """
 
@@ -66,8 +66,8 @@ def run_vehicle(
 ) -> VehicleFigures:
     """Run until `course` ends or `is_stopped` is true; then withdraw the request for control on the bus. `sensors` are
     in the order of the Pressure message. Raises ConfigError if only one of `bus.key` and the freshness file is set, or
-    the pressures lack a sensor; BusError if the bus is lost; StillwakeError if a file cannot be written, or the live
-    wake fails."""
+    if the pressures lack a sensor. Raises BusError if the bus is lost, StillwakeError if a file cannot be written or
+    the live wake fails."""
     store, node = _node(sensors, pressures, config, course)
     per_second = max(1, round(SILENCE_S * 1e9 / config.period_ns))
     enable_from = None if course.enable_after_s is None else round(course.enable_after_s * 1e9 / config.period_ns)

@@ -43,7 +43,7 @@ class VehicleFigures:
         left_out: periods that the vehicle did not start, because it was late by at least half a period.
         unsampled: periods without pressures, because the live wake was late.
         misses: periods without a valid command, counted from the first valid command on.
-        at_once: commands that act in the period in which they arrived.
+        at_once: commands that acted in the period of their arrival.
         unsent: pressure frames that the bus did not accept.
         ages: times from the sampling of a command's pressures to the command's arrival.
         lateness: delays of the sampling after its scheduled instant.
@@ -68,7 +68,7 @@ class VehicleFigures:
 
     @property
     def rms_action(self) -> float:
-        """Root mean square of the action over all ended periods, in U_inf W; NaN before the first has ended."""
+        """Root mean square of the action over all ended periods, in U_inf W; NaN before the end of the first period."""
         return sqrt(self.squares / self.ended) if self.ended else nan
 
     def as_dict(self) -> dict[str, Any]:

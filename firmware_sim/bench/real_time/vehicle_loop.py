@@ -27,7 +27,7 @@ from firmware_sim.bench.vehicle_node import VehicleNode
 UNSENT_LIMIT: Final = 50
 """Number of consecutively refused frames at which the bus is considered lost: 50 periods of 20 ms are a second."""
 FAREWELL: Final = 3
-"""Number of frames without a request at the end of a run: one more than the ECU tolerates to be lost."""
+"""Number of frames without a request at the end of a run: one more than the number of losses that the ECU tolerates."""
 LONGEST_FAREWELL: Final = 10
 """Largest number of periods for these frames, because the live wake may have no pressures for some of the periods."""
 
@@ -102,7 +102,7 @@ class VehicleLoop:
             self._deadlines = self._deadlines.after(now_ns)
 
     def _end_period(self, due_ns: int) -> None:
-        """Pass the frames received in the period that ends now, if there was one, to the jets' driver."""
+        """If a period ends now, pass the frames received in it to the jets' driver."""
         if not self.figures.periods:
             return
         frames = self._inbox.before(due_ns)

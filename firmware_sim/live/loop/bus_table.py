@@ -19,7 +19,7 @@ ROWS: Final = 64
 _UNKNOWN: Final = "unknown"
 """Name shown for a message that is not in the message set of the bus."""
 _BABBLER: Final = "babbler"
-"""Sender shown for a message that neither node defines but a node's port sends, at which a babbling is simulated."""
+"""Sender shown for a message that neither node defines. The port with a simulated babbling fault sends it."""
 _NS: Final = 10**9
 
 

@@ -59,21 +59,21 @@ class ControlRequest:
         self.wanted, self.waits, self.rearming = wanted, False, False
 
     def rearm(self, fail_safe: FailSafe, *, given_up: bool) -> bool:
-        """Withdraw the request if only a new request can restore control; return whether the request is withdrawn."""
+        """Withdraw the request if only a new request can restore control; return whether it was withdrawn."""
         latched = given_up or fail_safe.mode in _NEEDS_A_RISE
         self.rearming = self.rearming or (self.first is not None and self.wanted and latched)
         return self.rearming
 
     def begins(self, k: int) -> bool:
-        """End the lead-in, and request control, if it is over in period k; return whether it ended. Once a period."""
+        """If the lead-in is over in period k, end it and request control; return whether it ended in this period."""
         if not (self.waits and k >= self.lead_in):
             return False
         self.wanted, self.waits = True, False
         return True
 
     def requests(self, k: int, fail_safe: FailSafe, *, is_up: bool, given_up: bool) -> bool:
-        """Return whether control is requested in period k. `fail_safe` is the ECU's after the previous period; `is_up`:
-        it has booted; `given_up`: the vehicle has given up control, until its own request has been low."""
+        """Return whether control is requested in period k. `fail_safe`: the ECU's state after the previous period.
+        `is_up`: the ECU has booted. `given_up`: the vehicle has given up control and not yet withdrawn its request."""
         if self.rearming and is_up and not given_up and self._may_rise(fail_safe):
             self.rearming = False
         elif k < self.helped_until:
@@ -94,7 +94,7 @@ class ControlRequest:
 
 
 class DragMeans:
-    """Mean drag of one run of the loop, from the latest `kept` samples, one in a control period in t_c.
+    """The mean drag of one run of the loop, from the latest `kept` samples; `control_period`, in t_c, separates them.
 
     Attributes:
         uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without one.
@@ -112,7 +112,7 @@ class DragMeans:
         self._samples.append((sample.t, sample.Cd, sample.Cl))
 
     def update(self, *, without_control: bool) -> None:
-        """Update the averages; that without control if all stored samples are."""
+        """Update the averages; update `uncontrolled` only if all stored samples are without control."""
         if without_control:
             t, drag, lift = np.array(self._samples, dtype=float).T
             try:
@@ -234,9 +234,9 @@ class LiveRun:
         self.ecu = ecu
 
     def help(self) -> bool:
-        """Clear latched faults with a new request for control, now and for the next periods, in which earlier
-        disturbances may still latch one. Restart an ECU that ignores a sensor. Returns whether the request is withdrawn
-        for this purpose."""
+        """Clear latched faults with a new request for control, now and in the next periods, in which earlier
+        disturbances may still latch faults. Restart an ECU that ignores a sensor. Return whether the request was
+        withdrawn for this."""
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_on()
         longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)
@@ -269,7 +269,7 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Apply only these disturbances from the next period on; a new one ends what `help` began."""
+        """Apply only these disturbances from the next period on. A new one ends the repair that `help` began."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

@@ -1,4 +1,4 @@
-"""The types of the messages between the running loop and a viewer, and the format of the picture.
+"""The types of the messages between the running loop and a viewer, and the format of the pictures.
 
 The loop sends on one channel: JSON messages, each with its `type`, and pictures of the flow as bytes (`pack_field`). A
 viewer sends on a separate channel, one request per message, and gets one answer to each request.
@@ -11,8 +11,8 @@ viewer sends on a separate channel, one request per message, and gets one answer
     loop                  `state` of the loop's process: starting, running, busy (for some seconds) or ended; `text`:
                           one line about the present work, or the reason for the process's end; this message is first
 
-A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and picture, but all `periods` and `events`.
-At `hello` a viewer discards all earlier data, which belong to another run or are sent again. NaN and infinity are null.
+A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and picture, but all `periods` and `events`. At
+`hello` a viewer discards all earlier data: they belong to another run, or are sent again. NaN and infinity are null.
 """
 
 import struct

@@ -12,7 +12,7 @@ from firmware_sim.runs.reasons import BECAUSE, DOES
 
 UNPOWERED: Final = "UNPOWERED"
 BOOT: Final = "BOOT"
-"""States in addition to the names of `OperatingMode`: the ECU has no supply (UNPOWERED), or it boots (BOOT)."""
+"""States in addition to the names of `OperatingMode`: the ECU boots (BOOT) or has no supply (UNPOWERED)."""
 
 _DOES: Final[Mapping[str, str]] = {
     UNPOWERED: "no supply: the ECU is silent",
@@ -91,7 +91,7 @@ _NODE: Final[Mapping[BusState, str]] = {
 KEPT: Final = 500
 """Largest number of events stored until they are fetched."""
 QUIET_S: Final = 1.0
-"""Time in s in which repetitions of an event are only counted; then one event states them, and the time doubles."""
+"""Time in s in which repetitions of an event are only counted. Then one event states the count; the time doubles."""
 _LONGEST_S: Final = 16.0
 
 

@@ -1,10 +1,10 @@
 """Disturbances that are switched on and off while the loop runs, each at the start of a control period.
 
-A disturbance that is switched on acts as in a run with it from the same time on: each is an item with a
-`firmware_sim.bench.disturbing.Disturbing` of its own, whose random sequences are numbered after those of all earlier
-items. The items of the transducers, and of each node's port, are in the order of the settings; when one changes, all
-after it end and start again. An ended item in a port passes all frames on unchanged. It is removed `LINGER_S` later, so
-that frames that it still delays reach the node in order.
+A disturbance acts as in a run that has it from the same time on. Each disturbance is an item with its own
+`firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after those of all earlier items. The
+items of the transducers, and of each node's port, are in the order of the settings; when an item changes, all later
+items end and start again. An ended item in a port passes all new frames on unchanged. It is removed `LINGER_S` later,
+so that frames that it still delays reach the node in order.
 """
 
 from collections import Counter
@@ -114,8 +114,8 @@ class SwitchedDisturbances:
         return around
 
     def set(self, texts: Sequence[str], k: int) -> bool:
-        """Apply only these disturbances, given as texts without times, from control period k on, which must not have
-        started on the bus. Returns whether one starts. Raises ConfigError for a text that describes none."""
+        """Apply only these disturbances, given as texts without times, from period k on. Period k must not have started
+        on the bus. Return whether a disturbance starts. Raises ConfigError for a text that describes no disturbance."""
         assert self._bus is not None
         new: list[tuple[str, str]] = []
         for group in ("sensors", *NODES):

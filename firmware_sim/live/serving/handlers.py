@@ -40,7 +40,7 @@ class PageAccess:
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return why a request is refused, or None; `origin` is None in a request of a program that is no browser."""
+        """Return the reason why a request is refused, or None. `origin` is None if the program is no browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():
@@ -137,7 +137,7 @@ class ServedPage:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie with the token, which differs between servers: a host's ports share its cookies."""
+        """Name of the cookie with the token. The name differs between servers, because a host's ports share cookies."""
         return f"stillwake-{sha256((self.access.token or '').encode()).hexdigest()[:12]}"
 
 
@@ -219,7 +219,7 @@ class Socket(Guarded, WebSocketHandler):
         sent.add_done_callback(lambda done: done.cancelled() or done.exception())
         await asyncio.wait([sent], timeout=self.served.stalled_s)
         if not sent.done() and self._connection is not None:
-            # The connection closes without a closing frame, which would wait behind the message that is not accepted.
+            # The connection closes without a closing frame, because that would wait behind the unaccepted message.
             self._connection.close()
         await sent
 
@@ -266,7 +266,7 @@ class StreamSocket(Socket):
 
 
 class ControlSocket(Socket):
-    """The requests of one viewer, and their answers; while it does not read these, the server reads no requests."""
+    """The requests of one viewer, and the answers. If a viewer reads no answers, the server reads no requests."""
 
     def open(self, *_arguments: str) -> None:
         super().open()

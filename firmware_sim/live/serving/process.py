@@ -1,4 +1,4 @@
-"""The loop in another process, with requests between two periods; it never waits for the server's threads."""
+"""The loop in another process. It handles requests between two periods, and never waits for the server's threads."""
 
 import json
 import multiprocessing
@@ -38,7 +38,7 @@ def run(pipe: Connection, make: MakeSession, *, fast: bool) -> None:
     """
     # The process ends directly, because Python only prints an exception that is raised while it runs a callback.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    # Both signals were blocked at the start. SIGINT (Ctrl-C) stays so: the server ends the process.
+    # Both signals were blocked at the start. SIGINT (Ctrl-C) stays blocked, because the server ends the process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
     outbox = Outbox(pipe)
     try:
@@ -67,7 +67,7 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
                 period_s = message["period_ms"] / 1e3
         has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
         now = time.monotonic()
-        # After a late period the loop does not catch up, because the wake would then appear to run faster.
+        # After a late period the loop does not run faster to catch up, because viewers would see a faster wake.
         due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + _IDLE_S
         requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
@@ -121,7 +121,7 @@ class Requests:
 
 
 class Outbox:
-    """A sender of messages, for any thread; dropped if the server has ended, which the loop finds at its pipe."""
+    """A sender of messages, for any thread. It drops messages if the server has ended; the loop's pipe shows this."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
@@ -150,7 +150,7 @@ def _that_travels(error: Exception) -> Exception:
 
 
 _LONGEST_END_S: Final = 3.0
-"""Time in s that the process gets to end by itself; then it is terminated and, after the same time again, killed."""
+"""Time in s in which the process may end by itself. Then it is terminated, and after the same time killed."""
 
 
 class LoopProcess:
@@ -160,7 +160,7 @@ class LoopProcess:
         make: function that creates the session in the other process; it must be picklable.
         hear: called with new messages, in a separate thread.
         answered: called with a request's number and its answer, in the thread of `hear`.
-        ended: called once, in the thread of `hear`, with the error if the process ended without a call of `end`.
+        ended: called once, in the thread of `hear`, with the error, if the process ended without a call of `end`.
     """
 
     def __init__(
@@ -186,7 +186,7 @@ class LoopProcess:
     def start(self) -> None:
         # The resource tracker's start unblocks SIGINT and SIGTERM, so these signals are blocked only afterwards.
         resource_tracker.ensure_running()
-        # Ctrl-C reaches all processes of a terminal, but this one must end only when its pipe closes.
+        # Ctrl-C reaches all processes of a terminal, but the loop's process must end only when its pipe closes.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         try:
             self._process.start()
@@ -196,8 +196,8 @@ class LoopProcess:
         self._thread.start()
 
     def ask(self, number: int, request: str) -> None:
-        """Send a request as JSON with its number, from one thread at a time; it may block. Raises StillwakeError if the
-        process has ended."""
+        """Send a request as JSON with its number. The call may block; only one thread may call at a time. Raises
+        StillwakeError if the process has ended."""
         try:
             self._pipe.send((number, request))
         except OSError as error:

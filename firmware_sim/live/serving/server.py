@@ -61,7 +61,7 @@ def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float 
 
 
 class BoundedServer(HTTPServer):
-    """A server that bounds number, duration and bytes of connections, also before clients have sent a token."""
+    """A server that limits the number, duration and bytes of connections, even before clients send a token."""
 
     def initialize(self, application: Application, *, idle_s: float = _IDLE_S) -> None:  # type: ignore[override]
         super().initialize(
@@ -106,7 +106,7 @@ async def serve(
     used, or the loop fails shortly after its start.
 
     Args:
-        address: address to listen on; if it is not this machine's loopback, requests need a token.
+        address: address of the server; requests need a token unless it is this machine's loopback address.
         port: port number; 0 for any free port.
         fast: whether a period may take less time than on a vehicle.
         ready: called with the page's address as soon as the page can be opened.

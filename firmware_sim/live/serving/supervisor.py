@@ -1,5 +1,5 @@
-"""The supervisor, which runs the loop's process, stores the loop's messages once for all viewers, and passes on
-requests. A `Viewer` stores only its position in the streams, so a slow one needs no more memory than a fast one."""
+"""The supervisor runs the loop's process, stores the loop's messages once for all viewers, and passes on requests. A
+`Viewer` stores only its position in the streams, so a slow viewer needs no more memory than a fast viewer."""
 
 import asyncio
 import time
@@ -17,9 +17,9 @@ from firmware_sim.live.serving.process import LoopProcess, MakeSession
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
-"""The order in which a viewer gets the streams; `hello` states the run to which the following ones belong."""
+"""The order in which a viewer gets the streams; `hello` states the run to which the later streams belong."""
 MOST_ROWS: Final = 500
-"""Largest number of periods, or of events, in one message, for which a new viewer waits."""
+"""Largest number of periods, or of events, in one message; a new viewer waits for this message."""
 KEPT_EVENTS: Final = 500
 KEPT_PERIODS: Final = 3000
 """Number of stored periods until a `hello` sets another number."""
@@ -42,7 +42,7 @@ class Hub:
                 self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
-        """Return what a stream got after its count was `count`, or None, and the count for the next call."""
+        """Return the content that a stream got after `count`, or None, and the count for the next call."""
         with self._lock:
             if stream == "periods":
                 rows, count = self._periods.after(count, MOST_ROWS)
@@ -79,11 +79,11 @@ class Viewer:
         self._counts = dict.fromkeys(STREAMS, 0)
 
     def take(self, stream: str) -> LiveMessage | bytes | None:
-        """Return what this viewer has not yet received of one of `STREAMS`, or None: the newest value, or at most
-        `MOST_ROWS` periods or events, the oldest that the hub still has."""
+        """Return the content of a stream that this viewer has not yet received, or None. This is the newest value, or
+        the oldest `MOST_ROWS` periods or events that the hub still has."""
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
-            # A page discards its data at a `hello`, so data of the new run that were already sent to it are sent again.
+            # A page discards its data at a `hello`, so the new run's data that it already has are sent again.
             self._counts |= dict.fromkeys(STREAMS[STREAMS.index("hello") + 1 :], 0)
         return message
 
@@ -105,7 +105,7 @@ class Ring:
         self._items = deque(maxlen=kept)
 
     def after(self, count: int, most: int) -> tuple[list[Any], int]:
-        """Return at most `most` items in the ring with numbers above `count`, oldest first, and the last one's."""
+        """Return at most `most` items with numbers above `count`, oldest first, and the number of the last item."""
         first = self._count - len(self._items)
         begin = max(count, first)
         end = min(begin + most, self._count)
@@ -207,7 +207,7 @@ class Supervisor:
             self._watching.discard(event)
 
     def _heard(self, messages: Sequence[LiveMessage | bytes]) -> None:
-        """Store new messages; called in the receiving thread."""
+        """Store new messages. The receiving thread calls this method."""
         self.hub.put(messages)
         for message in messages:
             if isinstance(message, bytes):
@@ -215,8 +215,8 @@ class Supervisor:
             if message["type"] == "loop" and message["text"]:
                 self._report(message["text"])
             if message["type"] == "hello" and self._why:
-                # This `hello` has deleted the stored events, so the end of the previous loop is added again for later
-                # viewers, with a number below all of the session, because a page expects increasing numbers.
+                # This `hello` has deleted the stored events, so the previous loop's end is added again for later
+                # viewers. A page expects increasing numbers, so this event's number is below all other numbers.
                 item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
                 self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""

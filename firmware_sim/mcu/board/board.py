@@ -1,9 +1,9 @@
 """The board: a core with its memories and registers, from power-on to power-off, in virtual time.
 
 The firmware runs from its reset vector until it sleeps (`wfi`); then the caller advances the board's time. No interrupt
-handler runs: the firmware masks interrupts, and a pending interrupt ends its sleep. A `Board` exists for one power
-cycle, and the contents of its flash are passed to the next `Board`. The memory map is that of an STM32H743, with the
-registers of `flash_controller`, `can_controller` and `small_parts`.
+handler runs: the firmware masks interrupts, and a pending interrupt only ends its sleep. A `Board` exists for one power
+cycle; the next `Board` gets the contents of its flash. The memory map is that of an STM32H743, with the registers of
+`flash_controller`, `can_controller` and `small_parts`.
 """
 
 import struct
@@ -52,7 +52,7 @@ class Board(EmulatedCore):
         firmware: program in the first bank of flash.
         bank: second bank of flash, changed in place; if None, an erased bank.
         now_ns: initial value of the counter in ns.
-        cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for never.
+        cut_at: number of the flash operation, counted from 1, in which the supply fails; 0 for no failure.
         seed: seed of the random numbers and of the contents of a partly programmed word.
         backup: initial contents of the battery-supplied SRAM.
     """
@@ -130,7 +130,7 @@ class Board(EmulatedCore):
             return 0
 
     def _registers_of(self, part: Part, shift: int) -> tuple[Any, ...]:
-        """Return what Unicorn calls for a page of registers, the first of which is at offset `shift`."""
+        """Return Unicorn's callbacks for a page of registers. The page's first register is at offset `shift`."""
 
         def read(_core: Any, offset: int, size: int, _data: Any) -> int:
             if part is self.flash:
@@ -171,8 +171,8 @@ class Board(EmulatedCore):
                 self._core.mem_write(BANK + page, bytes(bank.content[page : page + _PAGE]))
 
     def _exchange_pages(self) -> None:
-        """Map each page that contains an unreadable word to functions of this class, and every other page to memory,
-        unless a flash operation is in progress. Hooks on every read would slow down the emulator."""
+        """Map pages with unreadable words to functions of this class, and all other pages to memory, unless a flash
+        operation is in progress. Hooks on every read would slow down the emulator."""
         if self.flash.is_at_work:
             return
         self._open()

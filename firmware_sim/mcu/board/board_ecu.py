@@ -1,8 +1,8 @@
 """The whole firmware on the emulated board as an ECU: it receives and sends frames through the board's CAN controller.
 
 The class has the interface of `ecu.ecu.Ecu` for a closed loop, and `advance` for diagnosis. The firmware itself decides
-when it makes a step: immediately if the frames of the step include pressures, otherwise at the deadline in its compare
-register, to which the board's time is then advanced. Values for observers are read from the firmware's memory.
+when it makes a step: immediately if the step's frames include pressures, otherwise at the deadline in its compare
+register. The board's time is then advanced to this deadline. Values for observers are read from the firmware's memory.
 """
 
 import struct
@@ -36,7 +36,7 @@ class BoardEcu(CEcuState):
         bank, now_ns, times, cut_at: see `Board`.
         own: files that replace the board's files (`compile_board`).
         firmware: firmware compiled earlier from these sources.
-        secret: key of the bus, which production writes into a board; None without `bus.key`.
+        secret: key of the bus, as written into a board at production; None without `bus.key`.
 
     Attributes:
         board: board of the present power cycle.
@@ -77,7 +77,7 @@ class BoardEcu(CEcuState):
         self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
-        """Start a new power cycle, in which the battery-supplied SRAM keeps its contents."""
+        """Start a new power cycle. The battery-supplied SRAM keeps its contents."""
         before: Board | None = getattr(self, "board", None)
         self.board = Board(
             self.firmware,
@@ -119,7 +119,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Receive frames, advance to `until_ns`, return what was sent. Raises McuError for a stopped core; PowerCut."""
+        """Receive frames, advance to `until_ns`, return sent frames. Raises McuError for a stopped core; PowerCut."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)

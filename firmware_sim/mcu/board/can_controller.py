@@ -30,7 +30,7 @@ _RXF0S, _RXF0A, _TXFQS, _TXBRP, _TXBAR, _TXBCR, _TXBTO = 0xA4, 0xA8, 0xC4, 0xCC,
 _DBTP, _NBTP, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, _TXBC = 0x0C, 0x1C, 0x80, 0x84, 0x88, 0x90, 0xA0, 0xC0
 _PLAIN: Final = {_DBTP, _NBTP, 0x20, 0x48, 0x54, 0x5C, _GFC, _SIDFC, _XIDFC, _XIDAM, _RXF0C, 0xBC, _TXBC, 0xC8}
 _PROTECTED: Final = _PLAIN - {0x54, 0x5C}
-"""Registers that only store values (`_PLAIN`), and those that can be written only while CCE is set (`_PROTECTED`)."""
+"""Registers that only store values (`_PLAIN`), and registers writable only while CCE is set (`_PROTECTED`)."""
 _INIT, _CCE = 1, 2
 _RF0N, _RF0L, _BO = 1, 8, 1 << 25
 _XTD, _FDF, _BRS = 1 << 30, 1 << 21, 1 << 20
@@ -39,8 +39,8 @@ _EVER_NS: Final = 1 << 63
 
 
 class CanController:
-    """The registers and message RAM of a CAN controller; `clock` returns the board's time in ns. When the firmware has
-    cleared INIT, `init_reads_late` reads of CCCR still show it: the change must first pass to another clock domain."""
+    """The registers and message RAM of a CAN controller; `clock` returns the board's time in ns. After the firmware
+    clears INIT, `init_reads_late` reads of CCCR still show INIT: the change must pass to another clock domain."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
@@ -66,14 +66,14 @@ class CanController:
         return min(self._kept[_RXF0C] >> 16 & 127, 64) - self._level
 
     def surround(self, health: BusHealth) -> None:
-        """Set the error counters to those that the bus reports; every new bus-off sets INIT."""
+        """Set the error counters to the values that the bus reports; every new bus-off sets INIT."""
         self._went_off += max(health.bus_off - self._health.bus_off, 0)
         self._health = health
         self._go_off()
 
     def receive(self, frame: Frame) -> None:
         """Receive a frame from the bus. Drop the frame if no filter accepts it or FIFO 0 is full."""
-        # INIT by a bus-off prevents no reception: the bus delivers no frames until the recovery.
+        # An INIT set by a bus-off needs no check here: the bus delivers no frames until the recovery.
         if (self._control & _INIT and not self._went_off) or not self._accepts(frame):
             return
         self._interrupts |= _RF0N
@@ -98,7 +98,7 @@ class CanController:
         return left
 
     def handed_over(self) -> list[Frame]:
-        """Return all waiting frames, stamped with the requests for transmission: the bus is modelled elsewhere."""
+        """Return all waiting frames, stamped with the times of their requests. The bus is modelled elsewhere."""
         self._sending.progress(_EVER_NS)
         left = [frame for frame, _ in self._sending.left]
         self._sending.left.clear()

@@ -30,7 +30,7 @@ _KEYS: Final = (0x4567_0123, 0xCDEF_89AB)
 _LOCK, _PG, _SER, _START = 1, 2, 4, 1 << 7
 _BSY, _WBNE, _QW = 1, 2, 4
 _LOOK_NS: Final = 5_000
-"""Time in ns that a read of SR2 takes during an operation, so that polling a long one takes few reads."""
+"""Time in ns of a read of SR2 during an operation. It is long, so that polling needs few reads."""
 _PGSERR, _STRBERR, _INCERR, _DBECCERR = (1 << bit for bit in (18, 19, 21, 26))
 _ERRORS: Final = 0x0FFF_0000
 
@@ -77,14 +77,14 @@ class FlashBank:
 
 
 class FlashController:
-    """The registers of a flash bank's controller, and the bank, which is changed in place. `counter` advances during
+    """The registers of a flash bank's controller, with the bank, which they change in place. `counter` advances during
     operations; `cut_at` and `seed` are as in `firmware_sim.mcu.board.board.Board`.
 
     Args:
         changed: called with the offset and the number of changed bytes.
 
     Attributes:
-        operations, erasures: number of operations so far, of which programming a word is one, and of erased sectors.
+        operations, erasures: numbers of operations (a sector erased or a word programmed), and of erased sectors.
         stalled_ns: total time in ns for which the core stalled in reads of the bank.
     """
 
@@ -117,7 +117,7 @@ class FlashController:
         return known[offset]
 
     def write(self, offset: int, value: int) -> None:
-        """Write a register. Raises PowerCut if the supply fails; McuError for what is not modelled."""
+        """Write a register. Raises PowerCut if the supply fails; McuError if the write is not modelled."""
         if offset == 0x04:
             right = self._keys < len(_KEYS) and value == _KEYS[self._keys]
             # A wrong key locks the register until the next reset.
@@ -157,12 +157,12 @@ class FlashController:
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
-        """Advance the time to the end of the present operation, for which the core waits because it reads the bank."""
+        """Advance the time to the end of the present operation: the core reads the bank, so it waits."""
         self.stalled_ns += max(self._until_ns - self._counter.now_ns, 0)
         self._counter.now_ns = max(self._counter.now_ns, self._until_ns)
 
     def reset(self) -> None:
-        """Simulate a reset of the core, which leaves a sector that was being erased with undefined contents."""
+        """Simulate a reset of the core. A sector that was being erased gets undefined contents."""
         if self.is_at_work and self._erasing >= 0:
             self._change_sector(self._erasing, self._random.randbytes(SECTOR), 2)
 

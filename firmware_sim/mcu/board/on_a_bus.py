@@ -14,9 +14,9 @@ from firmware_sim.mcu.board.flash_controller import FlashBank
 
 
 def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardware: str, serial: str) -> bytes:
-    """Return the header that enables the loader: the public key that checks key lists, the key of security access of 16
-    bytes, `contract.release.controller_image.ImageFacts.vehicle` of every image for this vehicle, and the board's
-    hardware and serial number in printable ASCII without quotes."""
+    """Return the header that enables the loader. `root` checks key lists, and `access_key` is the key of security
+    access, 16 bytes. `vehicle` is `contract.release.controller_image.ImageFacts.vehicle` of every image for this
+    vehicle. `hardware` and `serial` of the board are printable ASCII without quotes."""
     numbers = {"ROOT": root.raw, "ACCESS_KEY": access_key, "VEHICLE": vehicle}
     found = {name: "{" + ", ".join(map(str, value)) + "}" for name, value in numbers.items()} | {
         "LOADER": "1", "HARDWARE": f'"{hardware}"', "SERIAL": f'"{serial}"', "SOFTWARE": '"board"',
@@ -25,7 +25,7 @@ def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardwar
 
 
 LONGEST_UNSEEN_NS: Final = 20_000_000
-"""Longest advance in ns between two reads of the bus; the board's time falls behind a slower emulation."""
+"""Longest advance in ns between two reads of the bus. With a slower emulation, the board's time falls behind."""
 
 
 def read_bank(path: Path) -> FlashBank:
@@ -45,8 +45,8 @@ def serve(
     wait: Callable[[], None],
     is_stopped: Callable[[], bool],
 ) -> None:
-    """Run the board until `is_stopped` is true; whenever the flash has changed, write it to the file; `wait` between
-    two reads of the bus. Raises BusError if the bus failed; McuError if the core stopped."""
+    """Run the board until `is_stopped` is true, with a `wait` between two reads of the bus. Write the flash to the file
+    after each change. Raises BusError if the bus failed; McuError if the core stopped."""
     kept, before_ns = ecu.board.flash.bank.pack() if path.exists() else b"", clock_ns()
     until_ns = ecu.board.counter.now_ns
     while not is_stopped():

@@ -16,7 +16,7 @@ class SystemReset(Exception):  # noqa: N818
 
 
 class Counter:
-    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, and after it a compare register. The core's sleep ends when
+    """Arm's generic counter (CNTReadBase: CNTCV) at 1 GHz, followed by a compare register. The core's sleep ends when
     the counter reaches the compare value. The counter and the compare value have two words each, the low word first.
 
     Attributes:
@@ -42,7 +42,7 @@ class Counter:
 
 
 class RandomNumbers:
-    """An STM32H743's random numbers (RNG: CR with RNGEN, SR with DRDY, DR), which here follow from a seed."""
+    """The RNG of an STM32H743 (CR with RNGEN, SR with DRDY, DR); its random numbers follow from a seed."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control = random.Random(seed), 0

@@ -14,17 +14,17 @@ class _OnWire(NamedTuple):
 
 
 class TransmitBuffers:
-    """The elements of a CAN controller for frames to send: `dedicated` buffers, and then the FIFO's `size` elements.
+    """A CAN controller's elements for frames to send: first the `dedicated` buffers, then the FIFO's `size` elements.
 
     Args:
         element: function that returns the frame in an element.
         duration_ns: function that returns the time in ns from the start of a frame until the next frame may start.
 
     Attributes:
-        pending, transmitted: bits of the elements that wait to be sent, and that were since the last request.
+        pending, transmitted: bits of the elements that wait to be sent, and of those sent since their last request.
         put: number of the FIFO's next free element.
         is_on: whether the controller takes part in the bus; if False, it starts no frame.
-        left: sent frames in order, stamped with the requests for transmission, each with the transmission's end in ns.
+        left: sent frames in order, stamped with the times of their requests, each with its transmission's end in ns.
     """
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:

@@ -45,14 +45,14 @@ _FIGURES: Final = (
 
 
 class Cell(NamedTuple):
-    """A figure of one run as text, and its difference from the first run's figure; no difference is empty."""
+    """A figure of one run as text, and its difference from the first run's figure; empty if there is none."""
 
     value: str
     difference: str
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return the folders' names, with parents until unique. Raises StillwakeError for a wrong number, or one twice."""
+    """Return unique names of folders, with parents if needed. Raises StillwakeError for a wrong number or a repeat."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")
@@ -112,7 +112,7 @@ def _made_with(log: RunLog) -> Mapping[str, str]:
 
 
 def write_comparison(folders: Sequence[RunFolder], target: Path) -> Path:
-    """Write the page; return its path. Raises StillwakeError if runs cannot be compared, or files read or written."""
+    """Write the page; return its path. Raises StillwakeError if runs or files cannot be compared, read or written."""
     names = names_of([folder.path for folder in folders])
     runs = [read_run(folder) for folder in folders]
     logs = [run.log for run in runs]

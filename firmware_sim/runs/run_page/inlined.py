@@ -26,7 +26,7 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 
 class Inlined(NamedTuple):
-    """A page's scripts and styles, and a content security policy that permits only these and no other address."""
+    """A page's scripts and styles, and a content security policy that permits no other script and no address."""
 
     policy: str
     styles: Markup
@@ -46,7 +46,7 @@ def inlined(main: str) -> Inlined:
 
 
 def as_json(values: Any) -> Markup:
-    """Return values as JSON for a script element of type application/json, which no text in the values can end."""
+    """Return values as JSON for a script element of type application/json. No text in the values ends the element."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 

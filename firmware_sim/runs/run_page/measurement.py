@@ -1,4 +1,4 @@
-"""A run as a measurement file: frames and their signals, series that no frame contains, events, and wake pictures."""
+"""The measurement file of a run: frames with their signals, series that no frame contains, events, wake pictures."""
 
 import io
 from collections import Counter
@@ -28,9 +28,9 @@ _BODY: Final = (209, 209, 209)
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:
-    """Write a finished run as a measurement file. Returns the number of frames that have no channels in the file, by
-    the name of the message. Raises StillwakeError if there is no run, a file is damaged, or the measurement file cannot
-    be written."""
+    """Write a finished run as a measurement file. Return the number of frames without channels in the file, by the name
+    of the message. Raises StillwakeError if there is no run, a file is damaged, or the measurement file cannot be
+    written."""
     log = run_log.load(folder.series)
     return write_measurement(
         path,
@@ -42,7 +42,7 @@ def write_run(path: Path, folder: RunFolder) -> Counter[str]:
 
 
 def run_group(log: RunLog) -> ChannelGroup:
-    """Return a run's series as channels, whose times are the periods' starts, in s from the start of the run."""
+    """Return a run's series as channels. Their times are the starts of the periods, in s from the start of the run."""
     point = log.metadata.config.operating_point
     units = {name: _NO_UNIT.get(unit, unit) for name, unit in COLUMN_UNITS.items()}
     channels = [NamedChannel(name, units[name], log.series[name], WORDS.get(name.title(), {})) for name in COLUMNS]

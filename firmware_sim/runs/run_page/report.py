@@ -24,7 +24,7 @@ from firmware_sim.runs.wake_stills import WakeStills
 from wake.pictures.drawing import BLOWING, SUCKING, check_suffix
 
 _MOST_FRAMES: Final = 50_000
-"""Largest number of frames in a log for which a page shows the messages; reading them takes ten seconds."""
+"""Largest number of frames in a log whose messages a page shows. Reading such a log takes ten seconds."""
 _BUS_HEADS: Final = ("identifier", "message", "frames", "per s", "lost", "end-to-end checks")
 
 
@@ -79,7 +79,7 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 
 
 def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
-    """Return a row for each identifier in the log; none if it is missing or too long, StillwakeError if damaged."""
+    """Return a row per identifier in the log; none for a missing or too long log. Raises StillwakeError if damaged."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
     # These imports are inside the function, because they import all of python-can's readers, which takes a second.

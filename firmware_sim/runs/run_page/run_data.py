@@ -1,4 +1,4 @@
-"""A run as plain values for the script of the run's page: constants, series, events, and the recorded wake."""
+"""The data of a run for the script of its page: constants, series, events, and the recorded wake."""
 
 import base64
 import re
@@ -21,7 +21,7 @@ _SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor=([^,]+)")
 
 
 class Disturbed(NamedTuple):
-    """A disturbance of the periods from `first` to before `after`, with its text without its time."""
+    """A disturbance of the periods from `first` to before `after`. Its text states no time."""
 
     what: str
     first: int
@@ -59,7 +59,7 @@ _DOES: Final = {**DOES, SKIPPED: "the ECU was still computing, and skipped the p
 
 
 class RunEvent(NamedTuple):
-    """An event at the start of a period: "set" is a change from outside, "state" one of the ECU's state."""
+    """An event at the start of a period: "set" is a change from outside, "state" a change of the ECU's state."""
 
     period: int
     kind: str
@@ -67,7 +67,7 @@ class RunEvent(NamedTuple):
 
 
 def events(log: RunLog) -> list[RunEvent]:
-    """Return at most `MOST_EVENTS` events in order of time; the last states the number of events left out."""
+    """Return at most `MOST_EVENTS` events in order of time. The last event states how many are left out."""
     happened = sorted([*_set(log), *_states(log)], key=lambda event: event.period)
     if len(happened) <= MOST_EVENTS:
         return happened
@@ -142,7 +142,7 @@ def _recorded(log: RunLog, wake: WakeStills) -> dict[str, Any]:
 
 
 def _latency(log: RunLog) -> dict[str, Any]:
-    """Return a histogram of the wall-clock times of the control steps, in ms, which `latency_histogram.js` draws."""
+    """Return the histogram that `latency_histogram.js` draws: wall-clock times of the control steps, in ms."""
     budget, timing = log.metadata.budget_ms, latency(log)
     taken = log.series["step_ms"][planned_steps(log)]
     edges = np.linspace(0.0, max(budget, float(np.max(taken, initial=0.0))), _BINS + 1)

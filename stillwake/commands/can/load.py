@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from can_bridge.timing.bus_load import BusLoad, MessageLoad
 
 CAN_BE_LATE: Final = 3
-"""Exit status for a set of messages in which a message can miss its deadline."""
+"""Exit status if a message can miss its deadline."""
 _OURS: Final = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.frames", "bus.key")
 USES: Final = ("operating_point", "flow.control_period", "ecu.compute_time_ms", *_OURS, "bus.background")
 NAMED: Final = 5

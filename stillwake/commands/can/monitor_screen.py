@@ -54,7 +54,7 @@ def _heading(summary: Summary, matching: str, source: str) -> Text:
 
 
 def _table(summary: Summary, matching: str, now_ns: int, width: int) -> Table:
-    """Return a table of 80 or more characters' width, with a row for each message and for each of its signals."""
+    """Return a table, at least 80 characters wide, with a row for each message and each signal."""
     value = min(24, max(10, width - OTHER_COLUMNS))
     table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=0)
     table.add_column("message, signal", no_wrap=True, min_width=21)

@@ -1,4 +1,4 @@
-"""The commands for data sets: `stillwake dataset import|inspect`, one file each."""
+"""The commands for data sets, `stillwake dataset import|inspect`; each command has a file."""
 
 import typer
 

@@ -45,9 +45,9 @@ class DriveOptions:
 
     Attributes:
         fill, split: see `can_bridge.drives.log_to_series.series_of`.
-        forces: values of --forces, each either FILE, with the forces for every log, or LOG=FILE for one log.
-        names: names of the columns of t, Cd and Cl in the files of forces, if they are not t, Cd and Cl.
-        references: the value of Cd = 1 and of Cl = 1 in the unit of the files, under the names Cd and Cl.
+        forces: values of --forces. Each is FILE, with the forces for every log, or LOG=FILE for one log.
+        names: names of the columns of t, Cd and Cl in the files of forces, if the columns have other names.
+        references: by the names Cd and Cl, the values of Cd = 1 and Cl = 1 in the unit of the files.
         clock: clock of the times in the files of forces; None if each file states its clock.
         shift_s: time in s to add to the times of the forces.
         channels: channels of the logs that are read; empty if the channel is found from its frames.
@@ -292,9 +292,9 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
 
 
 def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
-    """Raise DatasetError if actions exceed the limit only because the vehicle is slow. The jets have a fixed largest
-    flow rate: the limit times the design speed times W. An action is a flow rate divided by the present speed and W, so
-    at a lower speed the same flow rate is a larger action."""
+    """Raise DatasetError if actions exceed the limit only because the vehicle is slow. The largest flow rate of the
+    jets is fixed: the limit times the design speed times W. An action is a flow rate divided by the present speed and
+    by W, so at a lower speed the same flow rate is a larger action."""
     from contract.recording.findings import LIMIT_TOLERANCE
 
     largest = max(float(np.abs(piece.action).max()) for piece in series.pieces)
@@ -308,8 +308,8 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
 
 
 def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:
-    """Raise DatasetError for a log that begins in local time if the forces cover the log's times in a zone other than
-    UTC, because the log's zone is then not certain."""
+    """Raise DatasetError if a log begins in local time and the forces cover its times in a zone other than UTC. The
+    log's zone is then uncertain."""
     zones = []
     for minutes in range(-12 * 60, 14 * 60 + 1, 15):
         with suppress(DatasetError):
@@ -326,15 +326,15 @@ def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) 
 
 
 def _room(series: "LogSeries", fill: int) -> dict[str, float]:
-    """Return the tolerances in s for `TimeSeries.at`: how far a table's time may be from the time of a row, and the
-    longest gap, which is `fill` missing rows and an allowance for jitter."""
+    """Return the tolerances in s for `TimeSeries.at`: the largest distance of a table's time from the time of a row,
+    and the longest gap. The gap is `fill` missing rows plus an allowance for jitter."""
     from contract.recording.findings import STEP_TOLERANCE
 
     return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (fill + 1.5) * series.period_s}
 
 
 def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":
-    """Yield the messages and report how many were read: an hour has half a million messages, which take ten seconds."""
+    """Yield the messages and report how many were read. An hour has half a million messages and takes ten seconds."""
     progress(f"{path}")
     for number, message in enumerate(messages, 1):
         yield message

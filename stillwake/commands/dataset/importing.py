@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 _ROLES: Final = ("train", "test", "extended", "controlled")
 _SAME: Final = 0.02
-"""Largest relative difference of dynamic pressures that count as equal; the speed on the bus has an error of 1 %."""
+"""Largest relative difference at which dynamic pressures count as equal. The speed on the bus has an error of 1 %."""
 _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
-"""Settings that describe the plant of the data. If flow.reynolds is not given, the Reynolds number is unknown."""
+"""Settings that describe the plant of the data. Without flow.reynolds, the Reynolds number is unknown."""
 
 Files = Annotated[
     list[str] | None,

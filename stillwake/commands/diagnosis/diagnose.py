@@ -28,7 +28,7 @@ _FACTS: Final = {
     "period_ns": "control period",
     "capacity": "greatest image, bytes",
 }
-"""Labels of the values of an ECU's report that are shown, by the names of these values in JSON."""
+"""Labels of the shown values of an ECU's report, by the names of the values in JSON."""
 
 
 def diagnose(

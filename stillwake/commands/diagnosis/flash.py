@@ -101,7 +101,7 @@ def _bring_release(
     key = None if access is None else AccessKey.read(access)
     release = None if is_image(bundle) else open_release(bundle, trust)
     if release is None:
-        # The signer of the image, and the hardware for which it was made, are checked by the ECU itself.
+        # The ECU itself checks the signer of the image and the hardware for which the image was made.
         name, image = opened(bundle).facts.name, bundle.read_bytes()
         console.print(f"image {name}, {len(image)} bytes")
     else:
@@ -148,7 +148,7 @@ def _ended(flashed: "Flashed", name: str) -> str:
 
 
 class _Shown:
-    """A display of the transfer's progress; the note is the name of the step that follows the transfer."""
+    """A display of the transfer's progress. The note names the step that follows the transfer."""
 
     def __init__(self, report: Report) -> None:
         self._report = report
