@@ -96,7 +96,7 @@ class ExportError(StillwakeError):
 
 
 class LibraryError(StillwakeError):
-    """A controller library that cannot be compiled or run here, or was built from another program than the bundle's."""
+    """A controller library that cannot be compiled or run here, or that was not built from the bundle's program."""
 
 
 class McuError(StillwakeError):

@@ -1,4 +1,4 @@
-"""The drag ledger: every force along the road that the jets change, and the power that the jets need.
+"""The drag ledger: all forces along the road that the jets change, and the power of the jets.
 
 A drag reduction must be compared with its cost. The controller reduces the drag force on the wall. The ledger also has
 the forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of all forces

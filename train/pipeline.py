@@ -163,8 +163,8 @@ def _choice(
     state = checkpoints.load(Phase.SELECT)
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
-        # The order is stored although it is cheap to compute: the values of mirror-image sensors differ only by
-        # rounding, and a resumed run may round differently and choose another order.
+        # The order is stored although it is cheap to compute. The values of mirror-image sensors differ only by
+        # rounding, so a resumed run that rounds differently may choose another order.
         checkpoints.save(Phase.SELECT, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())

@@ -66,8 +66,8 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """The finish: the last passes of the joint fit. They predict more than the 5 steps of the passes before, and reduce
-    the prediction error at the controller's horizon. A training that predicts that many steps from the start stalls: it
+    """The finish: the last passes of the joint fit. They predict more steps than the 5 of the earlier passes, and
+    reduce the prediction error at the controller's horizon. A training that begins with so many steps fails: it
     predicts only the mean forces.
 
     In the finish, each of these fields replaces the field of `train` with the same name.

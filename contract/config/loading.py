@@ -121,7 +121,7 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
 
 def training(*, quick: bool = False) -> Config:
-    """Return the release's settings with those for training a model without a prior, and of a quick training."""
+    """Return the release's settings, changed for training a model without a prior, and for a quick training."""
     tree = _packaged(_RELEASE)
     for name in ("trained", "quick") if quick else ("trained",):
         _merge(tree, _packaged(name))

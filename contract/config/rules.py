@@ -4,7 +4,7 @@
 
 `Settings` checks the rules of its fields when it is created. A condition on two fields is checked by a call of
 `require` in the class's own `_check_together`. A number without a unit is a ratio, or a count whose name states what is
-counted; no value is converted. A field without its own source has the source of its section.
+counted. No value is converted. A field without a source has the source of its section.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,8 +38,8 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the paper's number at a place, e.g. "section 2.1", or as one that follows as the note says.
-    Equations have the manuscript's numbers, which do not restart with each section."""
+    """Mark a default as the paper's number at a place, e.g. "section 2.1", or as a number that follows as the note
+    says. Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
 

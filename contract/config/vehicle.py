@@ -42,13 +42,13 @@ class E2eConfig(
     section="bus.e2e",
     source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
 ):
-    """Conditions under which a receiver accepts the frames of an E2E-protected message as a valid stream."""
+    """Conditions under which a receiver treats the frames of an E2E-protected message as a valid stream."""
 
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("lost frames that the ECU bridges", page=_GATE)
     ] = 4
     """Largest increment of the counter with which a frame is still accepted as the next frame. The default 4 allows a
-    loss of three frames in a row, which is the number that the ECU's fail-safe bridges."""
+    loss of three frames in a row; the ECU's fail-safe bridges the same number."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Number of latest check results that together decide whether a stream is valid."""
     min_ok: Annotated[int, FRAMES] = 2
@@ -70,8 +70,8 @@ class BackgroundConfig(
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, stuff bits included."""
     dbc: str = ""
-    """DBC file whose messages replace the generated messages. Each message has the cycle time that the file states
-    (`GenMsgCycleTime`); its contents are random."""
+    """DBC file whose messages replace the generated messages. Each message has random contents and the cycle time in
+    the file (`GenMsgCycleTime`)."""
     seed: Annotated[NonNegative[int], ours("an arbitrary number")] = 0
     """Random seed of the background messages' identifiers, phases and contents."""
 

@@ -32,7 +32,7 @@ PROGRAM_WEIGHTS: Final = "sw_weights.c"
 REPLAY: Final = "replay.c"
 """Example program, which runs control steps from recorded rows on a host and is not part of the library."""
 RECORDED: Final = "recorded.txt"
-"""Input rows of the example program: pressures, then the action commanded one step before."""
+"""Input rows of the example program; each row has the pressures, then the action commanded one step before."""
 NO_LIBRARY: Final = "this is not a folder written by `stillwake export --c`"
 EXPECTED: Final = "expected.txt"
 """Expected answers of the example program to the recorded rows."""
@@ -57,7 +57,7 @@ _DEFINITION: Final = re.compile(r"^#define (SW_\w+) (\S.*)$", re.MULTILINE)
 
 
 class ProgramSettings:
-    """The definitions of a generated header. Raises LibraryError if one that is asked for is missing or invalid."""
+    """The definitions of a generated header. Raises LibraryError if a requested definition is missing or invalid."""
 
     def __init__(self, header: bytes) -> None:
         try:

@@ -15,14 +15,14 @@ from contract.arrays import Array
 from contract.config.controller import CostWeights
 
 DEAREST_EFFORT: Final = 9.0
-"""Largest weight of effort, relative to a weight of 1 on drag, for which a prior is trained, in Cd per (U_inf W)^2.
-With a prior that was trained with weights up to 100, the jets took the least power at a weight of about 9."""
+"""Largest weight of effort for which a prior is trained, relative to a weight of 1 on drag, in Cd per (U_inf W)^2. With
+a prior that was trained with weights up to 100, the jets took the least power at a weight of about 9."""
 DEAREST_LIFT: Final = 1.0
-"""Largest weight of lift, relative to a weight of 1 on drag, for which a prior is trained, in Cd per |Cl|."""
+"""Largest weight of lift for which a prior is trained, relative to a weight of 1 on drag, in Cd per |Cl|."""
 NARROWEST: Final = 0.5
 """Smallest limit of the jets for which a prior is trained, as a share of the release's limit."""
 SPEED_SCALE: Final = 0.4
-"""Difference of a vehicle's speed from the design speed, as a share of the design speed, that is scaled to 1."""
+"""Difference between a vehicle's speed and the design speed that is scaled to 1, as a share of the design speed."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
 """Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
 above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the pressures of

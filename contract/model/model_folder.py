@@ -45,7 +45,7 @@ RESTING: Final = "resting"
 """Name of a tensor that accompanies the prior's tensors: K rows of speed, base pressure and swing of the wake without
 jets (`contract.release.manifest.RestingWake`), (K, 3)."""
 PREDICTOR: Final = ("dynamics", "decoder")
-"""Networks of which a model may also have a narrower form, stored with the prefix `SLIM`."""
+"""Networks that a model may also have in a narrower form, stored with the prefix `SLIM`."""
 
 _NETWORKS: Final = (TEACHER, SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
 _HASH: Final = "weights_sha256"
@@ -60,7 +60,7 @@ class Description:
     """Description of a model: the assumptions and the origin of the weights.
 
     Attributes:
-        layout, scaling: of all sensors, in the same order.
+        layout, scaling: layout and scaling of all sensors, in the same order.
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         metrics: errors under the names "teacher", "slim" and, with narrower networks, "deployed"

@@ -1,4 +1,4 @@
-"""The check of a data set: every property with which training or export would fail."""
+"""The check of a data set for all properties that would make training or export fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -290,7 +290,7 @@ def _forcing(dataset: Dataset) -> Iterator[str]:
         if peak is None:
             continue
         if len(action) * period * peak < 2.0 / _NARROW:
-            return  # too short to separate frequencies so near
+            return  # the record is too short to separate frequencies that are so close
         if share_near(action, period, peak, _NARROW) < _POOR or (peaks and abs(peak / peaks[0] - 1.0) > _NARROW):
             return
         peaks.append(peak)

@@ -1,8 +1,8 @@
 """The release bundle: a directory with everything that is flashed onto an ECU.
 
-`manifest.json` states the vehicle for which the controller was built; the data set, weights and program from which it
-was built; and the SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of
-the manifest's bytes (`contract.release.signing`), and so covers everything that the manifest states.
+`manifest.json` states the controller's vehicle, the data set, weights and program from which the controller was built,
+and the SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of the
+manifest's bytes (`contract.release.signing`), and so covers everything that the manifest states.
 
 `controller.onnx` computes one control step (`contract.controller.interface`). `sensors.onnx`, if present, estimates the
 pressures from each other for the ECU's sensor check (`contract.controller.estimator`).
@@ -77,7 +77,7 @@ def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] |
 
 
 def with_estimator(manifest: Manifest, contents: dict[str, bytes], made: MadeEstimator) -> Manifest:
-    """Put the estimator's graph into the contents; return the manifest with the estimator's figures and provenance."""
+    """Put the estimator's graph into the contents. Returns the manifest with the estimator's figures and provenance."""
     contents[ESTIMATOR] = made.graph
     provenance = {**manifest.provenance, "sensor_estimator": made.provenance}
     return replace(manifest, provenance=provenance, sensor_estimator=made.figures)

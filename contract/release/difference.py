@@ -19,7 +19,7 @@ from contract.release.signing import PublicKey
 
 _MAX_BYTES: Final = 64 * 2**20
 _FEW: Final = 8
-"""Largest number of an array's values that are shown; of a larger array, type, shape and hash are shown."""
+"""Largest number of values of an array that is shown in full. A larger array is shown by type, shape and hash."""
 
 
 def is_image(path: Path) -> bool:
@@ -79,7 +79,7 @@ def _of_image(image: ControllerImage) -> dict[str, str]:
 
 
 class Difference(NamedTuple):
-    """A difference between two bundles or images: the name of the value, and its text in each of them, "-" for none."""
+    """A difference between two bundles or images: a value's name and its two texts; "-" stands for a missing value."""
 
     name: str
     a: str

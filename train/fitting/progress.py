@@ -53,7 +53,7 @@ class Spent:
 
 @dataclass(kw_only=True)
 class Stopwatch:
-    """A `Progress` function that adds up the time of every phase, in order. Time between two calls is added to the
+    """A `Progress` function that adds up the time of every phase, in order. The time between two calls belongs to the
     phase of the later call. `cpu` and `wall` return the process's CPU time and the wall-clock time, in s."""
 
     cpu: Callable[[], float] = time.process_time

@@ -74,8 +74,7 @@ class Rows:
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; the sum is n.
-        unit: (N,) one global deviation of pressure in the units of each sensor's column; None if the scaling is not
-            known.
+        unit: (N,) global deviation of pressure in the unit of each sensor's column; None if the scaling is not known.
         layout: layout of the sensors, in the order of their columns.
         names: names of each episode, in order; may be empty.
     """
@@ -135,7 +134,7 @@ class Rows:
 
 
 def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, layout: SensorLayout = TRUCK) -> Rows:
-    """Return the standardised rows of the episodes, followed by the rows of their mirror images if `mirrored`. Raises
+    """Return the standardised rows of the episodes and then, if `mirrored`, the rows of their mirror images. Raises
     ConfigError if `mirrored` is set and the layout has no mirror images."""
     mirror = layout.mirror
     if mirrored and mirror is None:

@@ -127,7 +127,7 @@ def select(
     elif method == "hand":
         chosen = select_by_hand(count, rows.layout)
     else:
-        # Runs with neighbouring seeds must have independent draws, and so must the two uses of one seed.
+        # Runs with neighbouring seeds must have independent draws. The two uses of one seed must be independent, too.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
         student = ridge_student(encoder, rows, windows, settings.sensor_noise)
         if method == "greedy":

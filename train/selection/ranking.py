@@ -56,8 +56,8 @@ class Ranking:
         return len(set(self.top_sets(count))) == 1
 
     def differences(self, count: int) -> Mapping[str, float]:
-        """Return, for every sensor that is among the best in some repeats only, the fraction of repeats in which it is.
-        The sensors are in the order of `names`; the result is empty if the set is stable."""
+        """Return the sensors that are among the best in some repeats only, each with the fraction of these repeats. The
+        sensors are in the order of `names`; the result is empty if the set is stable."""
         repeats = len(self.scores)
         counts = Counter(name for names in self.top_sets(count) for name in names)
         return {name: counts[name] / repeats for name in self.names if 0 < counts[name] < repeats}
