@@ -153,7 +153,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Share the store of computed phases with the other environment, which must have equal settings and the same
+        """Share the store of computed phases with another environment, which must have equal settings and the same
         start state. Only one of the two may be reset at a time."""
         self._phases = other._phases
 

@@ -6,7 +6,7 @@ the layout, in the image's header and in a build's `sw_layout.h`. A build refuse
 else in a library's headers belongs to a release, except the identity of the compiled-in release.
 
 An ECU must not use an invalid number as an index or a bound. The rules for valid numbers are stated in this module
-only. A build's `sw_layout.h` has these rules as a table, with which `sw_image_open` checks an image in C;
+only. A build's `sw_layout.h` has a table of these rules, with which `sw_image_open` checks an image in C;
 `check_numbers` checks an image in Python. Floating-point numbers must be finite. Divisors and widths must be positive.
 Integers must be so small that no sum of the int8 library overflows. Rules that do not fit into the table are in C and
 in `_together`.
@@ -147,8 +147,7 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number; `otherwise`, which disables a check, if the image has no ECU and thus lacks
-    it."""
+    """Return a definition as a number. An image without an ECU has none; `otherwise` is then returned."""
     return int(layout.get(name, otherwise))
 
 

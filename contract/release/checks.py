@@ -208,8 +208,7 @@ def _verify_dbc(path: Path, dbc: object) -> str:
 
 
 def check_graph(content: bytes) -> None:
-    """Raise ValueError for a graph that is too large, refers to other files, or has operators not in ONNX's
-    standard."""
+    """Raise ValueError for a graph that is too large, refers to other files, or has operators that ONNX lacks."""
     if len(content) > MAX_GRAPH_BYTES:
         raise ValueError(f"it has {len(content)} bytes: at most {MAX_GRAPH_BYTES}")
     for text, wording in FORBIDDEN.items():

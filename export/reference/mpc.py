@@ -3,10 +3,10 @@
 The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations, and its moments start at zero, so a control step
 depends on the window and the previous plan only.
 
-`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans together, (..., H), with
-the latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) for each plan,
-or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan of
-the cost's term `prior`; without `start` this term is zero.
+`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans together, (..., H). The
+latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are given for each
+plan, or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan
+of the cost's term `prior`; without `start` this term is zero.
 """
 
 from collections.abc import Iterable, Iterator
@@ -36,10 +36,10 @@ def control_step(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> ControlStep:
-    """Compute the outputs of `controller.onnx`; the arguments are those in `contract.controller.interface`, with the
-    program's weights and limit in place of None, or of a larger limit. If the plan starts at a prior, the optimiser
-    uses only the terms that the prior does not take into account (`unknown_to_prior`). The returned terms and cost are
-    those of the given weights."""
+    """Compute the outputs of `controller.onnx`. The arguments are described in `contract.controller.interface`. The
+    program's weights and limit replace None, and the program's limit replaces a larger limit. If the plan starts at a
+    prior, the optimiser uses only the terms that the prior does not take into account (`unknown_to_prior`). The
+    returned terms and cost are those of the given weights."""
     previous_action = float(window[-1, -1])
     z = encode(program, window)
     start = starting_plan(program, window, plan, free, weights, speed, limit)

@@ -36,7 +36,7 @@ _IN_WORDS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryPart:
-    """A part of a library that a build may leave out: the control step, the ECU, or the sources of another folder.
+    """A part of a library that a build may leave out: the control step, the ECU, or the sources in a subfolder.
 
     Attributes:
         folder: path of the part's folder; "." for the library's folder itself.

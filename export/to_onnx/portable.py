@@ -1,8 +1,8 @@
-"""The graphs of a release, converted to graphs without Scan and int8 for runtimes that support less than ONNX Runtime.
+"""The conversion of a release's graphs to graphs without Scan and int8, for runtimes that support fewer operators.
 
 The number of nodes grows with the horizon and the iterations, so a release contains the graph with Scan instead. If a
-graph uses a square constant both transposed and not, OpenVINO 2026.4 multiplies by the transpose where the constant is
-meant. So this module writes two constants.
+graph uses a square constant and also its transpose, OpenVINO 2026.4 always multiplies by the transpose. So this module
+writes two constants.
 """
 
 from collections.abc import Iterable
@@ -72,8 +72,8 @@ class _Writer:
             copy.CopyFrom(node)
             copy.input[:] = [names.get(name, name) for name in node.input]
             if node.op_type == "CumSum":
-                # The standard requires a scalar axis here. The graph has an array of length one, which ONNX Runtime
-                # accepts, too.
+                # ONNX's standard requires a scalar axis here. The graph has an array of length one, which ONNX Runtime
+                # also accepts.
                 copy.input[1] = self._constant(0)
             names |= {name: name + suffix for name in node.output if name and suffix}
             copy.output[:] = [names.get(name, name) for name in node.output]

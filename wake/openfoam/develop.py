@@ -24,7 +24,7 @@ from wake.truck.state import State, developed_state
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
     """Interpolate a state on the grid of refinement 1 linearly to velocity (m, 2) and kinematic pressure (m,) in the
-    mesh's m cells, extrapolated between the grid's outermost points and the boundary. The first time step removes the
+    mesh's m cells. Extrapolate between the grid's outermost points and the boundary. The first time step removes the
     divergence that the interpolation leaves."""
     grid = truck_grid()
     flow = Flow.of(state.flat, grid.shape)
@@ -42,7 +42,7 @@ def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
 
 _Progress = Callable[[float, float], None]
 
-_CHECKPOINT: Final = 5.0  # longest time between states written, t_c
+_CHECKPOINT: Final = 5.0  # longest time between two written states, in t_c
 _LOOK_S: Final = 0.5
 
 

@@ -22,8 +22,8 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
 
 
 class TimeMean:
-    """The mean of flows on one grid. Pressures and forces on the wall are linear in a flow's buffer, so the mean buffer
-    gives their means."""
+    """The mean of flows on one grid. Wall pressures and forces are linear in a flow's buffer, so the mean buffer gives
+    the mean pressures and forces."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._sum = Flow.zeros(shape)
@@ -44,8 +44,8 @@ class TimeMean:
 def mean_flow(
     wake: TruckWake, actions: Array, skip: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Flow:
-    """Run the plant from its present state with the actions, one per control period. Return the mean of its flows at
-    the ends of all control periods except the first `skip`. `progress` is called with (periods done, total)."""
+    """Run the plant from its present state with the actions, one per control period. Return the mean of the flows at
+    the ends of control periods, without the first `skip` periods. `progress` is called with (periods done, total)."""
     mean = TimeMean(wake.grid.shape)
     for k, action in enumerate(actions):
         wake.advance(float(action))

@@ -36,7 +36,7 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """All data that determine how the flow continues: velocities and pressures, the number of substeps since t = 0, and
+    """All data that determine how the flow continues: velocities, pressures, the number of substeps since t = 0, and
     the action in force. A plant rejects a state whose origin differs from the plant, and accepts a state without
     origin."""
 
@@ -47,8 +47,8 @@ class State:
 
 
 def start_name(reynolds: float) -> str:
-    """Return the file name that messages suggest for a start that is still to be computed. It differs from the name of
-    the start's present file, which must not be replaced."""
+    """Return the file name that messages suggest for a new start. It differs from the name of the present start's file,
+    because that file must not be replaced."""
     return f"start_re{reynolds:g}.npz"
 
 
