@@ -60,7 +60,7 @@ class BundleFileError(BundleError):
 
 
 class BundleDbcError(BundleFileError):
-    """A bundle that was built for another DBC than this version's."""
+    """A bundle that was built for a DBC other than the DBC of this version."""
 
 
 class BundleControllerError(BundleError):

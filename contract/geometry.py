@@ -1,4 +1,4 @@
-"""The truck's and the domain's dimensions, in body widths W (paper, section 2.1).
+"""The dimensions of the truck and of the domain, in body widths W (paper, section 2.1).
 
 `contract.config.body` describes other bodies in this domain; their width is 1, their slots equal the truck's slots.
 

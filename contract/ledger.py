@@ -17,7 +17,7 @@ Value = TypeVar("Value", float, Array)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DragLedger(Generic[Value]):
-    """Forces in units of rho U_inf^2 W / 2, at one instant or as time series.
+    """The forces in units of rho U_inf^2 W / 2, at one instant or as time series.
 
     Attributes:
         Cd, Cl: drag and lift force on the wall without the slot faces.

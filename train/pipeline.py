@@ -1,4 +1,4 @@
-"""Training from a recording to a stored model: joint fit, choice of sensors, distillation, test errors."""
+"""The training from a recording to a stored model: joint fit, choice of sensors, distillation, test errors."""
 
 import hashlib
 import platform
@@ -49,8 +49,8 @@ def train_all(
     threads: int = 1,
     notice: Callable[[str], None] = lambda line: None,
 ) -> TrainedModel:
-    """Train on the recording's "train" episodes, and also their mirror images if its sensors have mirror images; test
-    on its "test" episodes; store the model at `output`, and return it, on the CPU.
+    """Train on the recording's "train" episodes, and also their mirror images if its sensors have mirror images. Test
+    on the "test" episodes. Store the model at `output`, and return the model, on the CPU.
 
     The state is stored in `<output>.checkpoints` during the run. An existing model at `output` is replaced when the new
     model is complete.

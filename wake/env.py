@@ -48,7 +48,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     environment that continues bit for bit like the original: flow, actions, episode, and random generators.
 
     Args:
-        sensor_names: the observed sensors; all by default, the truck's 90.
+        sensor_names: the observed sensors; by default all sensors, 90 for the truck.
         episode_steps: number of control steps until truncation.
         max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. Each phase takes 1.8 MB.
         start: flow state at phase 0, for other flow settings or another body; None for the shipped developed state.

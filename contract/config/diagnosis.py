@@ -1,4 +1,4 @@
-"""Settings of the CAN identifiers for diagnosis and calibration, which no control message may have."""
+"""The settings of the CAN identifiers for diagnosis and calibration. No control message may have these identifiers."""
 
 import re
 from collections.abc import Mapping

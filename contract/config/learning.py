@@ -1,4 +1,4 @@
-"""Settings of the networks and of their training."""
+"""The settings of the networks and of their training."""
 
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Final, Literal
@@ -153,9 +153,9 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """Training of the prior, the network for the optimiser's initial plan, in closed loop with gradients through the
-    flow solver. The cost over a stretch (an interval of the closed loop) is differentiated with respect to the prior's
-    weights."""
+    """The training of the prior, the network for the optimiser's initial plan. It runs in closed loop with gradients
+    through the flow solver. The cost over a stretch (an interval of the closed loop) is differentiated with respect to
+    the prior's weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
     """Number of past rows (sensor differences and action of a control period) that the prior reads."""
@@ -205,8 +205,8 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     substeps: AtLeastOne[int] = 15
     """Number of time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True
-    """Whether the training computes the flow in single precision, which takes two thirds of the time of double
-    precision; the gradients of both agree to 1e-5."""
+    """Whether the training computes the flow in single precision. It takes two thirds of the time of double precision;
+    the gradients agree to 1e-5."""
     batch: AtLeastOne[int] = 1
     """Number of stretches, each of a different flow, over which an update averages the gradient."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0

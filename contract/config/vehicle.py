@@ -1,4 +1,4 @@
-"""Settings of the bus, the ECU and the simulated vehicle."""
+"""The settings of the bus, the ECU and the simulated vehicle."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal

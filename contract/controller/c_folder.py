@@ -5,9 +5,9 @@ calls. The folder has sources that are equal for all programs, the generated `sw
 `recorded.txt` and `expected.txt` for the example program `replay.c`. The names are the same for every program and
 precision. Folders of older versions have no `expected.txt` and no documents; this module needs neither.
 
-A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h` and its sources beside the control step's, and
-programs with a `main` function in `examples/`. A folder without that header has the control step alone, for example if
-the bus does not transmit the controller's sensors.
+A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h`, the sources of the ECU, and programs with a `main`
+function in `examples/`. A folder without that header has the control step alone, for example if the bus does not
+transmit the controller's sensors.
 """
 
 import re

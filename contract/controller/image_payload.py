@@ -1,6 +1,6 @@
 """The payload of an image for a microcontroller: a release's parameters as C reads them, then a text with their layout.
 
-The parameters are `sw_payload` of `sw_image.h`. The text, which C does not read, is the layout: one line for every
+The parameters are `sw_payload` of `sw_image.h`. The text is the layout; C does not read it. It has one line for every
 setting and every struct on which the positions or the meaning of the parameters depend. The text's SHA-256 identifies
 the layout, in the image's header and in a build's `sw_layout.h`. A build refuses parameters of another layout. Nothing
 else in a library's headers belongs to a release, except the identity of the compiled-in release.
@@ -147,7 +147,7 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number. An image without an ECU has none; `otherwise` is then returned."""
+    """Return a definition as a number; `otherwise`, which disables a check, if the layout lacks it (without an ECU)."""
     return int(layout.get(name, otherwise))
 
 

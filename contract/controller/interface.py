@@ -65,7 +65,7 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """Result of a control step: the outputs in the table above. The first action of the plan is commanded."""
+    """The result of a control step: the outputs in the module's table. The first action of the plan is commanded."""
 
     plan: Array
     forces: Array

@@ -19,7 +19,7 @@ from contract.arrays import Array, Index
 
 
 class Places(NamedTuple):
-    """Interpolation positions of the m rows that a controller reads, oldest first.
+    """The interpolation positions of the m rows that a controller reads, oldest first.
 
     Attributes:
         newer: (m,) index of the first recorded row at the position's time or later.

@@ -72,7 +72,7 @@ _CHUNK: Final = 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dataset:
-    """Episodes in recorded order, and facts about their plant.
+    """The episodes in recorded order, and facts about their plant.
 
     Attributes:
         episodes: episodes with different names; every Cp has one column for each sensor of the layout.
@@ -159,10 +159,9 @@ def write(path: Path, dataset: Dataset) -> None:
 
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
-    """Return the episodes of an existing data set; empty if there is no file. Raises DatasetError if the file is no
-    data set, has the first schema or other sensors than those of the new episodes, or has an episode with other facts;
-    the message states the first difference. `facts` is the provenance that the existing episodes must share with the
-    new episodes, such as the flow's settings."""
+    """Return the episodes of an existing data set; empty if there is no file. `facts` is the provenance that old and
+    new episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, has the first
+    schema, or has other sensors or an episode with other facts; the message states the first difference."""
     return _to_append(path, facts, layout).episodes
 
 

@@ -52,7 +52,7 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio of one file's std Cl / std Cp to another file's; one wake causes both deviations."""
+"""Largest plausible ratio between two files of std Cl / std Cp, because one wake causes both deviations."""
 _FAR: Final = (4.0, 10.0)
 """Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
 The first is the distance from the next value. The second is the distance from the median of the other values, in

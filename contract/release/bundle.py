@@ -110,8 +110,8 @@ def renew(
     Args:
         created: day of the new bundle, YYYY-MM-DD.
         trusted: the key that must have signed the old bundle, as in `load`.
-        operating_point: new width, speed or density, by name; values that are not given are the old bundle's.
-        weights: new weights of the cost, by name; weights that are not given are the old bundle's.
+        operating_point: new width, speed or density, by name; other values come from the old bundle.
+        weights: new weights of the cost, by name; other weights come from the old bundle.
         security_version, hardware: new values; None uses the old bundle's value.
         speeds: part of the old bundle's speed range; the ECU shuts the jets outside this part.
         estimator: new sensor estimator; None uses the old bundle's estimator, if there is one.

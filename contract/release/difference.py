@@ -28,9 +28,9 @@ def is_image(path: Path) -> bool:
 
 
 def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
-    """Read and check the image in a file. Raises BundleContainerError if the file cannot be read, is damaged or no
-    image, or holds an image that no ECU accepts; BundleSignatureError for a bad signature; BundleSignerError if the
-    image is not signed by the trusted key."""
+    """Read and check the image in a file. Raises BundleContainerError if the file cannot be read, is damaged, is no
+    image, or is an image that no ECU accepts; BundleSignatureError for a bad signature; BundleSignerError if the
+    trusted key did not sign the image."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise BundleContainerError(f"{path}: has more than {_MAX_BYTES} bytes")
@@ -118,7 +118,7 @@ def _facts(path: Path) -> dict[str, Any]:
 
 
 def _compared(name: str, a: object, b: object) -> Iterator[Difference]:
-    """List the differences between two values, down to single entries of tables and of lists of equal length."""
+    """List the differences between two values. Tables, and lists of equal length, are compared entry by entry."""
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         for key in sorted(a.keys() | b.keys()):
             yield from _compared(f"{name}.{key}", a.get(key), b.get(key))

@@ -27,7 +27,7 @@ from contract.typed import typed
 _SCHEMA: Final = "stillwake-bundle/8"
 """The schema that this version reads. Older schemas do not state how the wake without jets depends on the speed."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Smallest security version of a release. An ECU with a store accepts no smaller version. A release has this version if
+"""Smallest security version of a release. An ECU with a store accepts no smaller number. A release has this version if
 its security version was never raised."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
@@ -86,7 +86,7 @@ bias or a drift."""
 
 @dataclass(frozen=True, kw_only=True)
 class SensorEstimator:
-    """Size of the residuals of `sensors.onnx` when all sensors are healthy, one value for each pair of sensors.
+    """The size of the residuals of `sensors.onnx` with healthy sensors; each pair of sensors has one value.
 
     Entry (j, i) belongs to the residual of sensor i. Its estimate uses neither sensor i nor sensor j.
 
@@ -140,8 +140,8 @@ class Manifest:
         compute_time_ms: part of `budget_ms` that the release's settings assign to the control step.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         weights_sha256: SHA-256 of the trained model's tensors.
-        program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`); a
-            C library of the same program has it in its header.
+        program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`);
+            the header of a C library of this program has the same SHA-256.
         provenance: settings, metrics and versions of the training, and the results of the export's gates.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None if they are not known.
         sensor_estimator: figures of `sensors.onnx`; None without that file.

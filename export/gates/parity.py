@@ -40,8 +40,8 @@ COST: Final = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class ParityReport:
-    """Largest differences between lowering and reference over `cases` control steps. The difference of actions is in
-    U_inf W."""
+    """The largest differences between lowering and reference over `cases` control steps. The difference of actions is
+    in U_inf W."""
 
     cases: int
     action: float

@@ -23,8 +23,8 @@ class QuantisationLimits:
     Attributes:
         rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W; the default is a fifth of
             a control step's largest move, iterations * learning rate (5e-3 with the paper's settings). The largest
-            error has no limit: if a gradient is close to zero, Adam may move an action in opposite directions in the
-            two programs, which hardly changes the cost.
+            error has no limit. If a gradient is close to zero, Adam may move an action in opposite directions in the
+            two programs, but the cost hardly changes.
         max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 

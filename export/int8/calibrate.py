@@ -1,4 +1,4 @@
-"""Rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
+"""The rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
 
 A bias is not corrected by the mean of the error that remains: after error feedback, such a correction gains nothing.
 """

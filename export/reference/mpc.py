@@ -24,7 +24,7 @@ from export.reference.model import decode, decode_adjoint, encode, step, step_ad
 from export.reference.prior import prior_plan
 
 ADAM_BETAS: Final = (0.9, 0.999)
-"""Decay rates of Adam's two moments. They are Kingma and Ba's, and also PyTorch's defaults."""
+"""Decay rates of Adam's two moments. They are the values of Kingma and Ba, and PyTorch's defaults."""
 
 
 def control_step(
@@ -162,9 +162,9 @@ def adam(
     a <- clip(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
 
     Args:
-        learning_rates: lr of each iteration, one for all plans or one per plan, (...,).
+        learning_rates: lr of each iteration, either one number for all plans or one number per plan, (...,).
         free_mask: 1 where an action may be changed, 0 where it is committed.
-        limit: bound on |a|; the program's bound if None or larger than the program's bound.
+        limit: bound on |a|; if it is None or larger than the program's bound, the program's bound applies.
     """
     beta1, beta2 = ADAM_BETAS
     is_free, bound = np.asarray(free_mask) > 0.5, _bound(program, limit)

@@ -1,4 +1,4 @@
-"""Lowerings that have passed every gate; no other lowering is written to a file."""
+"""The lowerings that have passed every gate; no other lowering is written to a file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

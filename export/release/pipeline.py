@@ -132,19 +132,19 @@ def export_all(
     Args:
         model: directory written by `train`.
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
-        config: `config.mpc` is used for the controller; control period and action limit must be the model's.
+        config: `config.mpc` is used for the controller; control period and action limit must equal the model's values.
         precision: "int8" or "float32", for bundle and library.
         key: key to sign the bundle with; the bundle is unsigned if None.
         named: whether the user named the recording. If not, the model must have been fitted to the recording.
         estimator: a sensor estimator for the bundle.
-        notice: called with a line of text if the recording is not the model's.
+        notice: called with a line of text if the model was fitted to another recording.
         phase: called with each of `EXPORT_PHASES` when the phase begins.
 
     Raises:
         ModelError: the model directory is not valid.
         DatasetError: the recording is not valid.
-        ExportError: the recording is not the model's, or has other sensors; the settings have another control period or
-            action limit; the model's weights are inconsistent, or a lowering does not pass its gates.
+        ExportError: the recording or its sensors are not those of the model, the settings have another control period
+            or action limit, the model's weights are inconsistent, or a lowering does not pass its gates.
         LibraryError: there is no C compiler for a requested library.
         StillwakeError: a file cannot be read or written.
     """
@@ -239,7 +239,7 @@ def _lowered(
 
 
 def check_settings(own: Config, config: Config) -> None:
-    """Raise ExportError if control period or action limit differ from the model's, or if the computing time exceeds the
+    """Raise ExportError if control period or action limit differ from the model, or if the computing time exceeds the
     period. The manifest would refuse such settings only at the end, when the C library is already written."""
     period_ms = config.period_ns / 1e6
     if config.ecu.compute_time_ms > period_ms:

@@ -18,7 +18,7 @@ SOURCES: Final = "sources.cmake"
 KCONFIG: Final = "zephyr/Kconfig"
 PLATFORMIO: Final = "library.json"
 PACK: Final = "stillwake.flow_controller.pdsc"
-"""Name of the CMSIS-Pack's description file: the vendor's and the pack's name, as CMSIS prescribes."""
+"""Name of the CMSIS-Pack's description file: vendor and name of the pack, as CMSIS prescribes."""
 _ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
 _HOME: Final = "https://pypi.org/project/stillwake"
 _APART: Final = ("board", "examples")

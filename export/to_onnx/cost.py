@@ -12,7 +12,7 @@ from export.to_onnx.graph_builder import Graph
 
 @dataclass(frozen=True, kw_only=True)
 class CostGradientNames:
-    """Names of two gradients in a graph: dJ/d(Cd, -Cd, Cl), shape (H, 3), and dJ/da at fixed forces, shape (1, H)."""
+    """The names of two gradients in a graph: dJ/d(Cd, -Cd, Cl), (H, 3), and dJ/da at fixed forces, (1, H)."""
 
     signed_forces: str
     plan: str

@@ -143,7 +143,7 @@ class PutMatrix(Protocol):
         """Store the matrix with this name (`export.program.controller_program`).
 
         Args:
-            rows: order of the outputs, if an operator needs an order other than PyTorch's.
+            rows: order of the outputs, if an operator needs an order other than that of PyTorch.
             leading: number of leading axes of length 1 that an operator needs.
         """
 

@@ -1,4 +1,4 @@
-"""Narrower dynamics and decoder for small ECUs, distilled on roll-outs of the trained networks (this project's method).
+"""The narrower dynamics and decoder for small ECUs, distilled on roll-outs of trained networks (this project's method).
 
 The paper slims only the encoder, but nearly all computation of a control step is in the other two networks: the
 optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student learns from
@@ -185,10 +185,10 @@ def distil_predictor(
     """Train dynamics and decoder of the slim widths to reproduce the teacher's roll-outs.
 
     The loss is the sum of three terms. The first is the mean square of the latents' difference over h = 1 .. H, the
-    second the forces' Smooth L1 over h = 0 .. H; latents and forces are in standard deviations. The third is
-    `slope_weight` times the mean square of the difference between the student's and the teacher's gradients of the
-    cost, divided by the mean square of the teacher's gradient. Returns the student in evaluation mode, with the slim
-    widths of `model`, on the lessons' device.
+    second the forces' Smooth L1 over h = 0 .. H; latents and forces are in standard deviations. The third compares the
+    cost's gradients of student and teacher: the mean square of their difference, divided by the mean square of the
+    teacher's gradient, times `slope_weight`. Returns the student in evaluation mode, with the slim widths of `model`,
+    on the lessons' device.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

@@ -1,4 +1,4 @@
-"""Progress reports of a running training."""
+"""The progress reports of a running training."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -44,7 +44,7 @@ def silent(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> N
 
 @dataclass(kw_only=True)
 class Spent:
-    """Resources that a phase used in this process. `cpu_s` is the process's CPU time, `wall_s` the elapsed time."""
+    """The resources that a phase used in this process. `cpu_s` is the process's CPU time, `wall_s` the elapsed time."""
 
     steps: int = 0
     cpu_s: float = 0.0

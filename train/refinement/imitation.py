@@ -1,5 +1,5 @@
-"""Imitation: a prior learns the actions of other priors at other speeds, and its own actions when it is told the right
-speed. At the design speed it does not change.
+"""The imitation: a prior learns the actions of other priors at other speeds, and its own actions when it is told the
+right speed. At the design speed, it does not change.
 
 A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
 speeds run in closed loop there, and the scheduled weights below or above the design speed are fitted to their actions.

@@ -1,4 +1,4 @@
-"""Training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
+"""The training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
 
 Streams are flows that continue under the feedback; each update uses one stretch, an interval of closed loop, of several
 streams. A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base.
@@ -116,12 +116,12 @@ locked onto the wake."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Refined:
-    """Result of the refinement.
+    """The result of the refinement.
 
     Attributes:
         feedback: feedback with averaged weights.
-        stretches: for each of the newest stretches near the design speed, or at any speed if there is none, an array
-            (n, p + 1) with one row for each of n control periods: p pressure differences and the action.
+        stretches: an array (n, p + 1) for each of the newest stretches near the design speed, or at any speed if there
+            is none. Each of n control periods has a row: p pressure differences and the action.
         periods: number of control periods that the plant was run for.
     """
 

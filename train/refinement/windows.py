@@ -23,8 +23,9 @@ ROUNDED: Final = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Price:
-    """Weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2. |Cl| is smoothed within `ROUNDED`; Uy
-    is the transverse velocity at the wake probe and indicates drag after the stretch; a is the action in force."""
+    """The weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2. |Cl| is smoothed within
+    `ROUNDED`. Uy, the transverse velocity at the wake probe, indicates drag after the stretch. a is the action in
+    force."""
 
     lift: float
     motion: float

@@ -67,7 +67,7 @@ def _refuse_constant(name: str, values: Array) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
-    """Standardised episodes, one after the other, in single precision: n rows and N sensors.
+    """The standardised episodes, one after the other, in single precision: n rows and N sensors.
 
     Attributes:
         inputs: (n, N + 1) encoder rows.

@@ -1,4 +1,4 @@
-"""Scores of the sensors in repeated rankings: the best sensors, and their stability (paper, appendix C)."""
+"""The scores of the sensors in repeated rankings: the best sensors, and their stability (paper, appendix C)."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ def check_count(count: int, available: int) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ranking:
-    """Scores of the sensors; each repeat draws other training windows at random and scores all sensors again.
+    """The scores of the sensors. Each repeat draws other training windows at random and scores all sensors again.
 
     Attributes:
         scores: (repeats, N).

@@ -47,7 +47,7 @@ _LOOK_S: Final = 0.5
 
 
 def require_truck(body: BodyConfig) -> None:
-    """Raise PlantError for a body other than the truck, because this plant's mesh is the truck's."""
+    """Raise PlantError for a body other than the truck, because this plant has a mesh of the truck only."""
     for name in ("length", "leading_edge_radius", "sensors_per_side", "sensors_on_base"):
         value, truck = getattr(body, name), getattr(TRUCK_BODY, name)
         if value != truck:

@@ -1,4 +1,4 @@
-"""OpenFOAM's files: dictionaries, lists, a plane mesh as `polyMesh`, and fields as icoFoam writes them."""
+"""The files of OpenFOAM: dictionaries, lists, a plane mesh as `polyMesh`, and fields as icoFoam writes them."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Conversion of the files that icoFoam's function objects write into samples of the plant.
+"""The conversion of files from icoFoam's function objects into samples of the plant.
 
 Forces in units of rho U_inf^2 W / 2 are twice the kinematic forces, for a domain of depth 1.
 

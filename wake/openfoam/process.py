@@ -1,4 +1,4 @@
-"""icoFoam as a child process, and the pipes through which its jets and its inlet are controlled step by step.
+"""The child process icoFoam, and the pipes that control its jets and its inlet step by step.
 
 The boundary condition of jets and inlet (`wake.openfoam.wall`) reads the velocity at listed instants from one file for
 each instant. In the time step after an instant, it opens the file of the next instant. Here the end of every time step

@@ -42,9 +42,9 @@ _LATE: Final = 1e-6
 
 
 def patch_velocity(mesh: Mesh, patch: str, action: float, stream: float) -> Array:
-    """Return the velocity on the k faces of a patch in `DRIVEN`, in the mesh's order, (k, 2); on a slot it is averaged
-    exactly over each face. `action` is the jet flow rate; the lower slot blows when the upper slot sucks (paper,
-    section 2.1). `stream` is the free stream in U_inf."""
+    """Return the velocity on the k faces of a patch in `DRIVEN`, in the mesh's order, (k, 2). On a slot, the velocity
+    is averaged exactly over each face. `action` is the jet flow rate; the lower slot blows when the upper slot sucks
+    (paper, section 2.1). `stream` is the free stream in U_inf."""
     y = mesh.patch_centres(patch)[:, 1]
     if patch not in JETS:
         return np.column_stack([np.full(len(y), stream), np.zeros(len(y))])

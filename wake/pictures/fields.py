@@ -1,4 +1,4 @@
-"""Fields of a flow for pictures: values in the cell centres, averages over time, and interpolation to pixels."""
+"""The fields of a flow for pictures: values in the cell centres, averages over time, and interpolation to pixels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ def mean_flow(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raster:
-    """Linear interpolation from the nodes of a tensor grid to square pixels with centres x (width,) and y (height,),
+    """A linear interpolation from the nodes of a tensor grid to square pixels with centres x (width,) and y (height,),
     both rising. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) are the weights of the nodes for every
     pixel."""
 

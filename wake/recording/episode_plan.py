@@ -1,5 +1,5 @@
-"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), exploration noise, and the plans of
-the episodes of a forced recording."""
+"""The open-loop forcing signals, sampled at the control period (paper, section 2.1), the exploration noise, and the
+plans of a forced recording's episodes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -93,7 +93,7 @@ SHEDDING_PERIOD: Final = 24
 @dataclass(frozen=True, kw_only=True)
 class EpisodePlan:
     """The plan of one episode with open-loop forcing. `lead` is the number of control steps without forcing from the
-    start to the first sample; it differs between episodes, so that they begin in different phases of the shedding
+    start to the first sample. It differs between episodes, so that episodes begin in different phases of the shedding
     cycle."""
 
     forcing: ForcingName

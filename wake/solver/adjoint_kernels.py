@@ -1,4 +1,4 @@
-"""Compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
+"""The compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
 The word `bar` in a name denotes sensitivities: derivatives, with respect to a value, of a scalar that depends on later
 flows. Each kernel reads the sensitivities to the outputs of its forward kernel, and adds the resulting terms to the

@@ -1,4 +1,4 @@
-"""Velocity and pressure in one buffer, and the position of each value in it.
+"""The velocity and pressure in one buffer, and the position of each value in the buffer.
 
 The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u (nx + 2, ny + 2) and
 v (nx + 2, ny + 1) have one layer beyond the edges parallel to the component, and one layer beyond the outlet. p (nx +

@@ -36,7 +36,7 @@ _SPACING_Y: _Spacing = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """Face coordinates and the spacings derived from them, for nx by ny cells.
+    """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells.
 
     Attributes:
         xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).

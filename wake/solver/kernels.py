@@ -1,4 +1,4 @@
-"""Compiled inner loops: momentum balance, ghosts, divergence and pressure correction.
+"""The compiled inner loops: momentum balance, ghosts, divergence and pressure correction.
 
 The scheme has central differences on the staggered grid, of second order on smoothly stretched grids. The convective
 term interpolates with equal weights, so that it conserves kinetic energy (Verstappen and Veldman, J. Comput. Phys. 187,
@@ -20,7 +20,7 @@ from wake.solver.boundary import GhostMap
 
 
 class Spacing(NamedTuple):
-    """Spacings as in `Grid`, but with mirrored cells before the inlet and beyond the outlet; dx is (nx + 1,)."""
+    """The spacings as in `Grid`, but with mirrored cells before the inlet and beyond the outlet; dx is (nx + 1,)."""
 
     dx: Array
     dxc: Array
@@ -37,7 +37,7 @@ class Fields(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Accumulated rates of u and v, in the padded shapes of u and v."""
+    """The accumulated rates of u and v, in the padded shapes of u and v."""
 
     u: Array
     v: Array
@@ -58,7 +58,7 @@ class Walls(NamedTuple):
 
 
 class Inflow(NamedTuple):
-    """Velocity at the inlet: u (ny,) and v (ny + 1,)."""
+    """The velocity at the inlet: u (ny,) and v (ny + 1,)."""
 
     u: Array
     v: Array

@@ -111,8 +111,8 @@ class FlowSolver(CopiedWhole):
         and restores the flow, if the new flow is not finite or is faster than is physically possible in this flow.
 
         Args:
-            wind: excess of the stream's velocity over the inflow's, as a continuous function of the time since the
-                beginning.
+            wind: excess of the stream's velocity over the inflow velocity, as a continuous function of the time since
+                the beginning.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """
         self._before.flat[:] = flow.flat

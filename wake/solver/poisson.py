@@ -1,4 +1,4 @@
-"""Direct solver for the pressure increment on the stretched grid, without the links between cells that the body cuts.
+"""A direct solver for the pressure increment on the stretched grid, without the links between cells that the body cuts.
 
 The integrated five-point Laplacian A (Neumann on three sides, phi = 0 at the outlet) is separable: eigenvectors in y, a
 tridiagonal system in x per eigenvector. The body is a low-rank change A' = A + D K D^T. The columns of D are the links

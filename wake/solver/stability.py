@@ -1,4 +1,4 @@
-"""Limits of a stable time step of the explicit scheme.
+"""The limits of a stable time step of the explicit scheme.
 
 The convective number of a cell is dt (|u| / dx + |v| / dy), the viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
 stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with

@@ -76,8 +76,8 @@ def moved(
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> State:
     """Interpolate a state on another grid, `source`, to the plant's grid, and let the flow settle without jets for
-    `duration` t_c. Body and Reynolds number are the plant's. Raises PlantError if the flow diverges. Returns the state
-    with its clock at zero and with shut jets; the plant is in this state, too. `progress` is called with (time,
+    `duration` t_c. The plant determines body and Reynolds number. Raises PlantError if the flow diverges. Returns the
+    state with its clock at zero and with shut jets; the plant is in this state, too. `progress` is called with (time,
     duration) after every control period."""
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()

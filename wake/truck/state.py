@@ -58,7 +58,7 @@ def develops(reynolds: float) -> str:
 
 
 def check_reynolds(origin: Origin, reynolds: float) -> None:
-    """Raise PlantError if a state was computed at another Reynolds number than the plant's."""
+    """Raise PlantError if a state was computed at a Reynolds number other than that of the plant."""
     if origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
@@ -67,7 +67,7 @@ def check_reynolds(origin: Origin, reynolds: float) -> None:
 
 
 def check_body(origin: Origin, body: BodyConfig) -> None:
-    """Raise PlantError if a state was computed around another body than the plant's."""
+    """Raise PlantError if a state was computed around a body other than that of the plant."""
     if not origin.is_of(body):
         raise PlantError(
             f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "

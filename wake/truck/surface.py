@@ -1,4 +1,4 @@
-"""Sensors and forces as functionals of the flow. Forces are in units of rho U_inf^2 W / 2.
+"""The sensors and forces as functionals of the flow. Forces are in units of rho U_inf^2 W / 2.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
 step gives these quantities. The wall pressure follows from a parabola along the normal. It passes through two points in
@@ -93,8 +93,8 @@ force."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """Functionals of a flow at one instant: Cp at the sensors, the sum of the pressure and the viscous force on the
-    wall without the slot faces, the load on these faces, and the transverse velocity at the wake probe."""
+    """The functionals of a flow at one instant: Cp at the sensors, the force (pressure and viscous) on the wall without
+    the slot faces, the load on these faces, and the transverse velocity at the wake probe."""
 
     Cp: Array
     Cd: float

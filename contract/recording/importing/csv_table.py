@@ -59,7 +59,7 @@ def read_csv(path: Path) -> CsvTable:
 
     Empty lines are skipped. Lines above the header that begin with # are comments. If numbers directly follow the
     comments, the last comment is the header, as in files of `numpy.savetxt`. Raises DatasetError if the file is no
-    text, or has no header, no rows, or a row whose number of cells differs from the header's.
+    text, or has no header, no rows, or a row with more or fewer cells than the header.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")

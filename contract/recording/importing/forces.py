@@ -1,4 +1,4 @@
-"""Drag and lift for a log without forces, interpolated from a table at the times of the log's rows."""
+"""The drag and lift for a log without forces, interpolated from a table at the times of the log's rows."""
 
 import re
 from collections.abc import Mapping

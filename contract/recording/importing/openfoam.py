@@ -1,4 +1,4 @@
-"""Import of an OpenFOAM case as an episode: pressures p of its probes, force coefficients, commanded actions."""
+"""The import of an OpenFOAM case as an episode: pressures p of its probes, force coefficients, commanded actions."""
 
 import os
 import re

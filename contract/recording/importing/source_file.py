@@ -52,7 +52,7 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The value in the files that equals 1 in the data set, such as a force of 40 N. No unit means the file's."""
+    """The value in the files that equals 1 in the data set, such as a force of 40 N. No unit: as in the file."""
 
     number: float
     unit: str | None

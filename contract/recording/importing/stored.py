@@ -29,8 +29,8 @@ class Stored:
 
     Attributes:
         values: array as the file stores it.
-        attributes: metadata of the array, by name. This class evaluates those of CF: scale_factor, add_offset,
-            _FillValue, missing_value, valid_min, valid_max, valid_range, units, and netCDF's _Unsigned.
+        attributes: metadata of the array, by name. This class evaluates scale_factor, add_offset, _FillValue,
+            missing_value, valid_min, valid_max, valid_range and units of CF, and _Unsigned of netCDF.
         netcdf: whether the file is a netCDF file, whose default fill values apply if the array states no fill value.
     """
 
