@@ -33,7 +33,7 @@ HELD: Final = 0.4
 GUST: Final = 0.15
 """Largest relative difference, in half of the windows, between the air speed and the speed that scales the pressures.
 Without this difference in training, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of
-healthy sensors; with it, the gust leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
+healthy sensors. With it, the gust leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
 """Random seed of initial weights, draws and noise; its value is arbitrary."""

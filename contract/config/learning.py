@@ -88,14 +88,14 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
     """k: number of steps that the dynamics network predicts from each encoded state to compute the loss."""
     force_weight: NonNegative[float] = 0.25
-    """Weight, in the loss, of the error of the forces decoded from predicted latents."""
+    """Weight of a term of the loss: the error of the forces that are decoded from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """Weight, in the loss, of the error of the forces decoded from encoded latents; the paper decodes predicted latents
-    only."""
+    """Weight of a term of the loss: the error of the forces that are decoded from encoded latents. The paper decodes
+    predicted latents only."""
     variance_weight: NonNegative[float] = 0.02
-    """Weight, in the loss, of the amount by which a latent's standard deviation over the batch is below 1."""
+    """Weight of a term of the loss: the amount by which a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
-    """Weight, in the loss, of the squared covariances between latents over the batch."""
+    """Weight of a term of the loss: the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
     """Learning rate of Adam in every phase except the finish."""
@@ -126,8 +126,8 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Smallest number of roll-outs from which the slim dynamics and decoder are distilled
     (`train.distillation.lessons`)."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
-    """Weight, in the distillation of dynamics and decoder, of the error of the cost's gradient with respect to the
-    plan; the errors of latents and forces have weight 1."""
+    """Weight of a term in the distillation of dynamics and decoder: the error of the cost's gradient with respect to
+    the plan. The errors of latents and forces have weight 1."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
     """Standard deviation of the noise on the slim encoder's inputs during distillation, and on the sensors that greedy
     and random selection compare, in global standard deviations of pressure (paper, appendix B). Without noise, a sensor
@@ -208,7 +208,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Whether the training computes the flow in single precision. It takes two thirds of the time of double precision;
     the gradients agree to 1e-5."""
     batch: AtLeastOne[int] = 1
-    """Number of stretches, each of a different flow, over which an update averages the gradient."""
+    """Number of stretches over which an update averages the gradient. Each stretch belongs to a different flow."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0
     """Smallest ratio of a training speed to the design speed."""
     fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0

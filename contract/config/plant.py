@@ -53,7 +53,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     envelope_frequency: Annotated[Positive[float], FREQUENCY] = 0.005
     """Frequency of the slow sine that modulates the amplitude."""
     envelope_depth: Fraction[float] = 0.45
-    """Depth of the slow sine: the largest share by which it reduces or raises the amplitude."""
+    """Depth of the slow sine: the largest share by which the sine reduces or raises the amplitude."""
     chirp_start: Annotated[Positive[float], FREQUENCY] = 0.1
     """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4

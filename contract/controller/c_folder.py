@@ -1,4 +1,4 @@
-"""The folder of a C library, which has one control step in C99 and the ECU around it: file names and formats.
+"""The file names and formats in a C library's folder, which has one control step in C99 and the ECU around the step.
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
 calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and

@@ -1,5 +1,5 @@
-"""The parameters of a release as a C struct: a constant for the compiler, and the bytes to which the compiler converts
-it. Both are built from one description, so compiled-in parameters equal the parameters of an image
+"""The parameters of a release as a C struct: a constant for the compiler, and the constant's bytes after compilation.
+Both are built from one description, so compiled-in parameters equal the parameters of an image
 (`contract.controller.image_payload`)."""
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The interface of a bundle's `sensors.onnx`, which estimates each pressure from the others, and the network's weights.
+"""The interface and the weights of a bundle's `sensors.onnx`, a network that estimates each pressure from the others.
 
 The ECU's sensor check asks whether each reading agrees with the other readings. If not, it asks which sensor must be
 left out, or which two sensors exchanged, so that the rest agree. So one call estimates every pressure from several

@@ -1,4 +1,4 @@
-"""An episode, which is one uninterrupted recording: its series, their units, and the conditions for a valid episode.
+"""An episode is an uninterrupted recording. This module has its series, their units, and the conditions for validity.
 
 Sample k holds Cp and the forces at t_k, and the action a_k commanded at t_k. The action of the jets changes linearly
 from a_{k-1} to a_k over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.

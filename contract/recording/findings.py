@@ -29,7 +29,7 @@ QUIET: Final = 0.05
 _SPAN: Final = (0.05, 50.0)
 """Plausible extents of the sensors' positions, in W; positions in mm or m are mostly outside this range."""
 _USED: Final = 0.25
-"""Smallest plausible ratio of the largest training action to the limit; with a wrong unit it is far smaller."""
+"""Smallest plausible ratio of the largest training action to the limit. With a wrong unit, the ratio is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
 """Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
 in seconds, the peak is mostly outside this range."""

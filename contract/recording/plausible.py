@@ -19,7 +19,7 @@ def dominant_frequency(values: Array, period: float) -> float | None:
         return None
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
-    # Peaks at lower frequencies are drift, because the record has less than one and a half periods of them.
+    # The record has less than one and a half periods of lower frequencies, so peaks there are drift.
     return float((12 + spectrum[12:].argmax()) / (padded * period))
 
 

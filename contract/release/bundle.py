@@ -149,8 +149,8 @@ def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False)
     not signed as required. The message states the file; each kind of fault has a separate subclass of the error.
 
     Args:
-        trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes, and so does a
-            bundle with a valid signature by any key; `Bundle.signer` is that key.
+        trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes. A bundle with a
+            valid signature by any key also passes; `Bundle.signer` is this key.
         any_dbc: also read a bundle for another version's DBC.
     """
     return read_checked(path, read_files(path), trusted, any_dbc=any_dbc)

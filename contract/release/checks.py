@@ -4,7 +4,7 @@ The manifest's own hash detects accidental changes. A signature by a trusted key
 
 A graph may come from anyone. ONNX Runtime refuses unknown operators. `contract.runtime` refuses other inputs, outputs
 and shapes, and runs a first step in bounded time and memory. `check_graph` refuses two kinds of content before ONNX
-Runtime reads the bytes: constants in other files, and operators outside the ONNX standard. Each of them puts a certain
+Runtime reads the bytes: constants in other files, and operators outside the ONNX standard. Each kind puts a certain
 text somewhere into the file, and no exported graph contains this text. When a graph is signed, it is checked more
 strictly (`export.release.judged`).
 """

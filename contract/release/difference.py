@@ -45,7 +45,7 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
 
 
 def described(image: ControllerImage) -> dict[str, str]:
-    """Return the data that describe an image, by name, in the order in which they are shown."""
+    """Return the data that describe an image, by name, in display order."""
     facts, layout = image.facts, layout_in(image.payload, image.facts.layout)
     width, speed, density = facts.operating_point
     return {
@@ -98,7 +98,7 @@ def differences(a: Path, b: Path) -> list[Difference]:
 
 
 def _facts(path: Path) -> dict[str, Any]:
-    """Return the values that are compared, by name, in the order in which they are shown."""
+    """Return the values that are compared, by name, in display order."""
     if is_image(path):
         return {**_of_image(opened(path))}
     bundle = bundles.load(path, any_dbc=True)

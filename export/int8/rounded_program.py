@@ -44,7 +44,7 @@ def quantise_matrix(weight: Array) -> Int8Matrix:
 
 
 def row_scales(weight: Array) -> npt.NDArray[np.float32]:
-    """Return the scale of every row, which is the row's largest magnitude divided by 127; 1 for a row of zeros."""
+    """Return the scale of every row: the row's largest magnitude divided by 127, or 1 for a row of zeros."""
     largest = np.abs(weight).max(axis=1)
     # The lower bound ensures that the scale is a normal float32. With a smaller scale, the products of the row would
     # vanish in float32 anyway.

@@ -19,7 +19,7 @@ INT8_LANES: Final = 2 * _WORD
 stored in groups of this number of outputs."""
 
 ACTIVATION_MARGIN: Final = 1.5
-"""Ratio of the activation at which the integer saturates to the largest activation in the calibration."""
+"""Ratio of two activations: the activation at which the integer saturates, and the largest one in the calibration."""
 
 AHEAD: Final = 16
 """Number of zeros after every matrix, because the C code loads weights ahead of their use."""
@@ -27,7 +27,7 @@ AHEAD: Final = 16
 INT16_QMAX: Final = 32767
 
 SUM_QMAX: Final = (2**31 - 1) // 127
-"""Largest sum of the magnitudes in a vector with which its product with int8 weights cannot overflow 32 bits."""
+"""Largest sum of a vector's magnitudes for which the product with int8 weights cannot overflow 32 bits."""
 
 FULL_RANGE_WIDTH: Final = SUM_QMAX // INT16_QMAX
 """Largest length of a vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""

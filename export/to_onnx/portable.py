@@ -52,8 +52,7 @@ def _model(
 
 class _Writer:
     """A writer of nodes without Scan. If the first sequence of a Scan is a constant, such as the rates of the
-    iterations, the Scan has as many steps as the constant has rows; otherwise it has one step for each action of the
-    horizon."""
+    iterations, each row of the constant is a step of the Scan. Otherwise each action of the horizon is a step."""
 
     def __init__(self, graph: onnx.GraphProto) -> None:
         inputs = {value.name: value for value in graph.input}

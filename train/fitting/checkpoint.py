@@ -38,7 +38,7 @@ class Checkpoints:
 
     @classmethod
     def of(cls, output: Path, identity: Identity, resume: bool) -> "Checkpoints":
-        """Return the checkpoints of the model `output`, from which a training continues; without `resume` they are
+        """Return the checkpoints of the model `output`. A training continues from these; without `resume`, they are
         removed first. Raises as `train.fitting.unfinished.check` does."""
         folder = unfinished.folder_of(output)
         if not resume:

@@ -55,9 +55,9 @@ def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> dict[str,
 
 
 def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:
-    """Compute the mean square error over samples, steps and dimensions of latents (..., N_z). The paper writes the
-    squared L2 norm, a sum over the N_z = 8 dimensions; with a variance weight of 0.02 that sum collapses the latent
-    space of a test oscillator, while the mean gives a fit with R2 0.99 in equally many steps."""
+    """Compute the mean square error over samples, steps and dimensions of latents (..., N_z). The paper has the squared
+    L2 norm, a sum over the N_z = 8 dimensions. With a variance weight of 0.02, this sum collapses the latent space of a
+    test oscillator. The mean gives a fit with R2 0.99 in equally many steps."""
     return (predicted - target).square().mean()
 
 

@@ -208,8 +208,8 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
 def predictor(stretches: Sequence[Array], memory: int) -> Array:
     """Fit the prior's predictor of pressure differences by ridge regression: coefficients C_i, (p, M, p + 1), oldest
     row first, of the autoregressive model y_{k+1} = sum over i = 0 .. M-1 of C_i (y_{k-i}, a_{k-i}) of p differences
-    with the action as input. In the mirror image of a flow, y and a change their sign, and so does this model without a
-    constant term, so mirror images would add nothing to the fit.
+    with the action as input. In the mirror image of a flow, y and a change their sign. Without a constant term, the
+    model's output does the same, so mirror images would add nothing to the fit.
 
     `stretches` are arrays of n rows (y_k, a_k), (n, p + 1) each; a prediction's M rows are from one array. Raises
     StillwakeError for fewer steps than coefficients, or a regressor that is always zero.

@@ -1,8 +1,8 @@
 """Recorded episodes as standardised rows.
 
 Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column per sensor and one for the action. Each
-row also has a_k, the action commanded at t_k, which is the input of the dynamics, and the forces (Cd_k, Cl_k). A window
-that ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. The scaling is fitted to training
+row also has the forces (Cd_k, Cl_k), and the input of the dynamics: a_k, the action commanded at t_k. A window that
+ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. The scaling is fitted to training
 episodes and, if used, their mirror images.
 """
 

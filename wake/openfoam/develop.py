@@ -55,8 +55,8 @@ def require_truck(body: BodyConfig) -> None:
 
 
 def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress) -> None:
-    """Run the case in `folder` without jets until `foam.develop_time`, a whole number of control periods; continue from
-    the case's last checkpoint if there is one."""
+    """Run the case in `folder` without jets until `foam.develop_time`, a whole number of control periods. If the case
+    has a checkpoint, continue from the last checkpoint."""
     until, substeps = foam.develop_time, foam.develop_substeps
     if not (folder / "0" / "p").is_file():
         shutil.rmtree(folder, ignore_errors=True)

@@ -1,10 +1,10 @@
 """Time averages of a shedding wake: the rules for all studies.
 
 The average over a part of a cycle depends on where the series begins and ends. So averages run from the first to the
-last instant at which the lift crosses zero upwards, each found by linear interpolation between two samples, and the
-series is integrated by the trapezoidal rule between these instants. The standard deviation is the root of the mean of
-(x - mean)^2, with the same integral. For a signal with 24 samples per cycle, such as this wake's lift, the average over
-a dozen cycles has an error of 1e-6 of the amplitude. Without interpolation of the crossings, the error would be 1e-3.
+last instant at which the lift crosses zero upwards. Linear interpolation between samples gives these instants; the
+trapezoidal rule integrates the series between them. The standard deviation is the root of the mean of (x - mean)^2,
+with the same integral. For a signal with 24 samples per cycle, such as this wake's lift, the average over a dozen
+cycles has an error of 1e-6 of the amplitude. Without interpolation of the crossings, the error would be 1e-3.
 
 The lift of a wake under control may cross zero many times within a cycle. But the wake and the jets still act near the
 shedding frequency. So a controlled wake is averaged over the last whole cycles of the uncontrolled wake: as many as

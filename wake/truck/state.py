@@ -19,7 +19,7 @@ _BODY: Final = ("body_length", "leading_edge_radius")
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """The plant on which a state was computed, without the positions of the sensors, which do not affect the flow.
+    """The plant on which a state was computed. Positions of sensors are left out, because they do not affect the flow.
     `control_period` and `substeps` are None if the state is from an old file that lacks them."""
 
     shape: tuple[int, int]

@@ -147,7 +147,7 @@ class Surface:
         self._slots.weigh(bar, flow, weights.slots)
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
-        """Return the weights with which the flow's values sum to a component's value at a point in the flow."""
+        """Return the weights of the flow's values in a component's value at a point in the flow."""
         return self._terms(component, bilinear(*self._grid.axes(component), px, py))
 
     def _terms(self, component: Component, entries: list[tuple[tuple[int, int], float]]) -> Terms:
@@ -157,8 +157,8 @@ class Surface:
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid: for each point
-        its distance, and the weights with which the flow's values sum to the component's value there."""
+        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. A point is its
+        distance, and the weights with which the flow's values sum to the component's value at the point."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
