@@ -88,14 +88,14 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
     """k: number of steps that the dynamics network predicts from each encoded state to compute the loss."""
     force_weight: NonNegative[float] = 0.25
-    """Weight of a term of the loss: the error of the forces that are decoded from predicted latents."""
+    """Weight of a loss term: the error of the forces decoded from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """Weight of a term of the loss: the error of the forces that are decoded from encoded latents. The paper decodes
-    predicted latents only."""
+    """Weight of a loss term: the error of the forces decoded from encoded latents. The paper decodes predicted latents
+    only."""
     variance_weight: NonNegative[float] = 0.02
-    """Weight of a term of the loss: the amount by which a latent's standard deviation over the batch is below 1."""
+    """Weight of a loss term: the amount by which a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
-    """Weight of a term of the loss: the squared covariances between latents over the batch."""
+    """Weight of a loss term: the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
     """Learning rate of Adam in every phase except the finish."""
