@@ -121,8 +121,8 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy the mode and, if possible, the owner of the old file to the new file. In folders, do this for each new file
-    for which there is an old file of the same name."""
+    """Copy the mode and, if possible, the owner of the old file to the new file. In a folder, do the same for each new
+    file whose name an old file has."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

@@ -87,8 +87,8 @@ def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWe
     The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range, so a
     gradient that the model computes for such a goal is noise and model error. A goal outside the range gets no
     iterations either: with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in
-    three pairs of runs); with four times the largest weight of effort, they did not lower it. A prior trained for drag
-    alone has no input for other goals, so the iterations keep the weights of effort and lift.
+    three pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior trained for
+    drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """
     known = replace(weights, drag_mean=0.0)
     return replace(known, effort=0.0, lift=0.0) if knows_goal else known

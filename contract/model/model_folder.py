@@ -9,8 +9,8 @@ teacher), `slim.` (the encoder of few sensors), `dynamics.` and `decoder.`; narr
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
 A model of the first schema has no layout in its file; its sensors are those of the truck. This module returns tensors
-as arrays, from which `train` builds networks and `export` a controller program. safetensors is imported only when
-needed, because a vehicle imports this package without having safetensors.
+as arrays. From these, `train` builds networks and `export` builds a controller program. safetensors is imported only
+when needed, because a vehicle imports this package without having safetensors.
 """
 
 import hashlib

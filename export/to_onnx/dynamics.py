@@ -11,8 +11,8 @@ norm and ELU, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g 
 
     v = d diag(g) diag(p) (I - xhat xhat^T / n).
 
-diag(g) is folded into the constant matrix before it, and for both layers the other factors are folded into the matrix
-on their narrow side. Let d_k be the sum of dJ/dz through the forces alone, over all steps from k + 1 on, and e_k the
+diag(g) is folded into the constant matrix before it. In both layers, the other factors are folded into the matrix on
+their narrow side. Let d_k be the sum over all steps from k + 1 on of dJ/dz through the forces alone. Let e_k be the
 rest of the adjoint, through later steps. The Scan then computes
 
     e_{k-1} = e_k + (e_k + d_k) B_k W_2 diag(g_1) A_k,

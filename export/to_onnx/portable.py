@@ -15,9 +15,9 @@ from onnxruntime import InferenceSession
 
 
 def portable(model: onnx.ModelProto) -> onnx.ModelProto:
-    """Return a graph of a release in which each Scan is replaced by its steps, in order, and each value that no input
-    determines is replaced by a constant. A caller must give every input, because other runtimes treat an input's
-    default as a constant."""
+    """Return a graph of a release with each Scan replaced by its steps, in order. Each value that depends on no input
+    is replaced by a constant. A caller must give every input, because other runtimes treat an input's default as a
+    constant."""
     graph = model.graph
     writer = _Writer(graph)
     nodes = writer.written(graph.node, {}, "")

@@ -2,11 +2,11 @@
 right speed. At the design speed, it does not change.
 
 A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
-speeds run in closed loop there, and the scheduled weights below or above the design speed are fitted to their actions.
-These weights are multiplied by the distance from the design speed, so they have no effect there.
+speeds run in closed loop at these speeds. The scheduled weights below or above the design speed are fitted to the
+priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect at this speed.
 
-A vehicle knows its speed over the ground, but the wind adds to it. The pressures that a prior reads indicate the true
-speed. So a prior that is told a wrong speed can be fitted to the actions of a prior that is told the right speed.
+A vehicle knows its speed over the ground, but not the wind. The pressures that a prior reads indicate the true speed.
+So a prior that is told a wrong speed can be fitted to the actions of a prior that is told the right speed.
 """
 
 from collections.abc import Sequence

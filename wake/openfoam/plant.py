@@ -114,8 +114,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. The restart is not exact: one control period later, the forces differ by a
-        fraction of a percent from those of an uninterrupted run. Raises PlantError if the state is of another mesh or
-        not finite, or icoFoam does not start."""
+        fraction of a percent from the forces of an uninterrupted run. Raises PlantError if the state is of another mesh
+        or not finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")

@@ -86,9 +86,9 @@ class EpisodeJob:
         return EpisodeBlocks(folder=folder, steps=self.plan.steps, block_steps=self.block_steps)
 
     def run(self, wake: TruckWake | None = None, progress: EpisodeProgress = lambda name, done, total: None) -> None:
-        """Record the missing blocks; `wake` is built if not given. Raises PlantError if the flow diverges, and
-        StillwakeError if this process does not find the folder or cannot write a block, if its versions or its start
-        differ from those in the process that began the recording, or if another call has taken over."""
+        """Record the missing blocks; `wake` is built if not given. Raises PlantError if the flow diverges. Raises
+        StillwakeError if this process does not find the folder or cannot write a block, if the process that began the
+        recording had other versions or another start, or if another call has taken over."""
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)

@@ -22,8 +22,8 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
 
     The array for u, (4, ny + 2), has a column for each padded column of u: 1 / (2 dy), the diffusion coefficients to
     the north and to the south, and minus the sum of these coefficients. The array for v, (7, ny + 1), has a column for
-    each column of v-faces: the averaging weights of the columns of u below and above the face; the diffusion
-    coefficients to the north and to the south, and minus their sum; 1 / (2 dyc) and 1 / dyc.
+    each column of v-faces: the averaging weights of the columns of u below and above the face, the diffusion
+    coefficients to the north and to the south, minus the sum of these coefficients, 1 / (2 dyc), and 1 / dyc.
     """
     real, ny = dy.dtype.type, len(dy)
     one, half = real(1.0), real(0.5)
