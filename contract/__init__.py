@@ -1,1 +1,1 @@
-"""Definitions and formats that all packages share."""
+"""The definitions and formats that all packages share."""

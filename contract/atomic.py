@@ -32,7 +32,7 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
     """Check, before a computation, whether its result, a file or a folder, can be written to `path`. The check creates
     and removes a test file in the nearest existing folder. Raises StillwakeError in these cases: `path` is a folder but
     the result is a file, or the reverse; `path` has no last name, like `..`; this process prints to `path`; the file
-    has a further hard link, which would keep the old content; or nothing can be written there."""
+    has another hard link, which would keep the old content; or `path` is not writable."""
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
     if folder and path.is_file():
@@ -68,8 +68,8 @@ def _check_file(path: Path, there: os.stat_result) -> None:
 
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
-    """Yield a temporary path in the same folder as the target. The block writes a file or a directory there, which
-    replaces the target if the block succeeds, and is removed otherwise.
+    """Yield a temporary path in the same folder as the target. The block writes a file or a directory there. If the
+    block succeeds, the file or directory replaces the target; otherwise it is removed.
 
     The target is the place to which `path` leads; links remain. The new content gets the mode of the old content. An
     old directory remains until the new directory has replaced it. With `keep`, the files of a new directory are instead
@@ -121,8 +121,8 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy the mode and, if possible, the owner of the old file to the new file. In folders, do this for each new file
-    for which there is an old file of the same name."""
+    """Copy the mode and, if possible, the owner of the old file to the new file. In a folder, do the same for each new
+    file whose name an old file has."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():
@@ -131,7 +131,7 @@ def _take_after(new: Path, old: Path) -> None:
     if (was.st_uid, was.st_gid) != (is_now.st_uid, is_now.st_gid):
         with suppress(PermissionError):
             os.chown(new, was.st_uid, was.st_gid)
-    with suppress(PermissionError):  # of a file system without modes
+    with suppress(PermissionError):  # a file system without modes raises it
         new.chmod(stat.S_IMODE(was.st_mode))
 
 

@@ -31,8 +31,8 @@ class Seen:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowState:
-    """A flow at the beginning of a control period: its state in one vector, and the action of the jets at that time,
-    both made dimensionless with the design speed, not with the present speed."""
+    """A flow at the beginning of a control period: its state in one vector, and the action of the jets at that time.
+    Both are made dimensionless with the design speed, not with the present speed."""
 
     flat: Array
     action: float = 0.0
@@ -61,6 +61,6 @@ class DifferentiableFlow(Protocol):
         """Return the present state of the flow, which `begin` accepts."""
 
     def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
-        """Return the mean base pressure and the mean magnitude of the differences between mirrored sensors, in Cp, of
-        the wake without jets at a constant speed, in units of the design speed; None if no sensor is on the base.
-        `state` is a developed wake at the design speed. Raises PlantError if the flow diverged."""
+        """Return two means of the wake without jets, in Cp: base pressure, and magnitude of the differences between
+        mirrored sensors; None if no sensor is on the base. The speed is constant, in units of the design speed. `state`
+        is a developed wake at the design speed. Raises PlantError if the flow diverged."""

@@ -60,7 +60,7 @@ class BundleFileError(BundleError):
 
 
 class BundleDbcError(BundleFileError):
-    """A bundle that was built for another DBC than this version's."""
+    """A bundle that was built for a DBC other than the DBC of this version."""
 
 
 class BundleControllerError(BundleError):
@@ -96,7 +96,7 @@ class ExportError(StillwakeError):
 
 
 class LibraryError(StillwakeError):
-    """A controller library that cannot be compiled or run here, or was built from another program than the bundle's."""
+    """A controller library that cannot be compiled or run here, or that was not built from the bundle's program."""
 
 
 class McuError(StillwakeError):

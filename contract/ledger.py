@@ -1,4 +1,4 @@
-"""The drag ledger: every force along the road that the jets change, and the power that the jets need.
+"""The drag ledger: all forces along the road that the jets change, and the power of the jets.
 
 A drag reduction must be compared with its cost. The controller reduces the drag force on the wall. The ledger also has
 the forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of all forces
@@ -17,7 +17,7 @@ Value = TypeVar("Value", float, Array)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DragLedger(Generic[Value]):
-    """Forces in units of rho U_inf^2 W / 2, at one instant or as time series.
+    """The forces in units of rho U_inf^2 W / 2, at one instant or as time series.
 
     Attributes:
         Cd, Cl: drag and lift force on the wall without the slot faces.

@@ -65,7 +65,7 @@ def read_npz(path: Path, *, objects: bool = False) -> Arrays:
                 found[name] = values.reshape(shape, order="F" if in_columns else "C")
     except OSError:
         raise
-    except Exception as error:  # zipfile, its decompressors and numpy raise what they like for damaged files
+    except Exception as error:  # zipfile, its decompressors and numpy raise any exception for damaged files
         reason = str(error).split("\n", 1)[0] or type(error).__name__
         raise ValueError(f"damaged or not an NPZ file of numbers ({reason})") from error
     return found

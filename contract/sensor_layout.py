@@ -27,8 +27,8 @@ class SensorLayout:
         names: names of the sensors, all different, (n,).
         positions: positions (x, y) in the body's reference length W, x along the flow, y across it, (n, 2).
         base: columns of the sensors on the base, whose mean is the base pressure; may be empty.
-        mirror: column of each sensor's mirror image, (n,), so that Cp[mirror] is the reading in the flow reflected in y
-            = 0; None if the sensors have no mirror images or the body is not symmetric.
+        mirror: column of each sensor's mirror image, (n,), so that Cp[mirror] are the readings in the mirrored flow (y
+            -> -y); None if the sensors have no mirror images or the body is not symmetric.
 
     Raises ConfigError for a contradictory layout.
     """
@@ -92,7 +92,7 @@ class SensorLayout:
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """Return the layout of some columns, in the given order, without mirror images, which may be missing."""
+        """Return the layout of some columns, in the given order, without `mirror`: mirror images may be missing."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],

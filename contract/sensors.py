@@ -1,4 +1,4 @@
-"""The wall-pressure sensors of a body: order, names, positions and mirror images; the truck's 90 (paper, figure 1).
+"""The wall-pressure sensors of a body: order, names, positions and mirror images. The truck has 90 (paper, figure 1).
 
 Order and names follow one rule for every body: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` ..
 from top to bottom. The truck has 40 sensors on each side and 10 on the base.
@@ -17,7 +17,7 @@ PER_SIDE: Final = 40
 ON_BASE: Final = 10
 COUNT: Final = 2 * PER_SIDE + ON_BASE
 
-# The paper gives 0.204555 here, although its mirror image is 0.204545.
+# The paper gives 0.204555 here, but 0.204545 for the mirror image.
 _BASE_Y: Final = (
     0.368182, 0.286364, 0.204555, 0.122727, 0.040909,
     -0.040909, -0.122727, -0.204545, -0.286364, -0.368182,
@@ -30,7 +30,7 @@ BASE: Final = slice(2 * PER_SIDE, COUNT)
 def spaced(length: float, radius: float, per_side: int, base_y: Sequence[float] | Array) -> SensorLayout:
     """Return the layout of a body with rounded front corners: `per_side` sensors on each side, evenly spaced between
     the rounded edge and the base, and sensors at `base_y` on the base. All lengths are in W."""
-    # The paper leaves out the end points and rounds the positions, so this function does too.
+    # As in the paper, the end points are left out and the positions are rounded.
     side_x = np.round(np.linspace(radius, length, per_side + 2)[1:-1], 6)
     upper = np.column_stack([side_x, np.full(per_side, HALF_WIDTH)])
     base = np.column_stack([np.full(len(base_y), length), base_y])

@@ -1,4 +1,4 @@
-"""Paths of the shipped files: the release bundle, and the data for simulation and training.
+"""The paths of the shipped files: the release bundle, and the data for simulation and training.
 
 The bundle is part of the package. The data are a separate distribution, `stillwake-data`, which a vehicle does not
 install. A checkout has the data in `data/`, even if the distribution is not installed.

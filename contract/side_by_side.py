@@ -62,11 +62,10 @@ def spread(
         call: returns a job's function and its arguments, which are sent to the worker; called when a slot is free.
         workers: largest number of local processes to start; there are never more processes than jobs.
         scheduler: address of a running scheduler to use instead of local processes.
-        names: returns, for the error message, the job's name and the part of the job that remains if its workers die.
+        names: returns, for the error message, the job's name and which part of it is unfinished if its workers die.
         finished: called in this process with every finished job and its result, in the order in which the jobs finish.
         looked: called at every poll with the number of threads of each worker, by the worker's address.
-        slots: returns the number of slots, which is the number of jobs that the workers run at the same time, from the
-            argument of `looked`.
+        slots: returns, from the argument of `looked`, the number of jobs that the workers run at the same time.
 
     Raises StillwakeError if the scheduler cannot be reached or has no worker, workers died too often during one job, or
     the job raised a StillwakeError.
@@ -144,9 +143,9 @@ def dask_client(workers: int, scheduler: str | None) -> "Iterator[Client]":
 def _local_cluster(workers: int) -> "LocalCluster":
     from distributed import LocalCluster
 
-    # The cluster's thread and the workers that it starts, now or later, inherit the blocked signals. In this process
-    # the signals are only delayed until the cluster has started. Python's resource tracker would unblock the signals if
-    # it started in between, so the tracker is started before.
+    # The cluster's thread and all workers that it starts inherit the blocked signals. In this process the signals are
+    # only delayed until the cluster has started. Python's resource tracker unblocks the signals when it starts, so it
+    # is started before.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
     try:

@@ -1,4 +1,4 @@
-"""A reader of users' TOML files, and typed values from TOML and JSON trees, converted by msgspec. Errors are one line,
+"""A reader of users' TOML files, and typed values from TOML and JSON trees, converted by msgspec. An error is one line
 with the place, the value and the allowed values."""
 
 import re
@@ -45,7 +45,7 @@ def read_toml(source: Traversable, what: str) -> dict[str, Any]:
         raise ConfigError(f"{what} {source}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{what} {source}: is not UTF-8 text") from error
-    except (ValueError, RecursionError) as error:  # tomllib's errors, or that of a NUL in the path
+    except (ValueError, RecursionError) as error:  # errors of tomllib, or of a NUL in the path
         raise ConfigError(f"{what} {source}: {error}") from error
 
 
@@ -88,7 +88,7 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
         for place, item in enumerate(tree):
             _check_names(item, kind, f"{above.removesuffix('.')}[{place}].", complete=complete)
     if not isinstance(tree, Mapping):
-        return  # for msgspec to refuse, or None
+        return  # the value is None, or msgspec refuses it
     hints = get_type_hints(kind)
     names = {item.name for item in fields(kind)}
     needed = {item.name for item in fields(kind) if complete or item.default is item.default_factory is MISSING}
@@ -115,7 +115,7 @@ def _set_in_order(value: object) -> None:
 
 
 def _part_of(hint: Any) -> Any:
-    """Return the dataclass in a field's type, also of a list's items or of an optional value; None for none."""
+    """Return the dataclass in a field's type, also in an optional or a list type; None if there is no dataclass."""
     if get_origin(hint) is Mapping:
-        return None  # its keys are names of the user's
+        return None  # its keys are chosen by the user
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)

@@ -1,2 +1,1 @@
-"""Offline training: a recording gives a latent model, a sensor ranking, a slim encoder and the errors on test
-episodes."""
+"""The offline training of a latent model, a sensor ranking and a slim encoder, and their errors on test episodes."""

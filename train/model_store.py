@@ -23,12 +23,12 @@ from train.selection.ranking import SensorChoice
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainedModel:
-    """Networks on the CPU in evaluation mode, and their provenance.
+    """The networks on the CPU in evaluation mode, and their provenance.
 
     Attributes:
         teacher: encoder on all sensors, dynamics and decoder.
         slim: encoder on `sensors`, in their order.
-        predictor: narrower dynamics and decoder for the vehicle; None if the vehicle uses the teacher's.
+        predictor: narrower dynamics and decoder for the vehicle; None if the vehicle uses those of the teacher.
         scaling: scaling of all pressures, the action and the forces.
         dataset_sha256, versions: SHA-256 and versions as in `contract.model.model_folder.Description`.
         layout: layout of all sensors, in the order of the scaling and of the teacher's inputs.

@@ -1,4 +1,4 @@
-"""Training from a recording to a stored model: joint fit, choice of sensors, distillation, test errors."""
+"""The training from a recording to a stored model: joint fit, choice of sensors, distillation, test errors."""
 
 import hashlib
 import platform
@@ -49,8 +49,8 @@ def train_all(
     threads: int = 1,
     notice: Callable[[str], None] = lambda line: None,
 ) -> TrainedModel:
-    """Train on the recording's "train" episodes, and also their mirror images if its sensors have mirror images; test
-    on its "test" episodes; store the model at `output`, and return it, on the CPU.
+    """Train on the recording's "train" episodes, and also their mirror images if its sensors have mirror images. Test
+    on the "test" episodes. Store the model at `output`, and return the model, on the CPU.
 
     The state is stored in `<output>.checkpoints` during the run. An existing model at `output` is replaced when the new
     model is complete.
@@ -163,8 +163,8 @@ def _choice(
     state = checkpoints.load(Phase.SELECT)
     if state is None:
         names = select(settings.selection, encoder, rows, settings.sensors, settings=settings, progress=progress)
-        # The order is stored although it is cheap to compute: the values of mirror-image sensors differ only by
-        # rounding, and a resumed run may round differently and choose another order.
+        # The order is stored although it is cheap to compute. The values of mirror-image sensors differ only by
+        # rounding, so a resumed run that rounds differently may choose another order.
         checkpoints.save(Phase.SELECT, {"order": torch.from_numpy(rows.layout.indices(names))})
     else:
         names = tuple(rows.layout.names[index] for index in state["order"].tolist())

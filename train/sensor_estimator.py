@@ -1,5 +1,5 @@
-"""Training of the network that estimates each of a controller's pressures from the other pressures, for the ECU's
-sensor check.
+"""The training of the network for the ECU's sensor check. It estimates each pressure of a controller from the other
+pressures.
 
 The network learns from the recording's "train" episodes and their mirror images, with noise on the readings and with
 rows that repeat the row before them, as on an ECU that loses frames.
@@ -33,7 +33,7 @@ HELD: Final = 0.4
 GUST: Final = 0.15
 """Largest relative difference, in half of the windows, between the air speed and the speed that scales the pressures.
 Without this difference in training, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of
-healthy sensors; with it, the gust leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
+healthy sensors. With it, the gust leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
 SEED: Final = 0
 """Random seed of initial weights, draws and noise; its value is arbitrary."""
@@ -140,7 +140,7 @@ def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor
     readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)
     share = HELD * torch.rand(batch, 1, generator=generator) * torch.randint(2, (batch, 1), generator=generator)
     held = torch.rand(batch, length, generator=generator) < share
-    held[:, 0] = held[:, -1] = False  # the newest readings are new: on a period without any, nothing is judged
+    held[:, 0] = held[:, -1] = False  # the newest readings are new: the ECU judges no period without readings
     source = torch.where(held, 0, torch.arange(length)).cummax(dim=1).values
     readings = torch.gather(readings, 1, source[:, :, None].expand(-1, -1, columns - 1))
     return torch.cat([readings, seen[:, :, -1:]], dim=2)

@@ -48,7 +48,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     environment that continues bit for bit like the original: flow, actions, episode, and random generators.
 
     Args:
-        sensor_names: the observed sensors; all by default, the truck's 90.
+        sensor_names: the observed sensors; by default all sensors, 90 for the truck.
         episode_steps: number of control steps until truncation.
         max_phase_steps: largest random phase; 25 control periods are about one shedding cycle. Each phase takes 1.8 MB.
         start: flow state at phase 0, for other flow settings or another body; None for the shipped developed state.
@@ -153,7 +153,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return self._picture.pixels()
 
     def share_phases(self, other: "TruckWakeEnv") -> None:
-        """Share the store of computed phases with the other environment, which must have equal settings and the same
+        """Share the store of computed phases with another environment, which must have equal settings and the same
         start state. Only one of the two may be reset at a time."""
         self._phases = other._phases
 

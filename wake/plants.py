@@ -74,7 +74,7 @@ def own_wake(
 
 def _start(path: Path | None, config: Config) -> State:
     """Return the start state with its clock at zero and its jets shut. Raises PlantError if its body or Reynolds number
-    is not that of the settings."""
+    differs from the settings."""
     state = developed_state() if path is None else load_state(path)
     if state.origin is not None:
         check_body(state.origin, config.body)

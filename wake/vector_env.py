@@ -28,9 +28,9 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
     Each environment's observations, rewards, `info` and episodes equal, bit for bit, those of a single environment with
     equal seed and actions. `reset` takes one seed, from which the environments get seed, seed + 1 and so on, or a list
-    with one seed or None for each environment; its options are those of `TruckWakeEnv.reset`, for all environments, and
-    `reset_mask`, a Boolean array that selects the environments to reset. A copy or a pickle, taken between two steps,
-    is an independent environment that continues bit for bit. `wake.vector_env.BatchTape(env)` differentiates the batch.
+    with one seed or None for each environment. The options of `TruckWakeEnv.reset` apply to all environments;
+    `reset_mask`, a Boolean array, selects those to reset. A copy or a pickle, taken between two steps, is an
+    independent environment that continues bit for bit. `wake.vector_env.BatchTape(env)` differentiates the batch.
 
     Args:
         num_envs: number of wakes.
@@ -99,7 +99,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return self.__dict__ | {"_pool": None}
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Start the calls and return them after all have ended, so that no flow advances when an error is raised."""
+        """Start the calls, and return them when all have ended. So no flow still advances when an error is raised."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
         begun = [self._pool.submit(work, *each) for each in arguments]
@@ -108,7 +108,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
 
 class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose `step` returns the result that another thread has computed, if there is one."""
+    """An environment whose `step` returns a result from another thread, if that thread has computed a result."""
 
     def __init__(self, env: TruckWakeEnv) -> None:
         super().__init__(env)
@@ -143,7 +143,7 @@ class BatchTape(CopiedWhole):
         self.tapes = [Tape(wake.plant, memory_mb / env.num_envs) for wake in env.wakes]
 
     def advance(self, actions: Array) -> list[Sample]:
-        """Advance each of the N flows by a control period in which its jets ramp to its action; `actions` has shape
+        """Advance each of the N flows by a control period, over which its jets ramp to its action; `actions` has shape
         (N,). Raises PlantError as `Tape.advance` does."""
         pairs = zip(self.tapes, map(float, actions), strict=True)
         return self._env.at_once(Tape.advance, pairs)

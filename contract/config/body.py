@@ -1,4 +1,4 @@
-"""Settings of the body's shape and of its sensors, for the project's own solver; the sensors' layout."""
+"""The settings of the body's shape and sensors, for the project's own solver, and the layout of the sensors."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final

@@ -1,4 +1,4 @@
-"""Settings of the model predictive controller."""
+"""The settings of the model predictive controller."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
@@ -9,7 +9,7 @@ from contract.config.rules import STEPS, AtLeastOne, Finite, NonNegative, Positi
 
 @dataclass(frozen=True, kw_only=True)
 class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")):
-    """Weights of the MPC cost J (paper, section 2.4.1), computed from forces and actions in physical units."""
+    """The weights of the MPC cost J (paper, section 2.4.1). J is computed from forces and actions in physical units."""
 
     drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
     """Weight of (mean C_d over the horizon) - `mpc.drag_reference`."""

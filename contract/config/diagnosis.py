@@ -1,4 +1,4 @@
-"""Settings of the CAN identifiers for diagnosis and calibration, which no control message may have."""
+"""The settings of the CAN identifiers for diagnosis and calibration. No control message may have these identifiers."""
 
 import re
 from collections.abc import Mapping
@@ -124,7 +124,7 @@ _LIKE: Final = {
     "xcp_command_id": "xcp_command_id",
     "xcp_response_id": "xcp_command_id",
 }
-"""Names of settings of identifiers, each with the setting whose identifier must have the same length, 11 or 29 bits."""
+"""Names of identifier settings. Each maps to a setting whose identifier must have the same length, 11 or 29 bits."""
 
 
 @cache

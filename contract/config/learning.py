@@ -1,4 +1,4 @@
-"""Settings of the networks and of their training."""
+"""The settings of the networks and of their training."""
 
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Final, Literal
@@ -66,8 +66,8 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """The finish: the last passes of the joint fit. They predict more than the 5 steps of the passes before, and reduce
-    the prediction error at the controller's horizon. A training that predicts that many steps from the start stalls: it
+    """The finish: the last passes of the joint fit. They predict more steps than the 5 of the earlier passes, and
+    reduce the prediction error at the controller's horizon. A training that begins with so many steps fails: it
     predicts only the mean forces.
 
     In the finish, each of these fields replaces the field of `train` with the same name.
@@ -88,14 +88,14 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
     """k: number of steps that the dynamics network predicts from each encoded state to compute the loss."""
     force_weight: NonNegative[float] = 0.25
-    """Weight, in the loss, of the error of the forces decoded from predicted latents."""
+    """Weight of a loss term: the error of the forces decoded from predicted latents."""
     decode_weight: Annotated[NonNegative[float], paper("equation 5", "without this term")] = 0.0
-    """Weight, in the loss, of the error of the forces decoded from encoded latents; the paper decodes predicted latents
+    """Weight of a loss term: the error of the forces decoded from encoded latents. The paper decodes predicted latents
     only."""
     variance_weight: NonNegative[float] = 0.02
-    """Weight, in the loss, of the amount by which a latent's standard deviation over the batch is below 1."""
+    """Weight of a loss term: the amount by which a latent's standard deviation over the batch is below 1."""
     covariance_weight: NonNegative[float] = 0.02
-    """Weight, in the loss, of the squared covariances between latents over the batch."""
+    """Weight of a loss term: the squared covariances between latents over the batch."""
     batch_size: Annotated[int, at_least(2, "for the variance over a batch"), WINDOWS] = 512
     learning_rate: Positive[float] = 1e-3
     """Learning rate of Adam in every phase except the finish."""
@@ -126,8 +126,8 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Smallest number of roll-outs from which the slim dynamics and decoder are distilled
     (`train.distillation.lessons`)."""
     slope_weight: Annotated[NonNegative[float], _ENCODER_ALONE] = 0.0
-    """Weight, in the distillation of dynamics and decoder, of the error of the cost's gradient with respect to the
-    plan; the errors of latents and forces have weight 1."""
+    """Weight of a term in the distillation of dynamics and decoder: the error of the cost's gradient with respect to
+    the plan. The errors of latents and forces have weight 1."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
     """Standard deviation of the noise on the slim encoder's inputs during distillation, and on the sensors that greedy
     and random selection compare, in global standard deviations of pressure (paper, appendix B). Without noise, a sensor
@@ -153,9 +153,9 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """Training of the prior, the network for the optimiser's initial plan, in closed loop with gradients through the
-    flow solver. The cost over a stretch (an interval of the closed loop) is differentiated with respect to the prior's
-    weights."""
+    """The training of the prior, the network for the optimiser's initial plan. It runs in closed loop with gradients
+    through the flow solver. The cost over a stretch (an interval of the closed loop) is differentiated with respect to
+    the prior's weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
     """Number of past rows (sensor differences and action of a control period) that the prior reads."""
@@ -205,10 +205,10 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     substeps: AtLeastOne[int] = 15
     """Number of time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True
-    """Whether the training computes the flow in single precision, which takes two thirds of the time of double
-    precision; the gradients of both agree to 1e-5."""
+    """Whether the training computes the flow in single precision. It takes two thirds of the time of double precision;
+    the gradients agree to 1e-5."""
     batch: AtLeastOne[int] = 1
-    """Number of stretches, each of a different flow, over which an update averages the gradient."""
+    """Number of stretches over which an update averages the gradient. Each stretch belongs to a different flow."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0
     """Smallest ratio of a training speed to the design speed."""
     fastest: Annotated[float, within(1.0, 10.0, "the design speed belongs to the range")] = 1.0

@@ -22,8 +22,8 @@ class Setting:
 
     Attributes:
         name: dotted name of the setting, as written after `--set`.
-        unit: unit of the number; "" for a ratio, for a count whose name states what is counted, or for text.
-        bounds: condition on the value, in words; for a setting whose value is one of several words, these words.
+        unit: unit of the number; "" for a ratio, for text, or for a count whose name states what is counted.
+        bounds: condition on the value, in words; if the value must be one of several words, these words.
         meaning: one paragraph on what the setting does; "" if the name is enough.
     """
 

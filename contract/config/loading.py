@@ -68,14 +68,14 @@ _RELEASE = "release"
 PAPER = "paper"
 """Name of the unmodified settings, which have the paper's values."""
 BASE_KEY = "base"
-"""The key in a TOML file that states whether the file modifies the paper's settings or the release's."""
+"""The key in a TOML file that states which settings the file modifies: those of the paper or of the release."""
 RETIRED: Final = {"refine.iterations": False}
 """Settings that no longer exist. A file of an earlier version may contain such a setting with the value given here."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loaded:
-    """Loaded settings, and the dotted names of those that the TOML file and the overrides gave."""
+    """The loaded settings, and the dotted names of the settings that the TOML file and the overrides gave."""
 
     config: Config
     in_file: frozenset[str] = frozenset()
@@ -97,10 +97,10 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
     file, an unknown key, a wrong type or a value out of range.
 
     Args:
-        path: a TOML file. With `base = "paper"` as its first line, the file modifies the paper's settings instead of
-            the release's.
+        path: a TOML file. With `base = "paper"` as its first line, the file modifies the paper's settings, not the
+            release's settings.
         overrides: `section.key=value` strings, with the value in TOML syntax. Text needs no quotation marks.
-        base: settings that the file and the overrides modify, instead of the release's.
+        base: settings that the file and the overrides modify, instead of the release's settings.
     """
     tree = _packaged(_RELEASE) if base is None else to_tree(base)
     asked = {} if path is None else read_toml(path, "configuration")
@@ -121,7 +121,7 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
 
 def training(*, quick: bool = False) -> Config:
-    """Return the release's settings with those for training a model without a prior, and of a quick training."""
+    """Return the release's settings, changed for training a model without a prior, and for a quick training."""
     tree = _packaged(_RELEASE)
     for name in ("trained", "quick") if quick else ("trained",):
         _merge(tree, _packaged(name))

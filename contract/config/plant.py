@@ -1,4 +1,4 @@
-"""Settings of the flow, its forcing, and the second plant (OpenFOAM)."""
+"""The settings of the flow, of its forcing, and of the second plant (OpenFOAM)."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final
@@ -27,7 +27,7 @@ class FlowConfig(Settings, source=paper("section 2.1")):
     """Reynolds number, control period, jets and grid of the simulated flow (paper, section 2.1)."""
 
     reynolds: Positive[float] = 500.0
-    """Reynolds number U_inf W / nu. The paper's value is three to four orders of magnitude below a real truck's."""
+    """Reynolds number U_inf W / nu. The paper's value is three to four orders of magnitude below a truck's value."""
     control_period: Annotated[Positive[float], TIME] = 0.2
     """Time from one sample of the pressures to the next, which is also the time from one action to the next."""
     substeps: Annotated[int, _SUBSTEPS, ours("half the time step changes no result noticeably", page=_MESH)] = 30
@@ -53,7 +53,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
     envelope_frequency: Annotated[Positive[float], FREQUENCY] = 0.005
     """Frequency of the slow sine that modulates the amplitude."""
     envelope_depth: Fraction[float] = 0.45
-    """Depth of the slow sine: the largest share by which it reduces or raises the amplitude."""
+    """Depth of the slow sine: the largest share by which the sine reduces or raises the amplitude."""
     chirp_start: Annotated[Positive[float], FREQUENCY] = 0.1
     """Start frequency of the test episode's chirp, which ends at `forcing.chirp_end`."""
     chirp_end: Annotated[Positive[float], FREQUENCY] = 0.4

@@ -1,10 +1,10 @@
-"""Metadata of a setting's type: the allowed values, the unit, and the source of the default.
+"""The metadata of a setting's type: the allowed values, the unit, and the source of the default.
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
 `Settings` checks the rules of its fields when it is created. A condition on two fields is checked by a call of
 `require` in the class's own `_check_together`. A number without a unit is a ratio, or a count whose name states what is
-counted; no value is converted. A field without its own source has the source of its section.
+counted. No value is converted. A field without a source has the source of its section.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,11 +18,11 @@ from contract.printable import LARGEST, quoted
 
 @dataclass(frozen=True)
 class Source:
-    """Source of a default value: metadata of an `Annotated` type, or of a class of settings.
+    """The source of a default value: metadata of an `Annotated` type, or of a class of settings.
 
     Attributes:
         place: place in the paper, or name of the standard; "" if the default is the project's own.
-        note: how the default follows from the source; for the project's own defaults, the reason.
+        note: how the default follows from the source, or the reason for a default of the project.
         page: page of `docs/` with more about the default; "" if there is none.
     """
 
@@ -38,8 +38,8 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the paper's number at a place, e.g. "section 2.1", or as one that follows as the note says.
-    Equations have the manuscript's numbers, which do not restart with each section."""
+    """Mark a default as the paper's number at a place, e.g. "section 2.1", or as a number that follows as the note
+    says. Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
 
@@ -131,13 +131,13 @@ AtLeastOneOrNone = Annotated[int | None, at_least(1, or_none=True)]
 
 
 class Settings:
-    """Base class of the settings' dataclasses; it validates every instance when it is created.
+    """The base class of the settings' dataclasses. It validates every instance when the instance is created.
 
     Raises ConfigError for a value that breaks the rule of its field; the message states section, field, value and rule.
 
     Attributes:
         section: dotted name of the section in the tree; by default, the class name without "Config".
-        source: source of the defaults of fields whose types state no source; None if every field states its own.
+        source: source of a default whose field states no source; None if every field states a source.
     """
 
     section: ClassVar[str]

@@ -1,7 +1,7 @@
 """The tree of all settings, shared by all packages.
 
-A default is the paper's number if the paper states one. Each setting states the source of its
-default (`contract.config.rules`).
+A default is the paper's number if the paper states a number. Each setting states the source of its default
+(`contract.config.rules`).
 
 Lengths are in W, times in t_c, and actions a, which are jet flow rates, in U_inf W. Values are checked when they are
 set, so every existing `Config` is valid. `contract.config.loading` reads trees from TOML and applies overrides.

@@ -1,4 +1,4 @@
-"""Settings of the bus, the ECU and the simulated vehicle."""
+"""The settings of the bus, the ECU and the simulated vehicle."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
@@ -42,13 +42,13 @@ class E2eConfig(
     section="bus.e2e",
     source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
 ):
-    """Conditions under which a receiver accepts the frames of an E2E-protected message as a valid stream."""
+    """Conditions under which a receiver treats the frames of an E2E-protected message as a valid stream."""
 
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("lost frames that the ECU bridges", page=_GATE)
     ] = 4
     """Largest increment of the counter with which a frame is still accepted as the next frame. The default 4 allows a
-    loss of three frames in a row, which is the number that the ECU's fail-safe bridges."""
+    loss of three frames in a row; the ECU's fail-safe bridges the same number."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Number of latest check results that together decide whether a stream is valid."""
     min_ok: Annotated[int, FRAMES] = 2
@@ -70,8 +70,8 @@ class BackgroundConfig(
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, stuff bits included."""
     dbc: str = ""
-    """DBC file whose messages replace the generated messages. Each message has the cycle time that the file states
-    (`GenMsgCycleTime`); its contents are random."""
+    """DBC file whose messages replace the generated messages. Each message has random contents and the cycle time in
+    the file (`GenMsgCycleTime`)."""
     seed: Annotated[NonNegative[int], ours("an arbitrary number")] = 0
     """Random seed of the background messages' identifiers, phases and contents."""
 
@@ -136,17 +136,17 @@ class SensorCheckConfig(
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
     """Ratio at which the ECU no longer uses a sensor: the mean squared deviation of its reading from the other sensors'
-    estimate, divided by the other sensors' mean squared deviation from each other. Healthy sensors reach 8."""
+    estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
     """Limit like `liar_level`, but for deviations averaged over two shedding cycles, which show small biases and
     drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
-    """Ratio at which two sensors are taken for exchanged: the disagreement among the received pressures, divided by the
-    disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
+    """Ratio at which two sensors are treated as exchanged: the disagreement among the received pressures, divided by
+    the disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
-    """Disagreement among the pressures, not explained by a single sensor, at which a period counts as doubtful. Once
-    the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside the
-    range of the training data."""
+    """Disagreement among the pressures at which a period counts as doubtful, if no single sensor explains it. Once the
+    ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside the range
+    of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Count of doubtful periods at which the jets go to zero and the fault latches. Any other period subtracts 1 from
     the count."""
@@ -169,15 +169,15 @@ class BenefitCheckConfig(
     wake_periods: Annotated[AtLeastOne[int], PERIODS, ours("until shedding is restored", page=_HELPS)] = 150
     """Number of periods with the jets shut after which the wake counts as the wake without control."""
     first_period: Annotated[AtLeastOne[int], PERIODS, ours("the wake needs a cycle to respond", page=_HELPS)] = 60
-    """First period of control that is judged; in the periods before it the wake has not yet responded."""
+    """First period of control that is judged. In earlier periods the wake has not yet responded."""
     least_gain: NonNegative[float] = 0.04
     """Smallest share of the base suction that control must remove to count as helping."""
     most_swing: Positive[float] = 1.15
-    """Largest mean difference between mirrored sensors with which control counts as helping, relative to the mean
+    """Largest mean difference between mirrored sensors at which control counts as helping, relative to the mean
     difference without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count of periods in which control did not help, at which the jets are shut for a test. A period in which control
-    helped subtracts 1 from the count. The fault latches if the test fails."""
+    """Count at which the jets are shut for a test. A period in which control did not help adds 1, a period in which
+    control helped subtracts 1. The fault latches if the test fails."""
 
     def _check_together(self) -> None:
         require(self.least_gain < 1.0, self, "least_gain", "below 1")
@@ -194,9 +194,9 @@ class SpeedConfig(
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Largest acceleration of a vehicle. A speed is rejected if its change would need a larger acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
-    """Share by which the vehicle's speed may be outside the release's range before the jets are shut; the air speed may
-    still be in the range. Within this margin the ECU uses the nearest end of the range. The jets restart when the speed
-    is in the range."""
+    """Share by which the vehicle's speed may be outside the release's range before the jets are shut. The air speed may
+    then still be in the range. Within this margin the ECU uses the nearest end of the range. The jets restart when the
+    speed is in the range."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,13 +1,13 @@
-"""The folder of a C library, which has one control step in C99 and the ECU around it: file names and formats.
+"""The file names and formats in a C library's folder, which has one control step in C99 and the ECU around the step.
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
 calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and
 `recorded.txt` and `expected.txt` for the example program `replay.c`. The names are the same for every program and
 precision. Folders of older versions have no `expected.txt` and no documents; this module needs neither.
 
-A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h` and its sources beside the control step's, and
-programs with a `main` function in `examples/`. A folder without that header has the control step alone, for example if
-the bus does not transmit the controller's sensors.
+A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h`, the sources of the ECU, and programs with a `main`
+function in `examples/`. A folder without that header has the control step alone, for example if the bus does not
+transmit the controller's sensors.
 """
 
 import re
@@ -32,7 +32,7 @@ PROGRAM_WEIGHTS: Final = "sw_weights.c"
 REPLAY: Final = "replay.c"
 """Example program, which runs control steps from recorded rows on a host and is not part of the library."""
 RECORDED: Final = "recorded.txt"
-"""Input rows of the example program: pressures, then the action commanded one step before."""
+"""Input rows of the example program; each row has the pressures, then the action commanded one step before."""
 NO_LIBRARY: Final = "this is not a folder written by `stillwake export --c`"
 EXPECTED: Final = "expected.txt"
 """Expected answers of the example program to the recorded rows."""
@@ -57,7 +57,7 @@ _DEFINITION: Final = re.compile(r"^#define (SW_\w+) (\S.*)$", re.MULTILINE)
 
 
 class ProgramSettings:
-    """The definitions of a generated header. Raises LibraryError if one that is asked for is missing or invalid."""
+    """The definitions of a generated header. Raises LibraryError if a requested definition is missing or invalid."""
 
     def __init__(self, header: bytes) -> None:
         try:

@@ -1,6 +1,6 @@
-"""The parameters of a release as a C struct: a constant for the compiler, and the bytes to which the compiler converts
-it. Both are built from one description, so compiled-in parameters and those of an image
-(`contract.controller.image_payload`) are equal."""
+"""The parameters of a release as a C struct: a constant for the compiler, and the constant's bytes after compilation.
+Both are built from one description, so compiled-in parameters equal the parameters of an image
+(`contract.controller.image_payload`)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """The settings of a release that may be changed on the vehicle: the goal of the control, and the limits of the jets.
 
-The paper's controller reads its goal as data: the weights of the cost are inputs of every control step (section on
-multi-objective control). So the weights of drag and side force can be changed in a fleet without training or flashing.
-Calibration can narrow the limits but never widen them.
+In the paper, the weights of the cost are inputs of every control step (section on multi-objective control). So the
+weights of drag and side force can be changed in a fleet without training or flashing. Calibration can narrow the limits
+but never widen them.
 """
 
 import struct

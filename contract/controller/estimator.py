@@ -1,11 +1,11 @@
-"""The interface of a bundle's `sensors.onnx`, which estimates each pressure from the others, and the network's weights.
+"""The interface and the weights of a bundle's `sensors.onnx`, a network that estimates each pressure from the others.
 
-The sensor check of the ECU asks whether each reading agrees with the others and, if not, which sensor must be left out,
-or which two exchanged, so that the rest agree. So one call estimates every pressure from several views of the same
-window. With S sensors there are
+The ECU's sensor check asks whether each reading agrees with the other readings. If not, it asks which sensor must be
+left out, or which two sensors exchanged, so that the rest agree. So one call estimates every pressure from several
+views of a window. With S sensors there are
 
 * S views with one sensor left out,
-* S (S - 1) / 2 views with two left out: they estimate a sensor when another sensor is suspected too,
+* S (S - 1) / 2 views with two sensors left out, to estimate a sensor when another sensor is suspected too,
 * S views for each pair of sensors, in which the pair's readings are exchanged and one sensor is left out.
 
 ========= ========  ==================================================================================================
@@ -91,8 +91,8 @@ class Hypotheses:
         return cls(view=np.array(liars + swaps), reading=np.array(own + crossed))
 
     def residuals(self, readings: Array, estimates: Array) -> Array:
-        """Return the residuals (S + P, S), reading minus estimate, in Cp. Row j < S has the residuals of all sensors,
-        estimated without sensor j; its entry j is the residual of sensor j, estimated from all others."""
+        """Return the residuals (S + P, S), reading minus estimate, in Cp. The estimates of row j < S do not use sensor
+        j; its entry j is the residual of sensor j, estimated from all others."""
         return np.asarray(readings[self.reading] - estimates[self.view, np.arange(len(readings))])
 
 

@@ -15,14 +15,14 @@ from contract.arrays import Array
 from contract.config.controller import CostWeights
 
 DEAREST_EFFORT: Final = 9.0
-"""Largest weight of effort, relative to a weight of 1 on drag, for which a prior is trained, in Cd per (U_inf W)^2.
-With a prior that was trained with weights up to 100, the jets took the least power at a weight of about 9."""
+"""Largest weight of effort for which a prior is trained, relative to a weight of 1 on drag, in Cd per (U_inf W)^2. With
+a prior that was trained with weights up to 100, the jets took the least power at a weight of about 9."""
 DEAREST_LIFT: Final = 1.0
-"""Largest weight of lift, relative to a weight of 1 on drag, for which a prior is trained, in Cd per |Cl|."""
+"""Largest weight of lift for which a prior is trained, relative to a weight of 1 on drag, in Cd per |Cl|."""
 NARROWEST: Final = 0.5
 """Smallest limit of the jets for which a prior is trained, as a share of the release's limit."""
 SPEED_SCALE: Final = 0.4
-"""Difference of a vehicle's speed from the design speed, as a share of the design speed, that is scaled to 1."""
+"""Difference between a vehicle's speed and the design speed that is scaled to 1, as a share of the design speed."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
 """Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
 above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the pressures of
@@ -87,8 +87,8 @@ def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWe
     The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range, so a
     gradient that the model computes for such a goal is noise and model error. A goal outside the range gets no
     iterations either: with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in
-    three pairs of runs); with four times the largest weight of effort, they did not lower it. A prior trained for drag
-    alone has no input for other goals, so the iterations keep the weights of effort and lift.
+    three pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior trained for
+    drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """
     known = replace(weights, drag_mean=0.0)
     return replace(known, effort=0.0, lift=0.0) if knows_goal else known

@@ -1,15 +1,15 @@
-"""The payload of an image for a microcontroller: a release's parameters as C reads them, then the text of their layout.
+"""The payload of an image for a microcontroller: a release's parameters as C reads them, then a text with their layout.
 
-The parameters are `sw_payload` of `sw_image.h`. The text, which C does not read, is the layout: one line for every
+The parameters are `sw_payload` of `sw_image.h`. The text is the layout; C does not read it. It has one line for every
 setting and every struct on which the positions or the meaning of the parameters depend. The text's SHA-256 identifies
 the layout, in the image's header and in a build's `sw_layout.h`. A build refuses parameters of another layout. Nothing
 else in a library's headers belongs to a release, except the identity of the compiled-in release.
 
 An ECU must not use an invalid number as an index or a bound. The rules for valid numbers are stated in this module
-only. A build's `sw_layout.h` has them as a table, with which `sw_image_open` checks an image in C; `check_numbers`
-checks an image in Python. Floating-point numbers must be finite. Divisors and widths must be positive. Integers must be
-in a range in which no sum of the int8 library overflows. Rules that do not fit into the table are in C and in
-`_together`.
+only. A build's `sw_layout.h` has a table of these rules, with which `sw_image_open` checks an image in C;
+`check_numbers` checks an image in Python. Floating-point numbers must be finite. Divisors and widths must be positive.
+Integers must be so small that no sum of the int8 library overflows. Rules that do not fit into the table are in C and
+in `_together`.
 """
 
 import hashlib
@@ -80,7 +80,7 @@ def limits_in(members: Mapping[str, Member], layout: Mapping[str, str]) -> Itera
         if not each:
             continue
         # If the last axis has one entry per constant, the constants alternate in memory. Otherwise the last axis has
-        # eight entries, which belong to the same constant of eight outputs.
+        # eight entries: one constant of eight outputs.
         run = 1 if sides[-1] == len(each) else sides[-1]
         count, size = prod(sides), np.dtype(dtype).itemsize
         if len(each) == 1:
@@ -147,7 +147,7 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number; of an image of no ECU, which lacks it, `otherwise`, which disables a check."""
+    """Return a definition as a number; `otherwise`, which disables a check, if the layout lacks it (without an ECU)."""
     return int(layout.get(name, otherwise))
 
 
@@ -177,7 +177,7 @@ _ESTIMATOR_SETTINGS: Final = "sw_estimator_settings.h"
 _IDENTITY: Final = "SW_PROGRAM_SHA256"
 """Definition in `sw_settings.h` that identifies the compiled-in program."""
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
-"""Settings of `sw_ecu_settings.h` on which the parameters depend; its other settings are the vehicle's."""
+"""Settings of `sw_ecu_settings.h` on which the parameters depend; the other settings describe the vehicle."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
 """First line of a layout. Its number rises if a member's meaning changes while the member's size stays. In layout 1,
 the wake without jets was given as a share of the wake at the design speed."""

@@ -65,7 +65,7 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlStep:
-    """Result of a control step: the outputs in the table above. The first action of the plan is commanded."""
+    """The result of a control step: the outputs in the module's table. The first action of the plan is commanded."""
 
     plan: Array
     forces: Array
@@ -105,10 +105,10 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the expected action and cost of the step that a build runs as its self-test at start, bit for bit
-        those of a build without fused multiply-add. Raises ControllerError if the library has no expected results."""
+        """Return the expected action and cost of a build's self-test step. A build without fused multiply-add gives
+        these numbers bit for bit. Raises ControllerError if the library has no expected results."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
 """A function that compiles files for the given sizes into a library on this machine, or raises LibraryError. The
-command line passes that of `ecu.in_c` to `export`, which thus checks the C code without depending on a compiler."""
+command line passes such a function to `export`, which thus needs no compiler of its own to check C code."""

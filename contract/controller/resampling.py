@@ -1,8 +1,8 @@
 """The past at another speed: rows of control periods, resampled to steps of `flow.control_period` in convective time.
 
 A controller expects rows that are `flow.control_period` convective times apart. At s times the design speed, a control
-period lasts s of these steps. So the rows of the control periods are interpolated at the convective times (lengths
-travelled) that the controller expects.
+period lasts s of these steps. So the rows are interpolated at the convective times (lengths travelled) that the
+controller expects.
 
 Below the design speed the control periods are shorter than these steps. A controller that reacted fully in every period
 would react faster than it was designed to. The jets act on the pressures at the wall immediately, so the controller
@@ -19,12 +19,11 @@ from contract.arrays import Array, Index
 
 
 class Places(NamedTuple):
-    """Interpolation positions of the m rows that a controller reads, oldest first.
+    """The interpolation positions of the m rows that a controller reads, oldest first.
 
     Attributes:
         newer: (m,) index of the first recorded row at the position's time or later.
-        share: (m,) distance from the row `newer` back to the position, as a share of the distance to the row before
-            `newer`; at least 0 and below 1.
+        share: (m,) position between the row `newer` (0) and the row before it (1); at least 0 and below 1.
     """
 
     newer: Index
@@ -41,15 +40,15 @@ T = TypeVar("T", Array, float)
 
 
 def followed(before: T, new: T, share: float) -> T:
-    """Return the value at the given share of the way from `before` to `new`, for the stored pressures or the command;
-    `new` if the share is 1 or more, that is, at the design speed and above."""
+    """Return the value at the given share of the way from `before` to `new`; both are stored pressures or commands.
+    From the design speed on, the share is 1 or more and the value is `new`."""
     return new if share >= 1.0 else before + share * (new - before)
 
 
 def places(speeds: Sequence[float], length: int) -> Places:
-    """Compute the interpolation positions of `length` rows, of which the last is at the newest period. If the past is
-    too short, there are fewer positions. `speeds` has the speed at each of n periods' samples, oldest first, as a ratio
-    to the design speed, above 0; it is used for the whole period that ends with the sample."""
+    """Compute the interpolation positions of `length` rows; the last row is at the newest period. If the past is too
+    short, there are fewer positions. `speeds` has the speed at each of n periods' samples, oldest first, as a ratio to
+    the design speed, above 0; it is used for the whole period that ends with the sample."""
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)
     at, age = len(speeds) - 1, 0.0
     for steps in range(length):

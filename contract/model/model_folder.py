@@ -8,9 +8,9 @@ teacher), `slim.` (the encoder of few sensors), `dynamics.` and `decoder.`; narr
     mirror images of all sensors, in the order of the scaling), sensors (the slim encoder's inputs in order),
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
-A model of the first schema has no layout in its file; its sensors are the truck's. This module returns tensors as
-arrays, from which `train` builds networks and `export` a controller program. safetensors is imported only when needed,
-because a vehicle imports this package without having safetensors.
+A model of the first schema has no layout in its file; its sensors are those of the truck. This module returns tensors
+as arrays. From these, `train` builds networks and `export` builds a controller program. safetensors is imported only
+when needed, because a vehicle imports this package without having safetensors.
 """
 
 import hashlib
@@ -45,7 +45,7 @@ RESTING: Final = "resting"
 """Name of a tensor that accompanies the prior's tensors: K rows of speed, base pressure and swing of the wake without
 jets (`contract.release.manifest.RestingWake`), (K, 3)."""
 PREDICTOR: Final = ("dynamics", "decoder")
-"""Networks of which a model may also have a narrower form, stored with the prefix `SLIM`."""
+"""Networks that a model may also have in a narrower form, stored with the prefix `SLIM`."""
 
 _NETWORKS: Final = (TEACHER, SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
 _HASH: Final = "weights_sha256"
@@ -57,15 +57,15 @@ Tensors = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Description:
-    """Description of a model: the assumptions and the origin of the weights.
+    """The description of a model: the assumptions and the origin of the weights.
 
     Attributes:
-        layout, scaling: of all sensors, in the same order.
+        layout, scaling: layout and scaling of all sensors, in the same order.
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         metrics: errors under the names "teacher", "slim" and, with narrower networks, "deployed"
             (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma of the slim encoder's latents
-            against the teacher's).
+            against the teacher's latents).
         ranking: method and order of the sensors; for SHAP also mean and standard deviation of every sensor's score, and
             the stability of the best sets.
         versions: versions of the software; "torch_threads" is the number of threads during training.
@@ -88,7 +88,7 @@ class Description:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Origin of a trained model, as stated by the releases that are exported from the model."""
+    """The origin of a trained model, as stated by the releases that are exported from the model."""
 
     dataset_sha256: str
     weights_sha256: str
@@ -120,7 +120,7 @@ class ModelFolder:
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the tensors of `dynamics` or `decoder` for the vehicle: the narrower network's, if there is one."""
+        """Return the vehicle's tensors of `dynamics` or `decoder`: those of the narrower network, if it exists."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property

@@ -54,11 +54,11 @@ DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
 """Older schema, which can still be read: the truck's sensors by name, ten series, the facts in the provenance."""
 DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which can still be read: float32 series, and one `Cd_slot`, the sum of pressure and viscous force."""
+"""First schema, which can still be read. It has float32 series, and the sum `Cd_slot` of pressure and viscous force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
-"""Series stored in double precision, because their values are set and not measured."""
+"""Series stored in double precision, because their values are commanded and not measured."""
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
 """Smallest quantum of Cp; the smallest quantum of all other measured series is `QUANTUM`. With these quanta, 16 bits
@@ -72,7 +72,7 @@ _CHUNK: Final = 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dataset:
-    """Episodes in recorded order, and facts about their plant.
+    """The episodes in recorded order, and facts about their plant.
 
     Attributes:
         episodes: episodes with different names; every Cp has one column for each sensor of the layout.
@@ -120,7 +120,7 @@ def read(path: Path) -> Dataset:
 
 
 def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
-    """Read the valid episodes, None if there are none, and list every problem of the file, one line each."""
+    """Return the valid episodes as a data set (None if there are none), and all problems of the file, one line each."""
     problems: list[str] = []
     dataset = None
     try:
@@ -159,10 +159,9 @@ def write(path: Path, dataset: Dataset) -> None:
 
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
-    """Return the episodes of an existing data set; empty if there is no file. Raises DatasetError if the file is no
-    data set, has the first schema or other sensors than those of the new episodes, or has an episode with other facts;
-    the message states the first difference. `facts` is the provenance that the existing episodes must share with the
-    new episodes, such as the flow's settings."""
+    """Return the episodes of an existing data set; empty if there is no file. `facts` is the provenance that old and
+    new episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, has the first
+    schema, or has other sensors or an episode with other facts; the message states the first difference."""
     return _to_append(path, facts, layout).episodes
 
 

@@ -1,4 +1,4 @@
-"""An episode, which is one uninterrupted recording: its series, their units, and the conditions for a valid episode.
+"""An episode is an uninterrupted recording. This module has its series, their units, and the conditions for validity.
 
 Sample k holds Cp and the forces at t_k, and the action a_k commanded at t_k. The action of the jets changes linearly
 from a_{k-1} to a_k over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.
@@ -17,8 +17,8 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of the times in a table of forces for a log. The clocks are "log", seconds on the log's clock; "start", seconds
-since the log's first pressure; and "t_c", units of W / U_inf since that pressure."""
+"""Clock of the times in a table of forces for a log: "log" for seconds on the log's clock, "start" for seconds since
+the log's first pressure, "t_c" for units of W / U_inf since that pressure."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,9 +69,8 @@ def _number(value: object) -> float | None:
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""Use of an episode. The model is fitted to episodes of "train" only, and tested on episodes of "test". Of the other
-roles, "extended" has forcing beyond the training range, "controlled" has a controller, "calm" begins at the steady
-wake."""
+"""Use of an episode. The model is fitted to "train" episodes only, and tested on "test" episodes. An "extended" episode
+has forcing beyond the training range, a "controlled" one has a controller, a "calm" one begins at the steady wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 UNITS: Final[Mapping[str, str]] = {

@@ -1,4 +1,4 @@
-"""The check of a data set: every property with which training or export would fail."""
+"""The check of a data set for all properties that would make training or export fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ QUIET: Final = 0.05
 _SPAN: Final = (0.05, 50.0)
 """Plausible extents of the sensors' positions, in W; positions in mm or m are mostly outside this range."""
 _USED: Final = 0.25
-"""Smallest plausible ratio of the largest training action to the limit; with a wrong unit it is far smaller."""
+"""Smallest plausible ratio of the largest training action to the limit. With a wrong unit, the ratio is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
 """Smallest and largest plausible frequency of the peak of Cl's spectrum, in U_inf / W, with a wide margin. If times are
 in seconds, the peak is mostly outside this range."""
@@ -290,7 +290,7 @@ def _forcing(dataset: Dataset) -> Iterator[str]:
         if peak is None:
             continue
         if len(action) * period * peak < 2.0 / _NARROW:
-            return  # too short to separate frequencies so near
+            return  # the record is too short to separate frequencies that are so close
         if share_near(action, period, peak, _NARROW) < _POOR or (peaks and abs(peak / peaks[0] - 1.0) > _NARROW):
             return
         peaks.append(peak)

@@ -14,7 +14,7 @@ from contract.recording.episode import UNITS, Episode
 from contract.sensor_layout import SensorLayout
 
 FILL: Final = np.int16(-32768)
-"""Value of a missing integer, which no series contains. netCDF's default, -32767, is a valid number in a series."""
+"""Value that marks a missing integer; no series has it. netCDF's default, -32767, is a valid number in a series."""
 LONG_NAMES: Final = {
     "t": "time", "action": "flow rate of the jets", "Cp": "pressure coefficient", "Cd": "drag coefficient",
     "Cl": "side force coefficient", "Cd_slot_pressure": "drag of the slots by pressure",

@@ -28,7 +28,7 @@ class FoamTable:
 
 
 def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
-    """Read the table whose file's name matches `file`, in a function object's folder, which has a subfolder for every
+    """Read the table whose file name matches `file` in a function object's folder. The folder has a subfolder for every
     start of the case. The rows of a start replace all rows of earlier starts from the time at which this start begins.
     `cut_off` ignores an incomplete last line, which occurs while the case is running. Return None if there is no such
     file. Raises OSError, or ValueError that states file and line."""
@@ -54,7 +54,7 @@ def _starts(folder: Path, file: str) -> list[tuple[Path, float]]:
             try:
                 found.append((path, float(path.parent.name)))
             except ValueError:
-                continue  # no time: somebody's copy
+                continue  # the folder's name is no time, so it is a user's copy
     return found
 
 

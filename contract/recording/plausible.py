@@ -19,7 +19,7 @@ def dominant_frequency(values: Array, period: float) -> float | None:
         return None
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(fluctuation * np.hanning(len(values)), padded))
-    # Peaks at lower frequencies are drift, because the record has less than one and a half periods of them.
+    # The record has less than one and a half periods of lower frequencies, so peaks there are drift.
     return float((12 + spectrum[12:].argmax()) / (padded * period))
 
 
@@ -35,12 +35,12 @@ def share_near(values: Array, period: float, frequency: float, width: float) -> 
 _HIGHEST: Final = 1.1
 """Highest plausible mean Cp: 1, the stagnation pressure of a steady stream, plus 0.1 for errors of p_inf and q."""
 _LOWEST: Final = -5.0
-"""Lowest mean Cp, at a leading edge or a rotating cylinder; with a margin, only means below -5.5 are reported."""
+"""Lowest plausible mean Cp, at a leading edge or a rotating cylinder. Only means below -5.5 are reported."""
 _SWINGS: Final = (-6.0, 1.25)
 """Lower and upper bound of Cp; at most one row in twenty may be beyond either bound. Gusts and noise of 15 % at a
 stagnation point stay within the bounds."""
 _MOMENT: Final = 20.0
-"""Largest plausible |Cp| in a single row. Conical vortices on roofs reach 15 for moments."""
+"""Largest plausible |Cp| in a single row. Conical vortices on roofs reach 15 for a short time."""
 _FORCE: Final = 5.0
 """Largest plausible mean Cd, and largest plausible standard deviation of Cl. A plate across the stream has a Cd of 2,
 and of 4 in a narrow tunnel; only creeping flow, which has no wake, has a larger Cd. Cylinders that oscillate with their
@@ -52,7 +52,7 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio, between files, of Cl's standard deviation by Cp's, which one wake causes."""
+"""Largest plausible ratio between two files of std Cl / std Cp, because one wake causes both deviations."""
 _FAR: Final = (4.0, 10.0)
 """Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
 The first is the distance from the next value. The second is the distance from the median of the other values, in
@@ -79,7 +79,7 @@ _Note = tuple[str, str]
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report one line per cause, with the episodes and values that indicate it, then one per difference of files."""
+    """Report a line per cause, with the episodes and values that show it; then a line per difference between files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -175,7 +175,7 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
     mean, (low, high) = pressure.mean(axis=0), np.quantile(pressure, (0.05, 0.95), axis=0)
     beyond = (mean > _HIGHEST) | (mean < 1.1 * _LOWEST) | (low < _SWINGS[0]) | (high > _SWINGS[1])
     deviation, swing = pressure.std(axis=0), np.ptp(pressure, axis=0)
-    beyond &= (swing > 0) | (swing.max() == 0)  # one that hangs is named as such
+    beyond &= (swing > 0) | (swing.max() == 0)  # a stuck sensor is reported as stuck
     if beyond.any():
         worst = int(np.argmax(np.where(beyond, np.abs(mean) + high - low, -1.0)))
         least, most = pressure[:, worst].min(), pressure[:, worst].max()
@@ -220,7 +220,7 @@ def _divisor(episode: Episode) -> float:
 def _readings(
     names: Sequence[str], table: Array, told: Mask, spread: Array, finest: Array, action: Array
 ) -> Iterator[_Note]:
-    """Report sensors that are stuck, saturated or copies of another, and repeated rows; not for columns `told`."""
+    """Report stuck or saturated sensors, copies of another sensor, and repeated rows; skip columns in `told`."""
     rows = len(table)
     changes = np.flatnonzero((np.diff(table, axis=0) != 0).any(axis=1))
     gaps = np.diff(changes)
@@ -257,7 +257,7 @@ def _readings(
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
             if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
                 continue
-            # Other sensors or the jets must vary in these rows, because in a steady wake all sensors are constant.
+            # In a steady wake all sensors are constant, so other sensors or the jets must vary in these rows.
             if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):
                 yield (
                     f"{name} is at its {word} value, {extreme:.4g}, in {clipped} of {rows} rows",

@@ -24,7 +24,7 @@ LEAST_CALM: Final = 25
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSummary:
-    """Figures of one episode.
+    """The figures of one episode.
 
     Attributes:
         duration: duration in t_c, from the first sample to the last.

@@ -1,8 +1,8 @@
 """The release bundle: a directory with everything that is flashed onto an ECU.
 
-`manifest.json` states the vehicle for which the controller was built; the data set, weights and program from which it
-was built; and the SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of
-the manifest's bytes (`contract.release.signing`), and so covers everything that the manifest states.
+`manifest.json` states the controller's vehicle, the data set, weights and program from which the controller was built,
+and the SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of the
+manifest's bytes (`contract.release.signing`), and so covers everything that the manifest states.
 
 `controller.onnx` computes one control step (`contract.controller.interface`). `sensors.onnx`, if present, estimates the
 pressures from each other for the ECU's sensor check (`contract.controller.estimator`).
@@ -77,7 +77,7 @@ def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] |
 
 
 def with_estimator(manifest: Manifest, contents: dict[str, bytes], made: MadeEstimator) -> Manifest:
-    """Put the estimator's graph into the contents; return the manifest with the estimator's figures and provenance."""
+    """Put the estimator's graph into the contents. Returns the manifest with the estimator's figures and provenance."""
     contents[ESTIMATOR] = made.graph
     provenance = {**manifest.provenance, "sensor_estimator": made.provenance}
     return replace(manifest, provenance=provenance, sensor_estimator=made.figures)
@@ -110,8 +110,8 @@ def renew(
     Args:
         created: day of the new bundle, YYYY-MM-DD.
         trusted: the key that must have signed the old bundle, as in `load`.
-        operating_point: new width, speed or density, by name; values that are not given are the old bundle's.
-        weights: new weights of the cost, by name; weights that are not given are the old bundle's.
+        operating_point: new width, speed or density, by name; other values come from the old bundle.
+        weights: new weights of the cost, by name; other weights come from the old bundle.
         security_version, hardware: new values; None uses the old bundle's value.
         speeds: part of the old bundle's speed range; the ECU shuts the jets outside this part.
         estimator: new sensor estimator; None uses the old bundle's estimator, if there is one.
@@ -149,8 +149,8 @@ def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False)
     not signed as required. The message states the file; each kind of fault has a separate subclass of the error.
 
     Args:
-        trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes, and so does a
-            bundle with a valid signature by any key; `Bundle.signer` is that key.
+        trusted: the key that must have signed the bundle. If it is None, an unsigned bundle passes. A bundle with a
+            valid signature by any key also passes; `Bundle.signer` is this key.
         any_dbc: also read a bundle for another version's DBC.
     """
     return read_checked(path, read_files(path), trusted, any_dbc=any_dbc)

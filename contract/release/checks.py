@@ -2,11 +2,11 @@
 
 The manifest's own hash detects accidental changes. A signature by a trusted key detects deliberate changes too.
 
-A graph may come from anyone. ONNX Runtime refuses unknown operators. Opening the graph's session refuses other inputs,
-outputs and shapes, and a first step runs in bounded time and memory (`contract.runtime`). Two kinds of content remain,
-which `check_graph` refuses before ONNX Runtime reads the bytes: constants in other files, and operators that are not
-ONNX's own. Each of them puts a certain text somewhere into the file, and no exported graph contains this text. When a
-graph is signed, it is checked more strictly (`export.release.judged`).
+A graph may come from anyone. ONNX Runtime refuses unknown operators. `contract.runtime` refuses other inputs, outputs
+and shapes, and runs a first step in bounded time and memory. `check_graph` refuses two kinds of content before ONNX
+Runtime reads the bytes: constants in other files, and operators outside the ONNX standard. Each kind puts a certain
+text somewhere into the file, and no exported graph contains this text. When a graph is signed, it is checked more
+strictly (`export.release.judged`).
 """
 
 import hashlib
@@ -98,14 +98,14 @@ def dbc_sha256() -> str:
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks made while a bundle is read. The first failure ends the reading; with `lists`, every check that is
-    still possible is made."""
+    """The checks made while a bundle is read. The first failure ends the reading. With `lists`, all checks that do not
+    depend on the failed check are still made."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check whose failure does not prevent others. If it fails and `lists` is set, return None."""
+        """Make a check whose failure does not prevent other checks. If it fails and `lists` is set, return None."""
         try:
             value = verify()
         except BundleError as error:
@@ -208,7 +208,7 @@ def _verify_dbc(path: Path, dbc: object) -> str:
 
 
 def check_graph(content: bytes) -> None:
-    """Raise ValueError for a graph that is too large, refers to other files, or has operators other than ONNX's own."""
+    """Raise ValueError for a graph that is too large, refers to other files, or has operators that ONNX lacks."""
     if len(content) > MAX_GRAPH_BYTES:
         raise ValueError(f"it has {len(content)} bytes: at most {MAX_GRAPH_BYTES}")
     for text, wording in FORBIDDEN.items():

@@ -1,4 +1,4 @@
-"""A reader and a writer of a bundle's directory. Reading is bounded and checked; writing is complete or has no effect.
+"""A reader and a writer of a bundle's directory. Reading is limited in size; writing is complete or has no effect.
 
 A bundle may come from anyone. So names must be plain, links are not followed, and sizes are limited while reading.
 

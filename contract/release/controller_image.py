@@ -41,8 +41,8 @@ SUFFIX: Final = ".swi"
 HEADER_BYTES: Final = 512
 """Size of the header, in bytes."""
 VEHICLE: Final = slice(148, 192)
-"""The header's bytes that describe the vehicle and that an ECU compares with its settings: control period, operating
-point, action limit, number of sensors."""
+"""The header's bytes that an ECU compares with its vehicle settings: control period, operating point, action limit,
+number of sensors."""
 _MAX_NAME: Final = 64
 """Largest size of a name, in bytes."""
 _MAGIC: Final = b"SWCTRL01"
@@ -58,7 +58,7 @@ HIGH: Final = 1 << 16
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFacts:
-    """The data in an image's header, in the units of the table above; `hardware` is None for any hardware."""
+    """The data in an image's header, in the units of the module's table; `hardware` is None for any hardware."""
 
     layout: bytes
     dbc: bytes
@@ -125,9 +125,9 @@ def seal(payload: bytes, facts: ImageFacts, key: Ed25519PrivateKey | None) -> by
 
 
 def signer_of(image: bytes) -> PublicKey | None:
-    """Verify an image's signature and return the signer's key; None if the image is unsigned. The rest of the image is
-    not checked. Raises BundleContainerError if the bytes are no complete image, and BundleSignatureError if the
-    signature was not made with the key in the image."""
+    """Verify an image's signature and return the signer's key; None if the image is unsigned. Nothing else is checked.
+    Raises BundleContainerError if the bytes are no complete image, and BundleSignatureError if the signature was not
+    made with the key in the image."""
     if len(image) < HEADER_BYTES:
         raise BundleContainerError(f"image of {len(image)} bytes: must have {HEADER_BYTES} or more")
     magic, length, header = struct.unpack_from("<8sII", image)

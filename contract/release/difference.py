@@ -19,7 +19,7 @@ from contract.release.signing import PublicKey
 
 _MAX_BYTES: Final = 64 * 2**20
 _FEW: Final = 8
-"""Largest number of an array's values that are shown; of a larger array, type, shape and hash are shown."""
+"""Largest number of values of an array that is shown in full. A larger array is shown by type, shape and hash."""
 
 
 def is_image(path: Path) -> bool:
@@ -28,9 +28,9 @@ def is_image(path: Path) -> bool:
 
 
 def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
-    """Read and check the image in a file. Raises BundleContainerError if the file cannot be read, is damaged or no
-    image, or holds an image that no ECU accepts; BundleSignatureError for a bad signature; BundleSignerError if the
-    image is not signed by the trusted key."""
+    """Read and check the image in a file. Raises BundleContainerError if the file cannot be read, is damaged, is no
+    image, or is an image that no ECU accepts; BundleSignatureError for a bad signature; BundleSignerError if the
+    trusted key did not sign the image."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise BundleContainerError(f"{path}: has more than {_MAX_BYTES} bytes")
@@ -45,7 +45,7 @@ def opened(path: Path, trusted: PublicKey | None = None) -> ControllerImage:
 
 
 def described(image: ControllerImage) -> dict[str, str]:
-    """Return the data that describe an image, by name, in the order in which they are shown."""
+    """Return the data that describe an image, by name, in display order."""
     facts, layout = image.facts, layout_in(image.payload, image.facts.layout)
     width, speed, density = facts.operating_point
     return {
@@ -79,7 +79,7 @@ def _of_image(image: ControllerImage) -> dict[str, str]:
 
 
 class Difference(NamedTuple):
-    """A difference between two bundles or images: the name of the value, and its text in each of them, "-" for none."""
+    """A difference between two bundles or images: a value's name and its two texts; "-" stands for a missing value."""
 
     name: str
     a: str
@@ -98,7 +98,7 @@ def differences(a: Path, b: Path) -> list[Difference]:
 
 
 def _facts(path: Path) -> dict[str, Any]:
-    """Return the values that are compared, by name, in the order in which they are shown."""
+    """Return the values that are compared, by name, in display order."""
     if is_image(path):
         return {**_of_image(opened(path))}
     bundle = bundles.load(path, any_dbc=True)
@@ -118,7 +118,7 @@ def _facts(path: Path) -> dict[str, Any]:
 
 
 def _compared(name: str, a: object, b: object) -> Iterator[Difference]:
-    """List the differences between two values, down to single entries of tables and of lists of equal length."""
+    """List the differences between two values. Tables, and lists of equal length, are compared entry by entry."""
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         for key in sorted(a.keys() | b.keys()):
             yield from _compared(f"{name}.{key}", a.get(key), b.get(key))

@@ -43,7 +43,7 @@ class KeyList:
     Attributes:
         version: version of the list; an ECU only replaces its list by a list with a greater version.
         keys: keys that may sign releases.
-        revoked: keys that may no longer sign releases, as information for people: a key that is not in `keys` may not
+        revoked: keys that may no longer sign releases. They only inform people, because a key outside `keys` may not
             sign.
     """
 

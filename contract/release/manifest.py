@@ -25,14 +25,14 @@ from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 
 _SCHEMA: Final = "stillwake-bundle/8"
-"""The schema that this version reads. Older schemas do not state the wake without jets at other speeds."""
+"""The schema that this version reads. Older schemas do not state how the wake without jets depends on the speed."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Smallest security version of a release, which is also the smallest that an ECU with a store accepts. A release has
-this version if the security version was never raised."""
+"""Smallest security version of a release. An ECU with a store accepts no smaller number. A release has this version if
+its security version was never raised."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
-"""Largest window and horizon, in steps: hundreds of times the release's, and still of little memory."""
+"""Largest window and horizon, in steps: hundreds of times those of the release, but still small in memory."""
 MAX_RESTING: Final = 100
 """Largest number of speeds for which the wake without jets is stated. The ECU searches these speeds in every period."""
 WeightPrecision = Literal["float32", "int8"]
@@ -46,7 +46,7 @@ _DATE: Final = re.compile("[0-9]{4}-[0-9]{2}-[0-9]{2}")
 
 @dataclass(frozen=True, kw_only=True)
 class Scaling:
-    """Standardisation inside the controller: scaled = (value - mean) / std, of each sensor, the action, each force."""
+    """The controller's standardisation of sensors, action and forces: scaled = (value - mean) / std."""
 
     pressure_mean: tuple[float, ...]
     pressure_std: tuple[float, ...]
@@ -86,10 +86,9 @@ bias or a drift."""
 
 @dataclass(frozen=True, kw_only=True)
 class SensorEstimator:
-    """Size of the residuals of `sensors.onnx` when all sensors are healthy, one value for each pair of sensors.
+    """The size of the residuals of `sensors.onnx` with healthy sensors; each pair of sensors has one value.
 
-    Entry (j, i) belongs to the residual of sensor i, estimated from all sensors except i and j; for i = j, from all
-    except i.
+    Entry (j, i) belongs to the residual of sensor i. Its estimate uses neither sensor i nor sensor j.
 
     Attributes:
         fast, slow: (S, S) root mean square, in Cp, of the residuals averaged over `FAST_PERIODS` and `SLOW_PERIODS`.
@@ -135,23 +134,23 @@ class Manifest:
         window: L, number of past control steps that the controller reads.
         control_period: control period in t_c.
         action_limit: bound on |a| in the optimiser.
-        mpc: settings of the controller. The ECU passes the weights to the controller in every step; the weights inside
-            the controller, from its export, only apply without a manifest.
+        mpc: settings of the controller. The ECU passes the cost weights to the controller in every step. The
+            controller's own weights are used only without a manifest.
         budget_ms: largest time from a pressure frame to the command.
         compute_time_ms: part of `budget_ms` that the release's settings assign to the control step.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
         weights_sha256: SHA-256 of the trained model's tensors.
-        program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`); a
-            C library of the same program has it in its header.
+        program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`);
+            the header of a C library of this program has the same SHA-256.
         provenance: settings, metrics and versions of the training, and the results of the export's gates.
         sensor_positions: (x, y) of every sensor in the body's reference length W; None if they are not known.
         sensor_estimator: figures of `sensors.onnx`; None without that file.
         security_version: an ECU that has confirmed a release with a greater security version refuses this release. The
             version is raised when an older release must not be installed again.
         hardware: name of the ECU hardware to which the release may be flashed; None for any hardware.
-        speeds: range of speeds in which the ECU resamples the controller's past to the control step that belongs to the
-            present speed; None if the controller assumes the operating point's speed at all times.
-        resting: wake without jets of a release for a range of speeds; None assumes the same wake at all speeds.
+        speeds: range of speeds in which the ECU resamples the controller's past for the present speed; None if the
+            controller assumes the operating point's speed at all times.
+        resting: wake without jets as a function of the speed; with None, the ECU assumes the same wake at all speeds.
     """
 
     name: str
@@ -326,7 +325,7 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
 
 
 def parse(path: Path, opened: Opened) -> Manifest:
-    """Convert an opened manifest; raises BundleManifestError for a missing, unknown or invalid field."""
+    """Convert the parts of a manifest. Raises BundleManifestError for a missing, unknown or invalid field."""
     try:
         # Every field must be present, because the bundle's version may have had other defaults.
         return typed(dict(opened.body), Manifest, complete=True)

@@ -42,8 +42,8 @@ _SMALL_ORDER: Final = frozenset(
         "ee" + "ff" * 30 + "7f",
     )
 )
-"""The y coordinates of the points of small order, the last two not reduced. For such a key a "signature" of any text is
-valid, so these points are refused as keys (RFC 8032, section 8.8; the list is libsodium's)."""
+"""The y coordinates of the points of small order; the last two are not reduced modulo p. Any text has a valid signature
+by such a key, so these keys are refused (RFC 8032, section 8.8; the list is from libsodium)."""
 _OWNER_ONLY: Final = 0o600
 _ALL_READ: Final = 0o644
 

@@ -5,8 +5,8 @@ from typing import ClassVar, NoReturn, Self
 
 
 class CopiedWhole:
-    """A stateful object whose copy shares nothing with the original: after a shallow copy, original and copy, each with
-    its own count of steps, would change the same arrays."""
+    """A stateful object whose copy shares nothing with the original. After a shallow copy, original and copy would
+    change the same arrays, but each would count its own steps."""
 
     def __copy__(self) -> Self:
         return deepcopy(self)

@@ -53,8 +53,8 @@ class BoundedGraph:
 
     def tried(self, limit_s: float) -> None:
         """Run one step of the graph in bounded time and memory, without optimisation. ONNX Runtime's optimisation
-        computes constant expressions during loading, in unbounded time and memory; such a step computes them too.
-        Raises BundleControllerError as `session` and `run_on_zeros` do."""
+        computes constant expressions during loading, in unbounded time and memory; a step without optimisation computes
+        them within the bounds. Raises BundleControllerError as `session` and `run_on_zeros` do."""
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
         self.run_on_zeros(self._opened(options), 1, limit_s)
@@ -110,8 +110,8 @@ def _options() -> Any:
     # Errors are raised as exceptions, so they need not be printed. Without this line, the optional input `weights`,
     # which is an initialiser that may be overridden, would cause a warning whenever the graph is loaded.
     options.log_severity_level = 4
-    # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, the search
-    # starts at a path that is no folder, and not in the working directory.
+    # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, the file is
+    # searched at a path that is no folder, not in the working directory.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
     # Sessions get this allocator because the memory limit also applies during control, where a graph may need more

@@ -23,7 +23,7 @@ SPEEDS: Final = (1.0, 0.6, 1.4)
 """Speeds of the vehicle, as ratios to the design speed; the cases use them in turn if the program depends on the
 speed."""
 LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
-"""Bounds on the action's magnitude |a|, as fractions of the controller's own bound; the cases use them in turn."""
+"""Bounds on the action's magnitude |a|, as fractions of the controller's bound; the cases use them in turn."""
 BEYOND: Final = 100.0
 """Factor on the weights of effort and lift in every fourth case. It puts the goal outside the prior's training
 range."""
@@ -40,8 +40,8 @@ COST: Final = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class ParityReport:
-    """Largest differences between lowering and reference over `cases` control steps. The difference of actions is in
-    U_inf W."""
+    """The largest differences between lowering and reference over `cases` control steps. The difference of actions is
+    in U_inf W."""
 
     cases: int
     action: float
@@ -70,7 +70,7 @@ def control_cases(
     program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
     """Yield the arguments of control steps, for each of these recorded windows (L, S+1) or for `count` random windows.
-    The previous plan is random. Up to a quarter of the plan is committed, which means that it must not change. In every
+    The previous plan is random. Up to a quarter of the plan is committed: these actions must not change. In every
     second step the cost weights differ from their defaults and are all above zero."""
     rng = np.random.default_rng(seed)
     h, limit = program.mpc.horizon, program.action_limit
@@ -102,8 +102,8 @@ def check_lowering(
     program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]
 ) -> ParityReport:
     """Compare a lowering with the reference. Raises ExportError, which states the difference, if a difference exceeds
-    its tolerance or is not a number. `program` is the program that the lowering should compute, for int8 weights with
-    dequantised weights; `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
+    its tolerance or is not a number. `program` is the program that the lowering should compute; for an int8 lowering,
+    it has the dequantised weights. `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
     differences = []
     for case in control_cases(program, windows):
         expected = control_step(program, *case.arguments)

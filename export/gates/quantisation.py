@@ -1,6 +1,5 @@
 """The effect of int8 weights on the controller: the difference in actions, and the resulting difference in cost. Both
-programs start from equal windows and previous plans, and the model of the float program computes the cost of the
-quantised program's plan."""
+programs start from equal windows and previous plans. The float program's model computes the cost of both plans."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,8 +23,8 @@ class QuantisationLimits:
     Attributes:
         rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W; the default is a fifth of
             a control step's largest move, iterations * learning rate (5e-3 with the paper's settings). The largest
-            error has no limit: if a gradient is close to zero, Adam may move an action in opposite directions in the
-            two programs, which hardly changes the cost.
+            error has no limit. If a gradient is close to zero, Adam may move an action in opposite directions in the
+            two programs, but the cost hardly changes.
         max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 
@@ -35,9 +34,9 @@ class QuantisationLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class QuantisationReport:
-    """The differences between the quantised and the float program over `cases` control steps: largest and rms error of
-    the commanded action a_t, and largest error of any action of a plan, in U_inf W; largest and mean J(quantised plan)
-    - J(float plan). The float program computes both costs J; the gap is positive if the quantised plan is worse."""
+    """The differences between the quantised and the float program over `cases` control steps. Errors of the commanded
+    action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) - J(float plan); the float
+    program computes both. It is positive if the quantised plan is worse."""
 
     cases: int
     max_action_error: float

@@ -1,4 +1,4 @@
-"""Rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
+"""The rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
 
 A bias is not corrected by the mean of the error that remains: after error feedback, such a correction gains nothing.
 """
@@ -14,7 +14,7 @@ from export.int8.rounded_program import QMAX, Int8Matrix, RoundedProgram, quanti
 from export.program.controller_program import ControllerProgram
 
 DAMPING: Final = 0.01
-"""Share of the mean diagonal entry of H (`quantise_on`) that is added to H's diagonal. So errors count also in
+"""Share of the mean diagonal entry of H (`quantise_on`) that is added to H's diagonal. So errors also count in
 directions in which the inputs do not vary."""
 
 

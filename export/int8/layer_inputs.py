@@ -110,8 +110,8 @@ def _rows(values: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class ActivationRanges:
-    """The largest magnitudes of the layers' inputs, as in `LayerInputs`. `state` is that of the dynamics' and of the
-    decoder's input."""
+    """The largest magnitudes of the layers' inputs, as in `LayerInputs`. `state` is the largest over the inputs of
+    dynamics and decoder."""
 
     row: float
     head: float

@@ -1,5 +1,5 @@
-"""A program whose matrices are integers. It is built once, so that all int8 lowerings use equal integers; the reference
-uses the program with the dequantised weights, whose hash is in manifest and C header.
+"""A program whose matrices are integers. It is built once, so that all int8 lowerings use equal integers. The reference
+uses the program with dequantised weights; the hash of this program is in manifest and C header.
 
 Weights are symmetric int8 with one scale per output row; biases, norms and arithmetic remain float. W[r, c] ~ scale[r]
 q[r, c] with q in -127 .. 127 and scale[r] = max_c |W[r, c]| / 127, so that the error of a weight is at most scale / 2.
@@ -44,7 +44,7 @@ def quantise_matrix(weight: Array) -> Int8Matrix:
 
 
 def row_scales(weight: Array) -> npt.NDArray[np.float32]:
-    """Return the scale of every row, which is the row's largest magnitude divided by 127; 1 for a row of zeros."""
+    """Return the scale of every row: the row's largest magnitude divided by 127, or 1 for a row of zeros."""
     largest = np.abs(weight).max(axis=1)
     # The lower bound ensures that the scale is a normal float32. With a smaller scale, the products of the row would
     # vanish in float32 anyway.
@@ -53,8 +53,8 @@ def row_scales(weight: Array) -> npt.NDArray[np.float32]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RoundedProgram:
-    """A program with int8 weights: `source` before rounding, `program` with the dequantised weights, which the
-    reference computes, and integers and scales of every matrix, by the names of `export.program.controller_program`."""
+    """A program with int8 weights. `source` is the program before rounding; `program` has the dequantised weights, for
+    the reference; `matrices` has integers and scales by the names of `export.program.controller_program`."""
 
     source: ControllerProgram
     program: ControllerProgram
@@ -67,7 +67,7 @@ class RoundedProgram:
         stored: dict[str, Int8Matrix] = {}
 
         def change(name: str, weight: Array) -> Array:
-            as_float32(weight, name)  # for its refusal: the scales are float32
+            as_float32(weight, name)  # raises ExportError if float32 cannot hold a weight; the scales are float32
             rounded = rounding(name, weight)
             dequantised = rounded.dequantised().astype(np.float64)
             # A lowering's scale is the largest float32 weight of a row divided by 127. In one of 128 rows, this scale

@@ -1,10 +1,10 @@
-"""The controller as data: everything that a lowering needs, and nothing else.
+"""The controller as data: all inputs of a lowering, and nothing else.
 
 Rounding and lowerings refer to the weight matrices by name. The names are those of the tensors: `lstm.weight_input`,
-`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. Of the prior, which is small, only the two matrices that
-multiply filtered rows have names. These are `prior.first` (6 n, F (p + 1)), with one row per schedule variable and
-unit, and `prior.sums` (n, F p), for n units, F filters and p sensor pairs. All lowerings of a program state the same
-hash, which identifies the program.
+`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small; only its two matrices for filtered rows
+have names. These are `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n,
+F p), for n units, F filters and p sensor pairs. All lowerings of a program state the same hash, which identifies the
+program.
 """
 
 import hashlib
@@ -201,8 +201,8 @@ def program_sha256(program: ControllerProgram) -> str:
 
 
 def _as_trained(prior: PriorWeights) -> dict[str, Array]:
-    """Return the scheduled weights of a prior, with one variable for the speed if the two have equal weights, so that a
-    model that was trained with one variable keeps its hash, and its bundles stay valid."""
+    """Return the scheduled weights of a prior. If the two variables of the speed have equal weights, they become one
+    variable. So a model that was trained with one variable keeps its hash, and its bundles stay valid."""
     first, gate, (below, above) = prior.first, prior.gate, SPEED_PLACES
     if np.array_equal(first[below], first[above]) and np.array_equal(gate[:, below], gate[:, above]):
         first, gate = np.delete(first, above, axis=0), np.delete(gate, above, axis=1)

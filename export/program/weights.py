@@ -43,7 +43,7 @@ class Norm:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lstm:
     """An LSTM of width h with S + 1 inputs: weight_input (4h, S+1), weight_recurrent (4h, h), biases (4h,). The gates
-    have PyTorch's order i, f, g, o."""
+    are in PyTorch's order: i, f, g, o."""
 
     weight_input: Array
     weight_recurrent: Array
@@ -277,7 +277,7 @@ class _Tensors:
         return array
 
     def linear(self, name: str, inputs: int, outputs: int | None = None) -> Linear:
-        """Take a layer, whose number of outputs is the weight's own if it is not given."""
+        """Take a layer. If the number of outputs is not given, the weight determines it."""
         outputs = self.size(f"{name}.weight", axis=0) if outputs is None else outputs
         return Linear(weight=self.take(f"{name}.weight", (outputs, inputs)), bias=self.take(f"{name}.bias", (outputs,)))
 

@@ -1,4 +1,4 @@
-"""Windows of a controller, recorded or random, for gates, calibration and benchmarks."""
+"""The windows of a controller, recorded or random, for gates, calibration and benchmarks."""
 
 import numpy as np
 

@@ -1,5 +1,5 @@
-"""The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints for the MPC: the
-specification with which tests compare every lowering.
+"""The three networks in NumPy float64 (paper, section 2.2 and table 1), with the adjoints for the MPC. Tests compare
+every lowering with this specification.
 
 All functions act on the last axes of their arrays, with any leading axes: windows are (..., L, S+1), latent states z
 (..., n_z), actions a (...,) in U_inf W, and forces (..., 2) are the physical (Cd, Cl). The `*_layers` functions return
@@ -53,8 +53,7 @@ def sigmoid(x: Array) -> Array:
 
 
 def _normalise(x: Array) -> tuple[Array, Array]:
-    # These sums are used in place of `mean` and `var`, because for short vectors two thirds of their time is overhead
-    # of NumPy.
+    # For short vectors, two thirds of the time of `mean` and `var` is overhead of NumPy, so sums are used instead.
     n = x.shape[-1]
     centred = x - np.add.reduce(x, axis=-1, keepdims=True) / n
     inverse_std = 1.0 / np.sqrt(np.add.reduce(centred * centred, axis=-1, keepdims=True) / n + LAYER_NORM_EPSILON)
@@ -64,8 +63,8 @@ def _normalise(x: Array) -> tuple[Array, Array]:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EncoderLayers:
     """The inputs of the encoder's layers: scaled rows (..., L, S+1) of the window; hidden state h before each row,
-    (..., L, width), at first 0, and after the last row; LayerNorm(h), `head`; and the input of the last linear layer,
-    after the ELU."""
+    (..., L, width), starting at 0; h after the last row; `head`, which is LayerNorm(h); and the input of the last
+    linear layer, after the ELU."""
 
     rows: Array
     recurrent: Array
@@ -76,8 +75,8 @@ class EncoderLayers:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DynamicsLayers:
-    """The inputs of the layers of the dynamics: `state` [z, a / action_std], (..., n_z + 1); of the first two layers, W
-    x + b, its layer norm and its ELU, (..., width)."""
+    """The inputs of the layers of the dynamics: `state` is [z, a / action_std], (..., n_z + 1); the other arrays are W
+    x + b, its layer norm and its ELU in the first two layers, each (..., width)."""
 
     state: Array
     product1: Array

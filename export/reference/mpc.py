@@ -3,10 +3,10 @@
 The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations, and its moments start at zero, so a control step
 depends on the window and the previous plan only.
 
-`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans together, (..., H), with
-the latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) for each plan,
-or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan of
-the cost's term `prior`; without `start` this term is zero.
+`control_step` and `evaluate` take one plan (H,). The other functions take any number of plans together, (..., H). The
+latent state z (..., n_z), the previous action a_{t-1} (...,) and the mask of free actions (..., H) are given for each
+plan, or once for all plans. Cost weights are (8,); None stands for the program's weights. `start` is the reference plan
+of the cost's term `prior`; without `start` this term is zero.
 """
 
 from collections.abc import Iterable, Iterator
@@ -24,7 +24,7 @@ from export.reference.model import decode, decode_adjoint, encode, step, step_ad
 from export.reference.prior import prior_plan
 
 ADAM_BETAS: Final = (0.9, 0.999)
-"""Decay rates of Adam's two moments. They are Kingma and Ba's, and also PyTorch's defaults."""
+"""Decay rates of Adam's two moments. They are the values of Kingma and Ba, and PyTorch's defaults."""
 
 
 def control_step(
@@ -36,10 +36,10 @@ def control_step(
     speed: float = 1.0,
     limit: float | None = None,
 ) -> ControlStep:
-    """Compute the outputs of `controller.onnx`; the arguments are those in `contract.controller.interface`, with the
-    program's weights and limit in place of None, or of a larger limit. If the plan starts at a prior, the optimiser
-    uses only the terms that the prior does not take into account (`unknown_to_prior`). The returned terms and cost are
-    those of the given weights."""
+    """Compute the outputs of `controller.onnx`. The arguments are described in `contract.controller.interface`. The
+    program's weights and limit replace None, and the program's limit replaces a larger limit. If the plan starts at a
+    prior, the optimiser uses only the terms that the prior does not take into account (`unknown_to_prior`). The
+    returned terms and cost are those of the given weights."""
     previous_action = float(window[-1, -1])
     z = encode(program, window)
     start = starting_plan(program, window, plan, free, weights, speed, limit)
@@ -162,9 +162,9 @@ def adam(
     a <- clip(a - lr (m / (1 - b1^i)) / (sqrt(v / (1 - b2^i)) + eps)).
 
     Args:
-        learning_rates: lr of each iteration, one for all plans or one per plan, (...,).
+        learning_rates: lr of each iteration, either one number for all plans or one number per plan, (...,).
         free_mask: 1 where an action may be changed, 0 where it is committed.
-        limit: bound on |a|; the program's bound if None or larger than the program's bound.
+        limit: bound on |a|; if it is None or larger than the program's bound, the program's bound applies.
     """
     beta1, beta2 = ADAM_BETAS
     is_free, bound = np.asarray(free_mask) > 0.5, _bound(program, limit)

@@ -18,9 +18,9 @@ from export.to_onnx.sensor_estimator import build_estimator
 def lowered_estimator(
     fitted: EstimatorNetwork, recording: Dataset, sensors: Sequence[str], provenance: Mapping[str, Any]
 ) -> MadeEstimator:
-    """Return the estimator of these sensors for a bundle, with the root mean squares of its residuals, which are first
-    averaged over time, as in the sensor check. They are measured on the episodes that were not used for training, or on
-    the training episodes if there are no other episodes.
+    """Return the estimator of these sensors for a bundle, with the root mean squares of its residuals. As in the sensor
+    check, the residuals are first averaged over time. They are measured on the episodes that were not used for training
+    or, if there are none, on the training episodes.
 
     The provenance gets two more entries: `r2`, the coefficient of determination of each sensor's estimate from the
     other sensors, and `judged_on`, the roles of the measured episodes.

@@ -1,4 +1,4 @@
-"""Lowerings that have passed every gate; no other lowering is written to a file."""
+"""The lowerings that have passed every gate; no other lowering is written to a file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,9 +23,9 @@ from export.to_c.library import replay, with_answer
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """The results of the ONNX graph in its gates, which the manifest's provenance states under `export`: size of
-    `controller.onnx`, differences between graph and reference with equal weights, and between int8 and float weights;
-    None for a float release."""
+    """The results of the ONNX graph in its gates; the manifest's provenance states them under `export`. They are the
+    size of `controller.onnx`, the differences between graph and reference, and `quantisation`, the differences between
+    int8 and float weights, which is None for a float release."""
 
     controller_bytes: int
     parity: ParityReport

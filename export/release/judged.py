@@ -22,7 +22,7 @@ OPERATORS: Final = frozenset(
 SHAPING: Final = frozenset(
     ("ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Slice", "Split", "Squeeze", "Unsqueeze")
 )
-"""Operators for which the inputs after the first determine the output's shape, and thus the duration of a step."""
+"""Operators whose inputs after the first input determine the output's shape, and thus the duration of a step."""
 
 
 def judge(bundle: Bundle) -> None:
@@ -44,7 +44,7 @@ def check_model(content: bytes) -> int:
     try:
         model = onnx.load_from_string(content)
         onnx.checker.check_model(model, full_check=True)
-    except Exception as error:  # of protobuf, or of the checker or of the inference of shapes
+    except Exception as error:  # from protobuf, from the checker, or from the inference of shapes
         raise ValueError(f"onnx refuses it: {error}") from error
     if model.functions or model.training_info:
         raise ValueError("it has its own functions, or training information")

@@ -15,7 +15,7 @@ from export.to_onnx.control_step import build_controller
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lowered:
-    """The lowerings of a program, which are written to files after they have passed their gates. `library` has the C
+    """The lowerings of a program. They are written to files after they have passed their gates. `library` has the C
     library's files by name, or is None."""
 
     program: Program

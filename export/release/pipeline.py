@@ -77,8 +77,8 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
 def calibration_windows(
     program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Return about `CALIBRATION_WINDOWS` windows (L, S+1), or fewer if the episodes have fewer, of the last episode of
-    every kind of forcing, because the networks' inputs differ between kinds. Episodes with fewer than
+    """Return windows (L, S+1) of the last episode of every kind of forcing, because the networks' inputs differ between
+    kinds. There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
     `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a separate kind.
     Raises ExportError, with the longest episode, if all episodes are too short."""
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
@@ -132,26 +132,25 @@ def export_all(
     Args:
         model: directory written by `train`.
         recording: data set whose test episode the gates replay, and whose training episodes calibrate int8.
-        config: `config.mpc` is used for the controller; control period and action limit must be the model's.
+        config: `config.mpc` is used for the controller; control period and action limit must equal the model's values.
         precision: "int8" or "float32", for bundle and library.
         key: key to sign the bundle with; the bundle is unsigned if None.
-        named: whether the user named the recording. If not, it must be the one to which the model was fitted.
+        named: whether the user named the recording. If not, the model must have been fitted to the recording.
         estimator: a sensor estimator for the bundle.
-        notice: called with a line of text if the recording is not the model's.
+        notice: called with a line of text if the model was fitted to another recording.
         phase: called with each of `EXPORT_PHASES` when the phase begins.
 
     Raises:
         ModelError: the model directory is not valid.
         DatasetError: the recording is not valid.
-        ExportError: the recording is not the model's, or has other sensors; the settings have another control period or
-            action limit; the model's weights are inconsistent, or a lowering does not pass its gates.
+        ExportError: the recording or its sensors are not those of the model, the settings have another control period
+            or action limit, the model's weights are inconsistent, or a lowering does not pass its gates.
         LibraryError: there is no C compiler for a requested library.
         StillwakeError: a file cannot be read or written.
     """
     if precision not in PRECISIONS:
         raise ExportError(f"--precision {precision}: must be int8 or float32")
-    # Both outputs are checked before any work, so that the export does not write one of them and then fail at the
-    # other.
+    # Both outputs are checked before any work, so that the export does not write one output and then fail at the other.
     bundle.check_replaceable(output)
     if library is not None:
         c_folder_format.check_replaceable(library.folder)
@@ -191,9 +190,9 @@ def export_library(
     recording: Path,
     phase: Callable[[str], None] = lambda name: None,
 ) -> Gated:
-    """Write the C library of an existing release, computed from the model of this release, with the release's settings
-    and the recording to which the model was fitted. Raises ExportError if the release is of another model, or rounding
-    gives other integers; StillwakeError as `export_all` does."""
+    """Write the C library of an existing release. It is computed from the release's model and settings, and from the
+    recording to which the model was fitted. Raises ExportError if the release is of another model, or rounding gives
+    other integers; StillwakeError as `export_all` does."""
     c_folder_format.check_replaceable(library.folder)
     manifest = release.manifest
     phase("read")
@@ -240,7 +239,7 @@ def _lowered(
 
 
 def check_settings(own: Config, config: Config) -> None:
-    """Raise ExportError if control period or action limit differ from the model's, or if the computing time exceeds the
+    """Raise ExportError if control period or action limit differ from the model, or if the computing time exceeds the
     period. The manifest would refuse such settings only at the end, when the C library is already written."""
     period_ms = config.period_ns / 1e6
     if config.ecu.compute_time_ms > period_ms:
@@ -260,8 +259,8 @@ def check_settings(own: Config, config: Config) -> None:
 def _recording_of(
     path: Path, of_model: str, layout: SensorLayout, named: bool, notice: Callable[[str], None]
 ) -> Dataset:
-    """Read the recording for gates and calibration. It is the recording with the SHA-256 `of_model`, to which the model
-    was fitted, or a recording of the model's sensors that the user named."""
+    """Read the recording for gates and calibration: the model's own recording, whose SHA-256 is `of_model`, or a
+    recording of the model's sensors that the user named."""
     recording = dataset.read(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if digest != of_model:

@@ -1,4 +1,4 @@
-"""Bills of materials in CycloneDX 1.6: of a release bundle, of the folder of its C library, and of a wheel.
+"""Bills of materials in CycloneDX 1.6 for a release bundle, for the folder of its C library, and for a wheel.
 
     python -m export.release.sbom 2026-11-26 WHEEL...
 
@@ -74,8 +74,8 @@ def folder_bom(contents: Mapping[str, bytes], bundle: Bundle) -> bytes:
 
 
 def wheel_bom(wheel: Path, day: str) -> bytes:
-    """Return the bill of a wheel and of the packages that it requires, in the versions installed on this machine, of
-    the day YYYY-MM-DD. Packages of extras are marked as optional."""
+    """Return the bill of a wheel, dated YYYY-MM-DD. It has the wheel and its required packages, in the versions
+    installed on this machine. Packages of extras are marked as optional."""
     digest = sha256(wheel.read_bytes())
     with zipfile.ZipFile(wheel) as archive:
         name = next(item for item in archive.namelist() if item.endswith(".dist-info/METADATA"))

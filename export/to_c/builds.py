@@ -18,7 +18,7 @@ SOURCES: Final = "sources.cmake"
 KCONFIG: Final = "zephyr/Kconfig"
 PLATFORMIO: Final = "library.json"
 PACK: Final = "stillwake.flow_controller.pdsc"
-"""Name of the CMSIS-Pack's description file: the vendor's and the pack's name, as CMSIS prescribes."""
+"""Name of the CMSIS-Pack's description file: vendor and name of the pack, as CMSIS prescribes."""
 _ABOUT: Final = "Learned controller of jets that cut the drag of a truck's wake: a control step, and the ECU around it"
 _HOME: Final = "https://pypi.org/project/stillwake"
 _APART: Final = ("board", "examples")
@@ -36,7 +36,7 @@ _IN_WORDS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class LibraryPart:
-    """A part of a library that a build may leave out: the control step, the ECU, or the sources of another folder.
+    """A part of a library that a build may leave out: the control step, the ECU, or the sources in a subfolder.
 
     Attributes:
         folder: path of the part's folder; "." for the library's folder itself.

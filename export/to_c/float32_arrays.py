@@ -49,8 +49,8 @@ def padded(values: Array) -> Array:
 
 
 def centred(values: Array) -> Array:
-    """Return C W or C b with C = I - 1 1^T / n, 1 being n ones: the mean over the n outputs, the first axis, becomes
-    zero."""
+    """Return C W or C b with C = I - 1 1^T / n, where 1 is a vector of n ones. The mean over the first axis, the n
+    outputs, becomes zero."""
     return np.asarray(values - values.mean(axis=0))
 
 
@@ -138,8 +138,8 @@ def optimiser_arrays(program: ControllerProgram) -> dict[str, Array]:
 
 def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix]) -> dict[str, ArrayValues]:
     """Return the prior's filters, each from its first to its last nonzero row, and the weights of the prior's layers.
-    Without a prior, the mapping is empty. `integers` are those of the prior's two matrices by name; a matrix without
-    integers is stored as floats with scale 1."""
+    Without a prior, the mapping is empty. `integers` has the integers of the prior's two matrices by name; a matrix
+    without integers is stored as floats with scale 1."""
     if program.prior is None:
         return {}
     prior, units = program.prior, len(program.prior.output)
@@ -147,7 +147,7 @@ def prior_arrays(program: ControllerProgram, integers: Mapping[str, Int8Matrix])
     first, first_scale = _stored(prior.first.reshape(-1, prior.first[0, 0].size), integers.get("prior.first"))
     sums, sums_scale = _stored(prior.sums.reshape(units, -1), integers.get("prior.sums"))
     by_unit = {
-        # All weights of a unit on one input are adjacent: one weight for each schedule variable.
+        # A unit's weights on one input, one for each schedule variable, are adjacent.
         "sw_prior_first": first.reshape(-1, units, first.shape[1]).transpose(1, 2, 0),
         "sw_prior_first_scale": first_scale.reshape(-1, units).T,
         "sw_prior_gate": prior.gate,

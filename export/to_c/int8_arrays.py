@@ -43,8 +43,7 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 
 
 def _inverse_scale(largest: float, width: int) -> float:
-    """Return the factor that converts an activation to its integer. If the largest activation is zero, any factor is
-    allowed."""
+    """Return the factor that converts an activation to its integer; any factor, if the largest activation is zero."""
     return qmax(padded_size(width)) / (form.ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 
@@ -57,8 +56,8 @@ def _channels(*columns: Array) -> Array:
 
 def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale: float) -> Mapping[str, ArrayValues]:
     """Return the constants of a layer with norm and ELU: `sw_NAME_channel`, `sw_NAME_adjoint` and `sw_NAME_layer`. In
-    C, a scaled sum is an integer that counts a certain unit. The unit is as small as two limits allow: the factor of
-    C's sw_scaled must be below 1/2, and the sum over all outputs must not overflow."""
+    C, a scaled sum is an integer in a certain unit. The unit is as small as two limits allow: the factor of C's
+    sw_scaled must be below 1/2, and the sum over all outputs must not overflow."""
     _stay_below(
         form.ELU_ARGUMENT_MAX, np.abs(norm.weight) * np.sqrt(len(bias)) + np.abs(norm.bias), "ELUs behind a norm"
     )
@@ -69,8 +68,8 @@ def _layer(name: str, matrix: Int8Matrix, bias: Array, norm: Norm, inverse_scale
     offset = form.ELU_ARGUMENT_ONE * (norm.bias + form.ELU_RANGE)
     gain_max = np.abs(norm.weight).max() or 1.0
     largest = float(matrix.scales.max())
-    # In the adjoint, a value is multiplied by the integers of a gain and of a slope, and the upper 32 bits of the
-    # product are used. With the largest gain and a slope of 1, the result is a quarter of the value.
+    # The adjoint multiplies a value by the integers of a gain and of a slope, and uses the upper 32 bits of the
+    # product. With the largest gain and a slope of 1, the result is a quarter of the value.
     quarter = form.GAIN_ONE * 256 / 2**form.SCALED_BITS
     return {
         f"sw_{name}_channel": _integers(_channels(scales / unit * 2**form.SCALED_BITS, bias / unit, gain, offset)),
@@ -143,8 +142,8 @@ def _stay_below(limit: float, reach: Array, what: str) -> None:
 
 
 def _fed_by_elu(weight: Array) -> None:
-    """Check the width of a layer whose inputs are ELU outputs. These use all 16 bits, so the sum of a wide layer could
-    overflow."""
+    """Check the width of a layer whose inputs are ELU outputs. ELU outputs use all 16 bits, so the sum of a wide layer
+    could overflow."""
     if weight.shape[1] > form.FULL_RANGE_WIDTH:
         raise ExportError(
             f"a layer of width {weight.shape[1]} after an ELU: int8 lowering accepts at most {form.FULL_RANGE_WIDTH}"

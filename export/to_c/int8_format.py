@@ -1,6 +1,6 @@
 """The integers of the int8 C library: their ranges, the packing of matrices, and tables of functions. With int8
-matrices and int16 activations, a sum of n products is below 127 qmax(n) n < 2^31. The constants of this module are
-written into `sw_settings.h` (`c_constants`)."""
+matrices and int16 activations, a sum of n products is at most 127 qmax(n) n, which is below 2^31. `c_constants` writes
+this module's constants into `sw_settings.h`."""
 
 from collections.abc import Callable
 from typing import Final
@@ -19,7 +19,7 @@ INT8_LANES: Final = 2 * _WORD
 stored in groups of this number of outputs."""
 
 ACTIVATION_MARGIN: Final = 1.5
-"""Ratio of the activation at which the integer saturates to the largest activation in the calibration."""
+"""Ratio of two activations: the activation at which the integer saturates, and the largest one in the calibration."""
 
 AHEAD: Final = 16
 """Number of zeros after every matrix, because the C code loads weights ahead of their use."""
@@ -27,10 +27,10 @@ AHEAD: Final = 16
 INT16_QMAX: Final = 32767
 
 SUM_QMAX: Final = (2**31 - 1) // 127
-"""Largest sum of the magnitudes in a vector with which its product with int8 weights cannot overflow 32 bits."""
+"""Largest sum of a vector's magnitudes for which the product with int8 weights cannot overflow 32 bits."""
 
 FULL_RANGE_WIDTH: Final = SUM_QMAX // INT16_QMAX
-"""Widest vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
+"""Largest length of a vector of 16-bit numbers whose product with int8 weights cannot overflow 32 bits."""
 
 XHAT_QMAX: Final = 32767
 """The integer of the largest possible normalised value, which is sqrt(n) in a layer of width n."""
@@ -102,8 +102,8 @@ def c_constants() -> dict[str, int | np.float32]:
 
 
 def qmax(width: int) -> int:
-    """Return the largest integer that a vector of this padded width may have, so that its product with int8 weights
-    cannot overflow 32 bits; in C, SW_QMAX. Raises ExportError if the vector is so wide that too few integers are left.
+    """Return the largest integer that a vector of this padded width may have if its product with int8 weights must not
+    overflow 32 bits. In C, it is SW_QMAX. Raises ExportError if the vector is so wide that too few integers are left.
     """
     if width > 4 * FULL_RANGE_WIDTH:
         raise ExportError(f"a layer of width {width}: int8 lowering accepts at most {4 * FULL_RANGE_WIDTH}")

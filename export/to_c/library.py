@@ -33,19 +33,19 @@ from export.to_c.int8_arrays import int8_arrays
 from export.to_c.int8_format import c_constants
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
-"""Alignment of the arrays in bytes. 16 for int8 suffices for a word of Cortex-M and for a vector register; 64 for
-float32 is a cache line."""
+"""Alignment of the arrays in bytes. For int8, 16 suffices for a word of Cortex-M and for a vector register. For
+float32, 64 is a cache line."""
 _TABLES: Final = ("sw_elu_points", "sw_logistic_points")
-"""Tables that are equal for every program, so that they are compiled into the library and are no part of a release."""
+"""Tables that are equal for every program. They are compiled into the library and are no part of a release."""
 _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_adjoint_rows", "sw_dyn3_rows",
                "sw_dyn3_adjoint_rows")  # fmt: skip
 """Names of the arrays in the C struct `sw_hot`."""
 
 
 def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
-    """Return all files of the library by name: in float32, or with integer products for a rounded program, which needs
-    the ranges of its activations. Raises ExportError for a value that float32 cannot hold, or a program that the
-    library cannot compute."""
+    """Return all files of the library by name: in float32, or for a rounded program with integer products. A rounded
+    program needs the ranges of its activations. Raises ExportError for a value that float32 cannot hold, or a program
+    that the library cannot compute."""
     if isinstance(program, RoundedProgram):
         assert ranges is not None
         arrays = int8_arrays(program, ranges)
@@ -159,8 +159,8 @@ def documents(library: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def replay(controller: Controller, windows: Sequence[Array], horizon: int) -> Array:
     """Return the expected answers of the example program to n windows (L, S+1), (n, 4): planned action, predicted mean
-    Cd and Cl, and cost. Every answer starts from a plan of zeros; from the plan before, differences in rounding could
-    grow from answer to answer."""
+    Cd and Cl, and cost. Every answer starts from a plan of zeros. If it started from the previous plan, differences in
+    rounding could grow from answer to answer."""
     plan, free = np.zeros(horizon), np.ones(horizon)
     steps = [controller.control_step(window, plan, free) for window in windows]
     return np.array([[step.plan[0], *step.forces.mean(axis=0), step.cost] for step in steps])

@@ -1,8 +1,8 @@
 """`controller.onnx`: one control step in standard ONNX operators (`contract.controller.interface`).
 
-The graph has three parts: the encoder; projected Adam with a fixed number of iterations, as one Scan over the
-iterations, whose body has a forward Scan and a backward Scan over the horizon; and one more roll-out for the forces and
-the cost of the result. Nothing is traced or unrolled, so the number of nodes does not depend on H or the iterations.
+The graph has three parts. The first is the encoder. The second is projected Adam: one Scan over a fixed number of
+iterations, whose body has a forward and a backward Scan over the horizon. The third is a roll-out for the result's
+forces and cost. Nothing is traced or unrolled, so the number of nodes does not depend on H or the iterations.
 
 The divisors of Adam's moments m and v do not depend on the data, so the Scan over the iterations computes
 
@@ -92,7 +92,7 @@ def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: 
     """Add nodes that compute the latent state z_t as a row (1, n_z), from the window (L, S+1)."""
     weights, scaling = program.encoder, program.scaling
     width = weights.lstm.width
-    # PyTorch's gate order is i, f, g, o, ONNX's order is i, o, f, c; ONNX's c is PyTorch's g.
+    # PyTorch's gate order is i, f, g, o. ONNX's order is i, o, f, c, where c is PyTorch's g.
     i, f, g, o = np.split(np.arange(4 * width), 4)
     gates = np.concatenate([i, o, f, g])
     mean = graph.constant(scaling.window_mean, "window_mean")
@@ -133,8 +133,8 @@ def lower_adam(
     bound: str,
     gradient: Callable[[Graph, str], str],
 ) -> str:
-    """Add nodes that compute the optimised plan (1, H), from the starting plan (1, H), the mask of free actions (H,)
-    and the bound on |a|, a scalar. `gradient` adds nodes that compute dJ/da (1, H) at a plan (1, H) to the given body.
+    """Add nodes that compute the optimised plan (1, H) from the starting plan (1, H), the mask of free actions (H,) and
+    the scalar bound on |a|. `gradient` adds to a given body the nodes for dJ/da (1, H) at a plan (1, H).
     """
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS

@@ -12,7 +12,7 @@ from export.to_onnx.graph_builder import Graph
 
 @dataclass(frozen=True, kw_only=True)
 class CostGradientNames:
-    """Names of two gradients in a graph: dJ/d(Cd, -Cd, Cl), shape (H, 3), and dJ/da at fixed forces, shape (1, H)."""
+    """The names of two gradients in a graph: dJ/d(Cd, -Cd, Cl), (H, 3), and dJ/da at fixed forces, (1, H)."""
 
     signed_forces: str
     plan: str
@@ -66,7 +66,7 @@ class Cost:
         The drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd). Because -Cd has a column of its own, only maxima
         are needed, and the same nodes serve all columns.
         """
-        # The gradient is 1 at the largest value of a column; several largest values share it evenly.
+        # The gradient is 1 at the largest value of a column; several equal largest values share the gradient evenly.
         ties = graph.op("Cast", graph.op("Equal", signed_forces, _reduce(graph, "ReduceMax", signed_forces)), to=1)
         share = graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))
         fluctuation = graph.op("Mul", share, self._by_maximum)
@@ -80,8 +80,8 @@ class Cost:
         return CostGradientNames(signed_forces=through_forces, plan=through_plan)
 
     def _prepare(self, graph: Graph, start: str) -> None:
-        """Add the nodes for those parts of the gradient that only depend on the weights, the previous action and the
-        start p. They run once per control step.
+        """Add the nodes for the parts of the gradient that depend only on the weights, the previous action and the
+        start p. These nodes run once per control step.
 
         The terms in the plan a are quadratic. With increments D and first unit vector e_0 their gradient is Q a - q,
 

@@ -16,7 +16,7 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, c
 
 @dataclass(frozen=True, kw_only=True)
 class BlockTape:
-    """The values that a residual block's adjoint needs: xhat, and p = ELU' g r (see `to_onnx.dynamics`), both (H,
+    """The values that a residual block's adjoint needs: xhat and p = ELU' g r (see `to_onnx.dynamics`), each (H,
     width)."""
 
     xhat: str

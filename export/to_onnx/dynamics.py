@@ -1,8 +1,8 @@
 """The latent dynamics as Scans over the horizon: forwards for the states, backwards for the adjoint.
 
 ONNX Runtime needs time for every node, however small. So the Scans have only the recursions, and everything else is
-computed for all H steps at once. In the forward Scan, the action's share of the first layer and the residual's biases
-are outside; the recursion without them is
+computed for all H steps at once. The forward Scan leaves out the action's part of the first layer and the residual's
+biases. Its recursion is
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
@@ -11,8 +11,8 @@ norm and ELU, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g 
 
     v = d diag(g) diag(p) (I - xhat xhat^T / n).
 
-diag(g) is folded into the constant matrix before it, and for both layers the other factors are folded into the matrix
-on their narrow side. Let d_k be the sum of dJ/dz through the forces alone, over all steps from k + 1 on, and e_k the
+diag(g) is folded into the constant matrix before it. In both layers, the other factors are folded into the matrix on
+their narrow side. Let d_k be the sum over all steps from k + 1 on of dJ/dz through the forces alone. Let e_k be the
 rest of the adjoint, through later steps. The Scan then computes
 
     e_{k-1} = e_k + (e_k + d_k) B_k W_2 diag(g_1) A_k,
@@ -29,7 +29,7 @@ from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, c
 
 @dataclass(frozen=True, kw_only=True)
 class Rollout:
-    """A forward pass: latents (H, n_z) at t+1 .. t+H, and the inputs and outputs of norms and ELUs, (H, 1, width)."""
+    """A forward pass: latents (H, n_z) at t+1 .. t+H, and inputs and outputs of the norms and ELUs, (H, 1, width)."""
 
     latents: str
     before: tuple[str, str]
@@ -94,8 +94,8 @@ class DynamicsGraph:
         return Rollout(latents=latents, before=(u1s, u2s), after=(h1s, h2s))
 
     def adjoint(self, graph: Graph, rollout: Rollout, through_forces: str, through_plan: str) -> str:
-        """Add nodes that compute dJ/da (1, H). The inputs are dJ/dz_{k+1} through the forces alone, (H, n_z), and dJ/da
-        through the plan alone."""
+        """Add nodes that compute dJ/da (1, H). The inputs are dJ/dz_{k+1} through the forces alone, (H, n_z), and the
+        part of dJ/da through the plan alone."""
         h, widths = self._horizon, [norm.width for norm in self._norms]
         xhat1, p1 = self._linearise(graph, 0, rollout)
         xhat2, p2 = self._linearise(graph, 1, rollout)

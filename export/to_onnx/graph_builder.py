@@ -1,4 +1,4 @@
-"""A small writer of ONNX graphs: nodes by operator name, shared constants, and bodies of Scans that read outer values.
+"""A small writer of ONNX graphs: it adds nodes by operator name, shares constants, and lets Scans read outer values.
 
 Matrices that are derived from a weight matrix (transposed, centred) are computed in the outermost graph, never inside a
 Scan. For float weights ONNX Runtime folds these nodes when the session is built; for int8 weights the nodes run once
@@ -143,14 +143,14 @@ class PutMatrix(Protocol):
         """Store the matrix with this name (`export.program.controller_program`).
 
         Args:
-            rows: order of the outputs, if an operator needs an order other than PyTorch's.
+            rows: order of the outputs, if an operator needs an order other than that of PyTorch.
             leading: number of leading axes of length 1 that an operator needs.
         """
 
 
 def store_for(program: Program) -> PutMatrix:
-    """Return the function that stores the matrices of a program, rounded to float32 or as a rounded program's
-    integers."""
+    """Return the function that stores a program's matrices: rounded to float32, or the integers of a rounded
+    program."""
     whole = {} if isinstance(program, RoundedProgram) else matrices(program)
 
     def store(graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
@@ -170,17 +170,17 @@ def dequantised(
 ) -> str:
     """Store the integers of a matrix, one byte per weight and one scale per row, and return the name of its float32
     value. This value must be used directly in a product or a sum. ONNX Runtime moves a DequantizeLinear past operators
-    that only rearrange values (Transpose, Slice, Unsqueeze). Version 1.20 aborts when it moves one that has one scale
-    per row."""
+    that only rearrange values (Transpose, Slice, Unsqueeze). Version 1.20 aborts when it moves a DequantizeLinear with
+    one scale per row."""
     stored, by_row = graph.stored(values, f"{name}.int8"), graph.stored(scales, f"{name}.scale")
     zero_points = graph.stored(np.zeros(len(scales), np.int8), "zero_points")
     return graph.op("DequantizeLinear", stored, by_row, zero_points, axis=axis)
 
 
 def centred(graph: Graph, weight: str) -> str:
-    """Add C W with C = I - 1 1^T / n for n outputs: its product with an input has mean zero over the outputs. A layer
-    norm gives the same result after W and after C W; its adjoint ends in a product with C, which C W already contains:
-    (W^T C) v = (C W)^T v."""
+    """Add C W with C = I - 1 1^T / n for n outputs. The product of C W with an input has mean zero over the outputs. A
+    layer norm gives the same result after W and after C W. The norm's adjoint ends in a product with C, which C W
+    already contains: (W^T C) v = (C W)^T v."""
     return graph.op("Sub", weight, graph.op("ReduceMean", weight, graph.index([0]), keepdims=1))
 
 

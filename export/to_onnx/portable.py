@@ -1,8 +1,8 @@
-"""The graphs of a release, converted to graphs without Scan and int8 for runtimes that support less than ONNX Runtime.
+"""The conversion of a release's graphs to graphs without Scan and int8, for runtimes that support fewer operators.
 
 The number of nodes grows with the horizon and the iterations, so a release contains the graph with Scan instead. If a
-graph uses a square constant both transposed and not, OpenVINO 2026.4 multiplies by the transpose where the constant is
-meant. So this module writes two constants.
+graph uses a square constant and also its transpose, OpenVINO 2026.4 always multiplies by the transpose. So this module
+writes two constants.
 """
 
 from collections.abc import Iterable
@@ -15,9 +15,9 @@ from onnxruntime import InferenceSession
 
 
 def portable(model: onnx.ModelProto) -> onnx.ModelProto:
-    """Return a graph of a release in which each Scan is replaced by its steps, in order, and each value that no input
-    determines is replaced by a constant. A caller must give every input, because other runtimes treat an input's
-    default as a constant."""
+    """Return a graph of a release with each Scan replaced by its steps, in order. Each value that depends on no input
+    is replaced by a constant. A caller must give every input, because other runtimes treat an input's default as a
+    constant."""
     graph = model.graph
     writer = _Writer(graph)
     nodes = writer.written(graph.node, {}, "")
@@ -52,8 +52,7 @@ def _model(
 
 class _Writer:
     """A writer of nodes without Scan. If the first sequence of a Scan is a constant, such as the rates of the
-    iterations, the Scan has as many steps as the constant has rows; otherwise it has one step for each action of the
-    horizon."""
+    iterations, each row of the constant is a step of the Scan. Otherwise each action of the horizon is a step."""
 
     def __init__(self, graph: onnx.GraphProto) -> None:
         inputs = {value.name: value for value in graph.input}
@@ -72,8 +71,8 @@ class _Writer:
             copy.CopyFrom(node)
             copy.input[:] = [names.get(name, name) for name in node.input]
             if node.op_type == "CumSum":
-                # The standard requires a scalar axis here. The graph has an array of length one, which ONNX Runtime
-                # accepts, too.
+                # ONNX's standard requires a scalar axis here. The graph has an array of length one, which ONNX Runtime
+                # also accepts.
                 copy.input[1] = self._constant(0)
             names |= {name: name + suffix for name in node.output if name and suffix}
             copy.output[:] = [names.get(name, name) for name in node.output]

@@ -1,8 +1,8 @@
-"""The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal, which
-schedules a prior and determines the part of the cost that is left to the iterations (`contract.controller.goal`).
+"""The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal
+(`contract.controller.goal`). The goal schedules a prior and determines which part of the cost the iterations minimise.
 
-The past is one row, oldest differences first. The units' matrix on that row, which combines schedule and filters, and
-the gates are computed once per control step.
+The past is one row, oldest differences first. Once per control step, the graph computes the gates, and the units'
+matrix on that row, which combines schedule and filters.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ from export.to_onnx.graph_builder import Graph, PutMatrix, transposed
 
 
 def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) -> tuple[str, str]:
-    """Add nodes that compute the schedule (6, 1), and the bound on |a| that the goal allows, as a share of the
-    program's limit, a scalar, from weights (8,), a scalar ratio of the vehicle's speed to the design speed, if the
-    prior depends on the speed, and a scalar bound on |a| as a share of the program's limit, at most 1."""
+    """Add nodes that compute the schedule (6, 1), and the bound on |a| that the goal allows, a scalar. The inputs are
+    weights (8,), the ratio of the vehicle's speed to the design speed, if the prior depends on it, and a bound on |a|,
+    at most 1. Both bounds are shares of the program's limit."""
     row = graph.index([1])
     drag, effort, lift = (
         graph.slice(weights, place, place + 1) for place in map(TERMS.index, ("drag_mean", "effort", "lift"))
@@ -24,7 +24,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
     asked = graph.op("Concat", effort, lift, axis=0)
     dearest = graph.op("Mul", drag, graph.constant([DEAREST_EFFORT, DEAREST_LIFT]))
     root = graph.op("Sqrt", graph.op("Div", asked, dearest))
-    # Without a weight on drag, this node divides by zero, but then the operator Where does not use the result.
+    # If the weight of drag is zero, this node divides by zero, but the operator Where then ignores the result.
     any_at_all = graph.op("Cast", graph.op("Greater", asked, graph.constant(0.0)), to=1)
     prices = graph.op("Where", graph.op("Greater", dearest, asked), root, any_at_all)
     one, zero = graph.constant(1.0), graph.constant(0.0)
@@ -130,8 +130,8 @@ def _past(graph: Graph, prior: PriorWeights, sizes: Sizes, window: str) -> tuple
     for pair in range(pairs):
         signs[2 * pair, pair + 1], signs[2 * pair + 1, pair + 1] = 1.0, -1.0
     signs[-1, 0] = 1.0
-    # This product has the rows (a_{k-1}, y_k). One after another, and without the first number, y_k and a_k alternate;
-    # the window does not contain the last action, so it is missing here too.
+    # This product has the rows (a_{k-1}, y_k). When they are joined and the first number is removed, y_k and a_k
+    # alternate. The last action is missing, because the window does not contain it.
     turned = graph.op("MatMul", newest, graph.constant(signs, "differences"))
     size = memory * (pairs + 1)
     row = graph.slice(graph.op("Reshape", turned, graph.index([1, size])), 1, size, 1)

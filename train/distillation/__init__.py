@@ -1,1 +1,1 @@
-"""Distillation of smaller networks from larger ones, and their evaluation."""
+"""The distillation of smaller networks from larger networks, and the evaluation of the smaller networks."""

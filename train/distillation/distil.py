@@ -48,8 +48,8 @@ def distil(
     checkpoints: Checkpoints | None = None,
 ) -> Encoder:
     """Train an encoder on the chosen sensors (N,), in the order of its inputs, to reproduce the teacher's latents, from
-    rows with all sensors' columns. The first passes read the recording as a stream, in which 64 latents cost little
-    more than the latent of one window; the later passes read windows, as on the vehicle. Returns the slim encoder in
+    rows with all sensors' columns. The first passes read the recording as a stream, where 64 latents take little more
+    time than the latent of one window. The later passes read windows, as on the vehicle. Returns the slim encoder in
     evaluation mode, on the device of `rows`."""
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
@@ -94,8 +94,8 @@ def fit_stream(
     rows.
 
     A stream has one LSTM step for each sample instead of L steps, because the LSTM's state is not reset. Training reads
-    sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents. An encoder trained in
-    this way also reads windows well, so this is a cheap preparation of a windowed encoder.
+    sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents. Such an encoder also
+    reads windows well, so training on a stream is a cheap preparation of a windowed encoder.
     """
     settings, window = config.train, config.model.window
     sampler = SegmentSampler(

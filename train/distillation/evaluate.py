@@ -1,4 +1,4 @@
-"""Errors on test episodes (paper, section 3.1): forces decoded from the latents, and open-loop prediction.
+"""The errors on test episodes (paper, section 3.1): forces decoded from the latents, and open-loop prediction.
 
 R2 = 1 - sum (C - C_hat)^2 / sum (C - mean C)^2, and L1/sigma = mean |C - C_hat| / std C, both over the test episodes.
 Neither number depends on the scaling, so scaled forces are used.
@@ -20,7 +20,7 @@ from train.samples.rows import Rows
 
 @dataclass(frozen=True, kw_only=True)
 class ForceError:
-    """Errors of one force that is decoded from the encoder's latents without prediction."""
+    """The errors of one force that is decoded from the encoder's latents without prediction."""
 
     r2: float
     l1_over_sigma: float
@@ -28,9 +28,9 @@ class ForceError:
 
 @dataclass(frozen=True, kw_only=True)
 class RolloutError:
-    """Values of L1/sigma after `horizon` steps of the dynamics with the recorded actions: of the latents, relative to
-    the encoder's own latents at that time, averaged over dimensions with the sigma of each; and of the decoded forces,
-    relative to the recorded forces."""
+    """The values of L1/sigma after `horizon` steps of the dynamics with the recorded actions. Predicted latents are
+    compared with the encoder's latents at that time; `latent` is the mean over dimensions, each with its own sigma.
+    Decoded forces are compared with the recorded forces."""
 
     horizon: int
     latent: float
@@ -49,9 +49,9 @@ class EncoderMetrics:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMetrics:
-    """The errors of a trained model on the test episodes: of the teacher; of the slim encoder with the teacher's
-    dynamics and decoder; L1/sigma of the slim encoder's latents against the teacher's; and of the slim encoder with the
-    narrower dynamics and decoder, `deployed`, if the model has them."""
+    """The errors of a trained model on the test episodes. `slim` is the slim encoder with the teacher's dynamics and
+    decoder, `deployed` the slim encoder with the narrower dynamics and decoder, if the model has them. `slim_latent` is
+    L1/sigma of the slim encoder's latents against the teacher's latents."""
 
     teacher: EncoderMetrics
     slim: EncoderMetrics

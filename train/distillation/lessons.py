@@ -1,9 +1,9 @@
-"""Narrower dynamics and decoder for small ECUs, distilled on roll-outs of the trained networks (this project's method).
+"""The narrower dynamics and decoder for small ECUs, distilled on roll-outs of trained networks (this project's method).
 
 The paper slims only the encoder, but nearly all computation of a control step is in the other two networks: the
 optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student learns from
-lessons: whole roll-outs of that length, which begin with latents of the vehicle's encoder, their forces, and the
-gradient of the controller's cost with respect to the plan, the only result that the optimiser uses (Sobolev training,
+lessons. A lesson is a whole roll-out of that length from a latent of the vehicle's encoder, its forces, and the
+gradient of the controller's cost with respect to the plan. The optimiser uses this gradient only (Sobolev training,
 Czarnecki et al. 2017).
 
 The trained predictor, the teacher, gives a roll-out for any actions. A quarter of the lessons use the actions that were
@@ -86,7 +86,7 @@ def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, dif
 _TOGETHER = 256
 """Number of roll-outs of the teacher that are computed together."""
 _STEPS_DOWN = 16
-"""Number of lessons that are taken from one plan while gradient steps lower its cost."""
+"""Number of lessons from one plan while gradient steps lower the plan's cost."""
 _LONGEST_STEP = 4e-3
 """Largest change of an action in a gradient step, in U_inf W. The mean is half as large, so 16 steps cover 0.032."""
 
@@ -120,8 +120,8 @@ class Lessons:
 def teach(
     teacher: WakeModel, latents: Tensor, rows: Rows, scaling: Scaling, config: Config, *, progress: Progress = silent
 ) -> Lessons:
-    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
-    those of the vehicle's encoder, one for each of n rows. Raises DatasetError if no episode is long enough for a
+    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) has
+    the latent of the vehicle's encoder for each of n rows. Raises DatasetError if no episode is long enough for a
     window and the horizon."""
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)
@@ -171,8 +171,7 @@ def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scalin
 
 
 _FEWER = 4
-"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1, because each roll-out has H
-predictions."""
+"""Ratio of the batch size of windows to the batch size of roll-outs. It is above 1: each roll-out has H predictions."""
 
 
 def distil_predictor(
@@ -186,10 +185,10 @@ def distil_predictor(
     """Train dynamics and decoder of the slim widths to reproduce the teacher's roll-outs.
 
     The loss is the sum of three terms. The first is the mean square of the latents' difference over h = 1 .. H, the
-    second the forces' Smooth L1 over h = 0 .. H; latents and forces are in standard deviations. The third is
-    `slope_weight` times the mean square of the difference between the student's and the teacher's gradients of the
-    cost, divided by the mean square of the teacher's gradient. Returns the student in evaluation mode, with the slim
-    widths of `model`, on the lessons' device.
+    second the forces' Smooth L1 over h = 0 .. H; latents and forces are in standard deviations. The third compares the
+    cost's gradients of student and teacher: the mean square of their difference, divided by the mean square of the
+    teacher's gradient, times `slope_weight`. Returns the student in evaluation mode, with the slim widths of `model`,
+    on the lessons' device.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

@@ -38,7 +38,7 @@ class Checkpoints:
 
     @classmethod
     def of(cls, output: Path, identity: Identity, resume: bool) -> "Checkpoints":
-        """Return the checkpoints of the model `output`, from which a training continues; without `resume` they are
+        """Return the checkpoints of the model `output`. A training continues from these; without `resume`, they are
         removed first. Raises as `train.fitting.unfinished.check` does."""
         folder = unfinished.folder_of(output)
         if not resume:
@@ -69,9 +69,9 @@ class Checkpoints:
             unfinished.note(self.folder, self.identity, reached)
 
     def load(self, phase: Phase) -> dict[str, Any] | None:
-        """Load a phase's state, on the CPU; None if there is none, or if the phase starts over. Raises StillwakeError
-        for a file that is damaged or of another schema, ConfigError for a file of other settings, DatasetError for a
-        file of another recording."""
+        """Load a phase's state, on the CPU; None if no state is stored, or if the phase starts over. Raises
+        StillwakeError for a file that is damaged or of another schema, ConfigError for a file of other settings,
+        DatasetError for a file of another recording."""
         path = self.path(phase)
         if not (self.resume and path.exists()):
             return None

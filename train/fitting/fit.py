@@ -1,8 +1,8 @@
 """The training loop, and the joint fit of encoder, dynamics and decoder (paper, section 2.2.4).
 
-A run is a function of configuration and recording. Batches depend only on the seed and the step; initial weights and
-dropout on a generator that this module seeds and that the checkpoint stores. On one machine and with one number of
-threads, a run that is interrupted and resumed therefore ends with the weights of an uninterrupted run.
+A run depends on configuration and recording only. Batches depend only on the seed and the step. Initial weights and
+dropout depend on a generator that this module seeds and the checkpoint stores. So an interrupted and resumed run ends
+with the weights of an uninterrupted run, on one machine and with one number of threads.
 """
 
 from collections.abc import Callable, Iterator, Mapping

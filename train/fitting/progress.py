@@ -1,4 +1,4 @@
-"""Progress reports of a running training."""
+"""The progress reports of a running training."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -44,7 +44,7 @@ def silent(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> N
 
 @dataclass(kw_only=True)
 class Spent:
-    """Resources that a phase used in this process. `cpu_s` is the process's CPU time, `wall_s` the elapsed time."""
+    """The resources that a phase used in this process. `cpu_s` is the process's CPU time, `wall_s` the elapsed time."""
 
     steps: int = 0
     cpu_s: float = 0.0
@@ -53,7 +53,7 @@ class Spent:
 
 @dataclass(kw_only=True)
 class Stopwatch:
-    """A `Progress` function that adds up the time of every phase, in order. Time between two calls is added to the
+    """A `Progress` function that adds up the time of every phase, in order. The time between two calls belongs to the
     phase of the later call. `cpu` and `wall` return the process's CPU time and the wall-clock time, in s."""
 
     cpu: Callable[[], float] = time.process_time

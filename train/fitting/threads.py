@@ -1,7 +1,7 @@
 """The number of torch's threads, and its treatment of denormal numbers.
 
-The default is one thread: with other work on the machine, a step with two threads was measured to use ten times the CPU
-time. The number of threads changes the order of sums, and so a trained model's bytes.
+The default is one thread. With other work on the machine, a step with two threads was measured to use ten times the CPU
+time. The number of threads changes the order of sums, and so the bytes of a trained model.
 """
 
 from collections.abc import Iterator
@@ -27,9 +27,9 @@ def torch_threads(count: int) -> Iterator[None]:
 
 @contextmanager
 def without_denormals() -> Iterator[None]:
-    """Flush denormal numbers to zero inside the block, in this thread. A flow in single precision and its adjoint have
-    many where a wave decays, and some processors take a hundred times as long for an operation on one; a gradient took
-    three times as long (measured once, Xeon of 2.5 GHz)."""
+    """Flush denormal numbers to zero inside the block, in this thread. Where a wave decays, a flow in single precision
+    and its adjoint have many denormal numbers. Some processors take a hundred times as long for such numbers; a
+    gradient took three times as long (measured once, Xeon of 2.5 GHz)."""
     # Torch cannot report the previous setting. Nothing else switches this setting on, so it is switched off after the
     # block.
     torch.set_flush_denormal(True)

@@ -23,9 +23,8 @@ _WAYS: Final = "finish it with these settings, or start over with --restart"
 
 @dataclass(frozen=True, kw_only=True)
 class Identity:
-    """Identity of the training that a checkpoint belongs to: the canonical text of the configuration that determines
-    the result, and the recording. With another number of torch's threads the training can continue, but sums are added
-    in another order."""
+    """The identity of a checkpoint's training: the recording, and the canonical text of the settings that determine the
+    result. With another number of torch's threads the training can continue, but sums are added in another order."""
 
     settings: str
     dataset_sha256: str

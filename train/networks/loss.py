@@ -6,8 +6,8 @@ The dynamics are unrolled k steps from the encoded z_t to predict latents. The t
 t+1 .. t+k; gradients flow through targets and predictions, so the encoder learns a predictable state. The VICReg terms
 act on the predictions and prevent a collapse of the latents.
 
-L_decode, which the paper does not have, is L_force at h = 0, on the encoded latent itself: over 20 steps, the decoder
-would otherwise learn mostly from latents with the accumulated errors of many steps.
+L_decode, which the paper does not have, is L_force at h = 0, on the encoded latent itself. Without it, an unroll of 20
+steps would train the decoder mostly on latents with the accumulated errors of many steps.
 """
 
 import torch
@@ -18,7 +18,7 @@ from train.networks.model import WakeModel
 from train.samples.sampler import Batch
 
 EPSILON = 1e-4
-"""Constant inside the variance term's square root, from VICReg's authors; the paper only calls it "small"."""
+"""Constant inside the square root of the variance term, from VICReg's authors; the paper only calls it "small"."""
 
 
 def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> dict[str, Tensor]:
@@ -55,20 +55,20 @@ def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> dict[str,
 
 
 def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:
-    """Compute the mean square error over samples, steps and dimensions of latents (..., N_z). The paper writes the
-    squared L2 norm, a sum over the N_z = 8 dimensions; with a variance weight of 0.02 that sum collapses the latent
-    space of a test oscillator, while the mean gives a fit with R2 0.99 in equally many steps."""
+    """Compute the mean square error over samples, steps and dimensions of latents (..., N_z). The paper has the squared
+    L2 norm, a sum over the N_z = 8 dimensions. With a variance weight of 0.02, this sum collapses the latent space of a
+    test oscillator. The mean gives a fit with R2 0.99 in equally many steps."""
     return (predicted - target).square().mean()
 
 
 def variance_loss(latents: Tensor) -> Tensor:
-    """Compute the mean over dimensions (and leading axes) of max(0, 1 - sqrt(Var + epsilon)); latents (..., B, D)."""
+    """Compute the mean of max(0, 1 - sqrt(Var + epsilon)) for latents (..., B, D), over dimensions and leading axes."""
     deviation = (latents.var(dim=-2) + EPSILON).sqrt()
     return nn.functional.relu(1.0 - deviation).mean()
 
 
 def covariance_loss(latents: Tensor) -> Tensor:
-    """Compute the mean square of the off-diagonal covariances; latents (..., B, D), averaged over leading axes."""
+    """Compute the mean square of the off-diagonal covariances of latents (..., B, D), also over leading axes."""
     count, dimension = latents.shape[-2:]
     if dimension == 1:
         return latents.new_zeros(())

@@ -45,8 +45,8 @@ class Encoder(nn.Module):
         return self.read_out(last)
 
     def encode_stream(self, segments: Tensor) -> Tensor:
-        """Encode like `encode_segments`, but without resetting the LSTM's state within a segment. This takes one LSTM
-        step per row instead of L. The latent at row k depends on all rows of its segment up to k."""
+        """Encode like `encode_segments`, but do not reset the LSTM's state within a segment. Each row then takes one
+        LSTM step instead of L. The latent at row k depends on all rows of its segment up to k."""
         hidden, _ = self.lstm(segments)
         return self.read_out(hidden[:, self.window - 1 :])
 

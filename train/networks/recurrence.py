@@ -35,8 +35,8 @@ def last_hidden(
 
 
 class _Recurrence(torch.autograd.Function):
-    """The recurrence with its backward pass: from projected rows (4H, R, S) and recurrent weights (4H, H) to final
-    hidden states (H, W S), W = R - L + 1."""
+    """The recurrence and its backward pass. Projected rows (4H, R, S) and recurrent weights (4H, H) give final hidden
+    states (H, W S), with W = R - L + 1."""
 
     @staticmethod
     def forward(ctx: Any, projected: Tensor, weight: Tensor, window: int) -> Tensor:

@@ -1,1 +1,1 @@
-"""Training of the plan's prior in closed loop, with gradients through the flow solver."""
+"""The training of the plan's prior in closed loop, with gradients through the flow solver."""

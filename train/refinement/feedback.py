@@ -2,9 +2,9 @@
 differences and the sums of the sensor pairs, and the action. In the mirror image of the flow, the action has the
 opposite sign.
 
-Fixed filters reduce the memory: the newest rows are used one by one, older rows as weighted means, whose weights are
-bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions, which is
-scheduled by the vehicle's speed, by the goal (`contract.controller.goal`), and by the filtered sums of the mirrored
+Fixed filters reduce the memory. The newest rows are used one by one. Older rows are used as weighted means; the weights
+are bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions. The
+layer is scheduled by the vehicle's speed, the goal (`contract.controller.goal`) and the filtered sums of the mirrored
 sensors. The vehicle applies these filters before the layer, too (`export.program.weights.PriorWeights`).
 """
 
@@ -33,8 +33,8 @@ by 0.4, behind the truck and also behind a square cylinder."""
 
 
 def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
-    """Return a scale for each column of a row: p differences, from the (p,) standard deviations of the recorded Cp of
-    one sensor of each pair, then the action, from the bound on |a|."""
+    """Return a scale for each column of a row: p differences, then the action. `deviations` (p,) are the standard
+    deviations of the recorded Cp of one sensor of each pair; `limit` is the bound on |a|."""
     first, *others = deviations
     return (FIRST_PAIR * first, *(OTHER_PAIRS * one for one in others), ACTION * limit)
 

@@ -1,12 +1,12 @@
-"""Imitation: a prior takes over what other priors do at other speeds, and what it does itself when it is told the right
-speed; it stays as it is at the design speed.
+"""The imitation: a prior learns the actions of other priors at other speeds, and its own actions when it is told the
+right speed. At the design speed, it does not change.
 
 A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
-speeds run in closed loop there, and the scheduled weights below or above the design speed are fitted to their actions.
-These weights are multiplied by the distance from the design speed, so they have no effect there.
+speeds run in closed loop at these speeds. The scheduled weights below or above the design speed are fitted to the
+priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect at this speed.
 
-A vehicle knows its speed over the ground, but the wind adds to it. The pressures that a prior reads contain the true
-speed: a prior that is told a wrong speed can be fitted to the actions of a prior that is told the right one.
+A vehicle knows its speed over the ground, but not the wind. The pressures that a prior reads indicate the true speed.
+So a prior that is told a wrong speed can be fitted to the actions of a prior that is told the right speed.
 """
 
 from collections.abc import Sequence
@@ -31,10 +31,10 @@ SLOWEST: Final = 0.5
 OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
-"""Price of the mean squared change of the weights, relative to the mean squared error of the action divided by its
-limit. It determines the weights that the demonstrations do not."""
+"""Cost of the mean squared change of the weights, relative to the mean squared error of action / limit. It determines
+the weights that the demonstrations do not determine."""
 RIGHT: Final = 10.0
-"""Weight of a period in which the right speed is told, relative to another."""
+"""Weight of a demonstration with the right speed, relative to a demonstration with a wrong speed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +55,7 @@ class Watched:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """What a prior reads in n control periods, and what it is to do.
+    """A prior's inputs in n control periods, and the actions that it should learn.
 
     Attributes:
         rows: (n, M, 2 p + 1) rows, in units of the told speed.
@@ -77,7 +77,7 @@ def watch(
 
     Args:
         speeds: (n + 1,) true speeds at the samples of n periods, in units of the design speed; the first is 1.
-        told: (n,) ratio of the speed that the feedback is told to the true one.
+        told: (n,) ratio of the speed that the feedback is told to the true speed.
 
     Raises:
         PlantError: the flow diverged.
@@ -107,12 +107,12 @@ def watch(
 def demonstration(
     run: Watched, expert: Feedback, goal: Goal, *, told: Array, expert_told: float = 1.0
 ) -> Demonstration:
-    """Return what an expert does in the states of a run, as a demonstration for a prior that is told another speed. The
-    first periods, which have no complete past, are left out.
+    """Return an expert's actions in the states of a run, as a demonstration for a prior that is told another speed. The
+    first periods are left out, because their past is incomplete.
 
     Args:
-        told: (n,) ratio of the speed that the prior is told to the true one.
-        expert_told: ratio of the speed that the expert is told to the true one.
+        told: (n,) ratio of the speed that the prior is told to the true speed.
+        expert_told: ratio of the speed that the expert is told to the true speed.
     """
     limit = goal.share_of_limit() * expert.limit
     kept = ceil(expert.memory / SLOWEST) + 1
@@ -134,8 +134,8 @@ def demonstration(
 
 
 def _as_told(run: Watched, told: Array, kept: int, memory: int) -> list[tuple[Tensor, float]]:
-    """Return the (M, 2 p + 1) rows that a prior reads at the told speed, and this speed, for each period from number
-    `kept` on."""
+    """Return, for each period from number `kept` on, the (M, 2 p + 1) rows that a prior reads, and the speed it is
+    told."""
     scale = torch.from_numpy(1.0 / told**2)[:, None]
     rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()
     spans = [slice(last - kept, last) for last in range(kept, len(rows) + 1)]
@@ -143,16 +143,16 @@ def _as_told(run: Watched, told: Array, kept: int, memory: int) -> list[tuple[Te
 
 
 def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, faster: bool) -> tuple[float, float]:
-    """Fit the feedback's scheduled weights of one side of the design speed to demonstrations.
+    """Fit the feedback's scheduled weights for speeds above or below the design speed to demonstrations.
 
     Args:
         feedback: changed in place.
-        given: demonstrations, of which the periods with told speeds of this side are used.
+        given: demonstrations; only periods with told speeds on the fitted side are used.
         goal: goal of the demonstrations.
-        faster: whether the side is above the design speed.
+        faster: whether the weights for speeds above the design speed are fitted.
 
     Returns:
-        Root mean square of the error, and of the action, divided by the action's limit.
+        Root mean squares of the action's error and of the action, both divided by the action's limit.
     """
     place = SPEED_PLACES[faster]
     speeds = np.concatenate([one.speeds for one in given])

@@ -50,13 +50,13 @@ def refine_model(
     resume: bool = True,
     threads: int = 1,
 ) -> tuple[TrainedModel, int]:
-    """Train a prior of the plan for a model, store the model at `output`, and return it with the number of control
-    periods that the plant was run for.
+    """Train a prior of the plan for a model, and store the model at `output`. Returns the model and the number of
+    control periods for which the plant was run.
 
     If the model already has a prior with these sensors and with the sizes in `config`, the training begins with that
-    prior. If the model has other sensors, its slim encoder is first distilled for these sensors, and the slim dynamics
-    and decoder for that encoder; the teacher stays unchanged. The state is stored in `<output>.checkpoints` during the
-    run.
+    prior. If the model has other sensors, its slim encoder is first distilled for these sensors, and then the slim
+    dynamics and decoder for the new encoder. The teacher stays unchanged. The state is stored in `<output>.checkpoints`
+    during the run.
 
     Args:
         model: trained model; the result keeps the model's other settings.
@@ -110,8 +110,8 @@ def refine_model(
 
 
 def middles_and_deviations(model: TrainedModel, sensors: Sequence[str]) -> tuple[tuple[float, ...], Array]:
-    """Return the means (p,) of the sums of p sensor pairs and the standard deviations (2 p,) of the sensors, in Cp, in
-    the recording that the model was fitted to."""
+    """Return means and standard deviations in Cp from the recording that the model was fitted to: the means (p,) of the
+    sums of p sensor pairs, and the standard deviations (2 p,) of the sensors."""
     columns = list(model.layout.indices(sensors))
     means, deviations = (np.array(each)[columns] for each in (model.scaling.pressure_mean, model.scaling.pressure_std))
     return tuple((means[::2] + means[1::2]).tolist()), deviations
@@ -208,8 +208,8 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
 def predictor(stretches: Sequence[Array], memory: int) -> Array:
     """Fit the prior's predictor of pressure differences by ridge regression: coefficients C_i, (p, M, p + 1), oldest
     row first, of the autoregressive model y_{k+1} = sum over i = 0 .. M-1 of C_i (y_{k-i}, a_{k-i}) of p differences
-    with the action as input. In the mirror image of a flow, y and a change their sign, and so does this model without a
-    constant term, so mirror images would add nothing to the fit.
+    with the action as input. In the mirror image of a flow, y and a change their sign. Without a constant term, the
+    model's output does the same, so mirror images would add nothing to the fit.
 
     `stretches` are arrays of n rows (y_k, a_k), (n, p + 1) each; a prediction's M rows are from one array. Raises
     StillwakeError for fewer steps than coefficients, or a regressor that is always zero.

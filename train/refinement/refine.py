@@ -1,10 +1,10 @@
-"""Training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
+"""The training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
 
 Streams are flows that continue under the feedback; each update uses one stretch, an interval of closed loop, of several
 streams. A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base.
-Its gradient is exact; the cost of motion in the far wake represents the effects after its end. Streams begin in the
-developed wake and restart after some stretches, at different times, so that the training always includes both the
-transient from the developed wake and the controlled wake.
+The gradient of a stretch is exact; the cost of motion in the far wake represents the effects after its end. Streams
+begin in the developed wake and restart after some stretches, at different times, so that the training always includes
+both the transient from the developed wake and the controlled wake.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,7 +32,7 @@ from train.refinement.windows import Price, Stream, Stretch, StretchReadings, di
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """A stretch of the stream with this number that will be run, with arguments of `differentiate`."""
+    """A stretch to be run, with the number of its stream and with arguments of `differentiate`."""
 
     number: int
     feedback: Feedback
@@ -45,8 +45,8 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Done:
-    """A stretch that has been run: the stream after it, and the gradients with respect to the feedback's parameters, in
-    their order."""
+    """A finished stretch: the stream after it, and the gradients with respect to the feedback's parameters, in the
+    parameters' order."""
 
     number: int
     stream: Stream
@@ -93,36 +93,35 @@ def _run(task: Task) -> Done:
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a stretch's gradient is clipped, because some stretches have a gradient ten times the usual one."""
 MEAN_OVER: Final = 30
-"""Number of updates in which an update's share in the exponential mean of the weights falls to 1 / e of its first
-value."""
+"""Time constant, in updates, of the exponential mean of the weights: an update's share falls to 1 / e in this time."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
-"""Fraction of the distance to a randomly drawn speed by which the speed changes during a stretch. The speed changes in
-a random half of the stretches."""
+"""Change of speed in a stretch, as a fraction of the distance to a randomly drawn speed. The speed changes in a random
+half of the stretches."""
 AT_DESIGN: Final = 3
-"""Number of streams of which one stays at the design speed, because a release is tested first at that speed."""
+"""One in this number of streams stays at the design speed, because a release is tested first at that speed."""
 GOAL_OVER: Final = 3
 """Number of stretches after which a stream draws a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Probability that a stretch is given the true speed; also that it loses no frames, and that a part of its goal is the
-configured part."""
+"""Probability that a stretch is given the true speed, that it loses no frames, and that a part of its goal is as
+configured."""
 LAST_ROWS: Final = 20_000
 """Number of the newest control periods to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
-"""Largest distance from the design speed, in units of the design speed, at which a stretch is used for the predictor's
-fit. One linear predictor for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the
-design speed has 0.035 (manual run, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve
-periods, the jets locked onto the wake."""
+"""Largest distance from the design speed, relative to it, at which a stretch is used to fit the predictor. One linear
+predictor for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the design speed has
+0.035 (manual run, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve periods, the jets
+locked onto the wake."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Refined:
-    """Result of the refinement.
+    """The result of the refinement.
 
     Attributes:
         feedback: feedback with averaged weights.
-        stretches: for each of the newest stretches near the design speed, or at any speed if there is none, an array
-            (n, p + 1) with one row for each of n control periods: p pressure differences and the action.
+        stretches: an array (n, p + 1) for each of the newest stretches near the design speed, or at any speed if there
+            is none. Each of n control periods has a row: p pressure differences and the action.
         periods: number of control periods that the plant was run for.
     """
 

@@ -1,5 +1,5 @@
-"""The gradient of the mean cost of a stretch, an interval of closed loop, with respect to the feedback's parameters,
-computed through feedback and flow; and the streams, each of which runs over several stretches."""
+"""The gradient of a stretch's mean cost with respect to the feedback's parameters, through feedback and flow; and the
+streams. A stretch is an interval of closed loop; a stream runs over several stretches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ ROUNDED: Final = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Price:
-    """Weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2, with the lift smoothed within
-    `ROUNDED`, the transverse velocity at the wake probe, which indicates drag after the stretch, and the action in
+    """The weights of the cost of a period, Cd + lift |Cl| + motion Uy^2 + effort a^2. |Cl| is smoothed within
+    `ROUNDED`. Uy, the transverse velocity at the wake probe, indicates drag after the stretch. a is the action in
     force."""
 
     lift: float
@@ -86,9 +86,9 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """The results of a stretch: mean coefficients, and n resampled rows (n, p + 1) of the p differences without errors
-    and the action, in units of the present speed. `off_design` is the largest distance of the speeds from the design
-    speed, in units of the design speed."""
+    """The results of a stretch: mean coefficients, and n resampled rows (n, p + 1). A row has the p differences without
+    errors and the action, in units of the present speed. `off_design` is the largest distance of the speeds from the
+    design speed, in units of the design speed."""
 
     Cd: float
     abs_Cl: float
@@ -128,7 +128,7 @@ def differentiate(
 
 @dataclass(kw_only=True, eq=False)
 class ClosedLoop:
-    """The values of a stretch of n periods, on the graph of torch.
+    """The values of a stretch of n periods, on torch's graph for gradients.
 
     Attributes:
         seen: n + 1 samples.

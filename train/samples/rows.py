@@ -1,8 +1,8 @@
 """Recorded episodes as standardised rows.
 
 Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column per sensor and one for the action. Each
-row also has a_k, the action commanded at t_k, which is the input of the dynamics, and the forces (Cd_k, Cl_k). A window
-that ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. The scaling is fitted to training
+row also has the forces (Cd_k, Cl_k), and the input of the dynamics: a_k, the action commanded at t_k. A window that
+ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. The scaling is fitted to training
 episodes and, if used, their mirror images.
 """
 
@@ -67,15 +67,14 @@ def _refuse_constant(name: str, values: Array) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
-    """Standardised episodes, one after the other, in single precision: n rows and N sensors.
+    """The standardised episodes, one after the other, in single precision: n rows and N sensors.
 
     Attributes:
         inputs: (n, N + 1) encoder rows.
         actions: (n,) a_k.
         forces: (n, 2) Cd, Cl.
         lengths: rows of each episode, in order; the sum is n.
-        unit: (N,) one global deviation of pressure in the units of each sensor's column; None if the scaling is not
-            known.
+        unit: (N,) global deviation of pressure in the unit of each sensor's column; None if the scaling is not known.
         layout: layout of the sensors, in the order of their columns.
         names: names of each episode, in order; may be empty.
     """
@@ -135,7 +134,7 @@ class Rows:
 
 
 def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, layout: SensorLayout = TRUCK) -> Rows:
-    """Return the standardised rows of the episodes, followed by the rows of their mirror images if `mirrored`. Raises
+    """Return the standardised rows of the episodes and then, if `mirrored`, the rows of their mirror images. Raises
     ConfigError if `mirrored` is set and the layout has no mirror images."""
     mirror = layout.mirror
     if mirrored and mirror is None:

@@ -1,1 +1,1 @@
-"""Methods that choose the slim encoder's sensors: the paper's SHAP ranking, and others for comparison."""
+"""The methods that choose the slim encoder's sensors: the paper's SHAP ranking, and other methods for comparison."""

@@ -68,8 +68,8 @@ def select_qr(rows: Rows, count: int) -> tuple[int, ...]:
 
 
 def select_greedy(student: RidgeStudent, count: int, *, progress: Progress = silent) -> tuple[int, ...]:
-    """Return the indices of the sensors that reduce the student's error most, chosen one after the other, in that
-    order; among equally good sensors the first sensor is chosen."""
+    """Return the indices of sensors that are chosen one after the other, in this order. Each choice reduces the
+    student's error most; among equally good sensors the first sensor is chosen."""
     chosen: tuple[int, ...] = ()
     for place in range(count):
         errors = {index: student.error((*chosen, index)) for index in range(student.sensors) if index not in chosen}
@@ -127,7 +127,7 @@ def select(
     elif method == "hand":
         chosen = select_by_hand(count, rows.layout)
     else:
-        # Runs with neighbouring seeds must have independent draws, and so must the two uses of one seed.
+        # Runs with neighbouring seeds must have independent draws. The two uses of one seed must be independent, too.
         windows, choices = np.random.SeedSequence(settings.seed).generate_state(2).tolist()
         student = ridge_student(encoder, rows, windows, settings.sensor_noise)
         if method == "greedy":

@@ -1,4 +1,4 @@
-"""Scores of the sensors in repeated rankings: the best sensors, and their stability (paper, appendix C)."""
+"""The scores of the sensors in repeated rankings: the best sensors, and their stability (paper, appendix C)."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ def check_count(count: int, available: int) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ranking:
-    """Scores of the sensors; each repeat draws other training windows at random and scores all sensors again.
+    """The scores of the sensors. Each repeat draws other training windows at random and scores all sensors again.
 
     Attributes:
         scores: (repeats, N).
@@ -56,8 +56,8 @@ class Ranking:
         return len(set(self.top_sets(count))) == 1
 
     def differences(self, count: int) -> Mapping[str, float]:
-        """Return, for every sensor that is among the best in some repeats only, the fraction of repeats in which it is.
-        The sensors are in the order of `names`; the result is empty if the set is stable."""
+        """Return the sensors that are among the best in some repeats only, each with the fraction of these repeats. The
+        sensors are in the order of `names`; the result is empty if the set is stable."""
         repeats = len(self.scores)
         counts = Counter(name for names in self.top_sets(count) for name in names)
         return {name: counts[name] / repeats for name in self.names if 0 < counts[name] < repeats}

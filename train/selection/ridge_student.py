@@ -79,7 +79,7 @@ class RidgeStudent:
         judged_gram, judged_cross: the same products of the test windows.
         judged_power: mean square of the test windows' latents, summed over N_z.
         lags: number of lags of each column.
-        noise_power: mean square of the noise on each column; the last entry is the action's.
+        noise_power: mean square of the noise on each column; the last entry is for the action.
     """
 
     gram: Array
@@ -92,7 +92,7 @@ class RidgeStudent:
 
     @property
     def sensors(self) -> int:
-        """Number of columns to choose from: all except the action's."""
+        """Number of columns to choose from: all except the column of the action."""
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:

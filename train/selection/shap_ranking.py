@@ -59,7 +59,7 @@ class ShapRanker:
         generator = np.random.default_rng(seed)
         background = _draw(rows, encoder.window, self.background, "background", generator)
         explained = _draw(rows, encoder.window, self.explained, "explanation", generator)
-        # Only gradients with respect to inputs are needed; with a frozen copy, the weights' gradients are not computed.
+        # Only gradients with respect to inputs are needed. In a frozen copy, gradients of the weights are not computed.
         packed = _Packed(copy.deepcopy(encoder).requires_grad_(False))
         total = np.zeros(explained.shape[2])
         full = len(explained) // _PACK * _PACK
@@ -73,7 +73,7 @@ class ShapRanker:
 
     def _magnitude(self, packed: "_Packed", background: Tensor, packs: Tensor, generator: np.random.Generator) -> Array:
         """Return the sum of |SHAP| over packs, windows, rows and latents, (F,), for packs (P, M, L, F)."""
-        # shap is imported here, because it takes longer to load than torch, and no other selection method needs it.
+        # shap is imported here, because shap takes longer to load than torch, and no other selection method needs shap.
         import shap
 
         # Every position in a pack is combined with every background window, in its own random order.

@@ -21,8 +21,8 @@ PROBE_OBJECT: Final = "wakeProbe"
 
 @dataclass(frozen=True, kw_only=True)
 class CaseClock:
-    """The end and the time step of an icoFoam run, in t_c, and the numbers of time steps between two written states and
-    between two measurements."""
+    """The end and the time step of an icoFoam run in t_c, and the numbers of time steps between written states and
+    between measurements."""
 
     end: float
     dt: float

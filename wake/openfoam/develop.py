@@ -24,7 +24,7 @@ from wake.truck.state import State, developed_state
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
     """Interpolate a state on the grid of refinement 1 linearly to velocity (m, 2) and kinematic pressure (m,) in the
-    mesh's m cells, extrapolated between the grid's outermost points and the boundary. The first time step removes the
+    mesh's m cells. Extrapolate between the grid's outermost points and the boundary. The first time step removes the
     divergence that the interpolation leaves."""
     grid = truck_grid()
     flow = Flow.of(state.flat, grid.shape)
@@ -42,12 +42,12 @@ def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
 
 _Progress = Callable[[float, float], None]
 
-_CHECKPOINT: Final = 5.0  # longest time between states written, t_c
+_CHECKPOINT: Final = 5.0  # longest time between two written states, in t_c
 _LOOK_S: Final = 0.5
 
 
 def require_truck(body: BodyConfig) -> None:
-    """Raise PlantError for a body other than the truck, because this plant's mesh is the truck's."""
+    """Raise PlantError for a body other than the truck, because this plant has a mesh of the truck only."""
     for name in ("length", "leading_edge_radius", "sensors_per_side", "sensors_on_base"):
         value, truck = getattr(body, name), getattr(TRUCK_BODY, name)
         if value != truck:
@@ -55,8 +55,8 @@ def require_truck(body: BodyConfig) -> None:
 
 
 def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress) -> None:
-    """Run the case in `folder` without jets until `foam.develop_time`, a whole number of control periods; continue from
-    the case's last checkpoint if there is one."""
+    """Run the case in `folder` without jets until `foam.develop_time`, a whole number of control periods. If the case
+    has a checkpoint, continue from the last checkpoint."""
     until, substeps = foam.develop_time, foam.develop_substeps
     if not (folder / "0" / "p").is_file():
         shutil.rmtree(folder, ignore_errors=True)

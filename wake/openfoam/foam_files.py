@@ -1,4 +1,4 @@
-"""OpenFOAM's files: dictionaries, lists, a plane mesh as `polyMesh`, and fields as icoFoam writes them."""
+"""The files of OpenFOAM: dictionaries, lists, a plane mesh as `polyMesh`, and fields as icoFoam writes them."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -119,8 +119,8 @@ _VALUES: Final = re.compile(
 
 
 def scaled(content: bytes, factor: float) -> bytes:
-    """Return a field's file, written in binary with 64-bit numbers, with all values in cells and on patches multiplied
-    by `factor`."""
+    """Return a field's file with all values in cells and on patches multiplied by `factor`. The file is binary with
+    64-bit numbers."""
     parts, done = list[bytes](), 0
     while found := _VALUES.search(content, done):
         if found["type"]:

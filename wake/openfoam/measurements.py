@@ -1,10 +1,10 @@
-"""Conversion of the files that icoFoam's function objects write into samples of the plant.
+"""The conversion of files from icoFoam's function objects into samples of the plant.
 
 Forces in units of rho U_inf^2 W / 2 are twice the kinematic forces, for a domain of depth 1.
 
 icoFoam accelerates the stream between inlet and outlet by a pressure gradient, -dU/dt. On a vehicle, the air is at rest
-and the body accelerates, without this gradient. The samples are those of the vehicle, as in stillwake's solver: the
-gradient's pressures and forces are subtracted.
+and the body accelerates, without this gradient. As in stillwake's solver, the samples are those of a vehicle: the
+pressures and forces of the gradient are subtracted.
 """
 
 import re
@@ -35,8 +35,8 @@ class Readings:
     """The measurements at one time: the contents of one line from each function object's file.
 
     Attributes:
-        forces: kinematic force vectors, (3, 3, 3): on the truck, on the upper slot and on the lower slot, each time the
-            total, the pressure and the viscous force.
+        forces: kinematic force vectors, (3, 3, 3): total, pressure and viscous force on each of truck, upper slot and
+            lower slot.
         pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """
@@ -86,8 +86,8 @@ class Instruments:
 
 
 def _buoyancy(mesh: Mesh, patch: str) -> float:
-    """Return the force in x on a patch by a pressure that is zero at the outlet and has the gradient -1. On the
-    patches of a closed body, these forces add up to the body's area."""
+    """Return the force in x on a patch from a pressure with gradient -1 that is zero at the outlet. On the patches of a
+    closed body, these forces add up to the body's area."""
     ends = mesh.points[mesh.patches[patch]]
     # The flow is on the left of an edge, so this is the area of the wall in x, positive if the wall faces downstream.
     facing = ends[:, 0, 1] - ends[:, 1, 1]

@@ -1,4 +1,4 @@
-"""A body-fitted mesh of the truck, one cell thick, whose grid lines follow the rounded leading edges exactly.
+"""A body-fitted mesh of the truck, one cell thick. The grid lines follow the rounded leading edges exactly.
 
 Two structured blocks share their edges. A C-shaped block runs from the outlet along the lower side, around the front
 and back along the upper side. The block's lines leave the wall along the normal, and fan out from the rounded edges to
@@ -126,8 +126,8 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
     away = graded_faces(_NORMAL, 0.0, DOMAIN_Y[1] - HALF_WIDTH, refinement)
     far = away[-1] + r
 
-    # Each line that fans out from the rounded edge is longer, by `extra`, than the distance between wall and boundary.
-    # A quadratic function spreads this length smoothly over the points beyond `_ROUND_UP_TO`.
+    # Each line that fans out from the rounded edge is longer by `extra` than the distance from wall to boundary. A
+    # quadratic function spreads the length `extra` smoothly over the points beyond `_ROUND_UP_TO`.
     extra = far * (1.0 / np.maximum(-np.cos(arc), np.sin(arc)) - 1.0)
     share = (np.maximum(away - _ROUND_UP_TO, 0.0) / (away[-1] - _ROUND_UP_TO)) ** 2
     radius = r + away[None, :] + extra[:, None] * share[None, :]
@@ -165,9 +165,9 @@ def _quads(block: Index) -> Index:
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return four arrays with an entry for each of the four edges of each cell: the vertex pair, with the cell on the
-    left; the cell; the entry of the same edge for the cell on its other side, or -1 if there is none; and a code of the
-    vertex pair."""
+    """Return four arrays with an entry for each of the four edges of each cell. They are the vertex pair, with the cell
+    on the left; the cell; the same edge's entry for the other cell, or -1 at a boundary; and a code of the vertex
+    pair."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     cell = np.repeat(np.arange(len(cells)), 4)
     code, reverse = pairs @ np.array([n, 1]), pairs @ np.array([1, n])

@@ -1,8 +1,8 @@
 """The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. Truck, jets and clock are those of
 stillwake's own solver.
 
-The interface is that of `wake.truck.truck_wake.TruckWake`, but a run has a longest duration, because icoFoam needs all
-times in advance, and a state can be taken only at a control period's end, where icoFoam writes its fields.
+The interface is that of `wake.truck.truck_wake.TruckWake`, with two limits. A run has a longest duration, because
+icoFoam needs all times in advance. States exist only at a control period's end, where icoFoam writes its fields.
 """
 
 import shutil
@@ -33,8 +33,8 @@ from wake.solver.grid import Grid, truck_grid
 
 
 class CellInterpolation:
-    """Interpolation between the centres of the cells, linear on their Delaunay triangles; outside the triangles the
-    value is the nearest cell's. `points` are the n target points, (n, 2)."""
+    """A linear interpolation between the cells' centres, on their Delaunay triangles. Outside the triangles, it gives
+    the value of the nearest cell. `points` are the n target points, (n, 2)."""
 
     def __init__(self, mesh: Mesh, points: Array) -> None:
         triangles = Delaunay(mesh.centres)
@@ -114,8 +114,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     def reset(self, state: FoamState) -> Sample:
         """Restart icoFoam from a state. The restart is not exact: one control period later, the forces differ by a
-        fraction of a percent from those of an uninterrupted run. Raises PlantError if the state is of another mesh or
-        not finite, or icoFoam does not start."""
+        fraction of a percent from the forces of an uninterrupted run. Raises PlantError if the state is of another mesh
+        or not finite, or icoFoam does not start."""
         velocity = state.velocity
         if len(velocity) != len(self.mesh.cells):
             raise PlantError(f"flow state has {len(velocity)} cells, this mesh has {len(self.mesh.cells)}")
@@ -153,8 +153,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         )
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance as `wake.truck.truck_wake.TruckWake.advance_to` does. Raises PlantError as that does, if icoFoam
-        fails, or after `duration`."""
+        """Advance as `wake.truck.truck_wake.TruckWake.advance_to` does. Raises PlantError as that method does, if
+        icoFoam fails, or after `duration`."""
         self._check_substep(substep)
         into, last = self.substeps_into_period, self.config.substeps
         if self._pipes is None:
@@ -169,7 +169,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
-        # `sample` checks this too, but a run need not call `sample` after its last step.
+        # `sample` has the same check, but a run need not call `sample` after its last step.
         self._readings.require_finite(self.t)
 
     def sample(self) -> Sample:

@@ -1,10 +1,10 @@
-"""icoFoam as a child process, and the pipes through which its jets and its inlet are controlled step by step.
+"""The child process icoFoam, and the pipes that control its jets and its inlet step by step.
 
 The boundary condition of jets and inlet (`wake.openfoam.wall`) reads the velocity at listed instants from one file for
-each instant. When it has passed an instant, it opens the next instant's file in the following time step. Here the end
-of every time step is an instant, and its file is a named pipe for each patch. So icoFoam stops at the start of each
-time step, after it has measured and written everything about the last step, until the velocities at the step's end
-arrive. A ramp can then start at any time step of a control period, as in stillwake's solver.
+each instant. In the time step after an instant, it opens the file of the next instant. Here the end of every time step
+is an instant, and its file is a named pipe for each patch. So icoFoam waits at the start of each time step until the
+velocities at the step's end arrive. By then it has written all measurements of the last step. A ramp can then start at
+any time step of a control period, as in stillwake's solver.
 """
 
 import ctypes
@@ -158,7 +158,7 @@ class BoundaryPipes(NeverCopied):
                 os.close(reader)
 
     def close(self) -> None:
-        """Close the open pipes; icoFoam fails if it waits for one of these pipes."""
+        """Close the open pipes. An icoFoam that waits for a pipe then fails."""
         if self._waiting is not None:
             os.close(self._waiting)
             self._waiting = None

@@ -17,7 +17,7 @@ from wake.openfoam.measurements import Readings, read_all
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
-# The files are velocity and pressure, the flux through every face, and U and phi at the older level of the time scheme.
+# The files are velocity, pressure, the flux through every face, and U and phi at the older level of the time scheme.
 _FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
 _POWERS: Final = dict.fromkeys(_FIELDS, 1) | {"p": 2}
 """The powers of the velocity to which the fields are proportional."""
@@ -52,8 +52,8 @@ class FoamState:
 
 
 def scaled(state: FoamState, ratio: float) -> FoamState:
-    """Return the state of a stream that is `ratio` times as fast: velocities are multiplied by the ratio, pressures and
-    forces by its square."""
+    """Return the state of a stream that is `ratio` times as fast. Velocities are multiplied by the ratio, pressures and
+    forces by the square of the ratio."""
     readings = state.readings
     square = ratio * ratio
     return replace(

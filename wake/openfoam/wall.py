@@ -1,9 +1,9 @@
-"""Boundaries in icoFoam: the velocity at the inlet and in the slots, the pressure probes, and the sensors as weighted
-sums of probes.
+"""The boundaries in icoFoam: the velocity at the inlet and in the slots, the pressure probes, and the sensors, which
+are weighted sums of probes.
 
-`timeVaryingMappedFixedValue` reads a patch's velocity, uniform at the inlet and a parabola over each slot, at each
-listed instant from a file and ramps linearly between instants. A case without control lists the beginning and a time
-that it never reaches. A case in closed loop lists the end of every time step, and its files are named pipes.
+`timeVaryingMappedFixedValue` reads a patch's velocity at each listed instant from a file, and ramps linearly between
+instants. The velocity is uniform at the inlet and a parabola over each slot. A case without control lists the beginning
+and a time that it never reaches. A case in closed loop lists the end of every time step, and its files are named pipes.
 
 The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
 is interpolated linearly along the wall between the two nearest faces.
@@ -42,9 +42,9 @@ _LATE: Final = 1e-6
 
 
 def patch_velocity(mesh: Mesh, patch: str, action: float, stream: float) -> Array:
-    """Return the velocity on the k faces of a patch in `DRIVEN`, in the mesh's order, (k, 2); on a slot it is averaged
-    exactly over each face. `action` is the jet flow rate; the lower slot blows when the upper slot sucks (paper,
-    section 2.1). `stream` is the free stream in U_inf."""
+    """Return the velocity on the k faces of a patch in `DRIVEN`, in the mesh's order, (k, 2). On a slot, the velocity
+    is averaged exactly over each face. `action` is the jet flow rate; the lower slot blows when the upper slot sucks
+    (paper, section 2.1). `stream` is the free stream in U_inf."""
     y = mesh.patch_centres(patch)[:, 1]
     if patch not in JETS:
         return np.column_stack([np.full(len(y), stream), np.zeros(len(y))])
@@ -73,8 +73,8 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float, stream: float = 1.0) -> None:
-    """Write the files of the instants of a case in closed loop: jets and inlet start from `action` and `stream`, and
-    the end of every time step is an instant, whose folder is a link to the folder that holds the patch's pipe."""
+    """Write the files of the instants of a case in closed loop. Jets and inlet start from `action` and `stream`. The
+    end of every time step is an instant; its folder is a link to the folder with the patch's pipe."""
     for patch in DRIVEN:
         data, end = _begin(folder, mesh, patch, action, stream), pipe(folder, patch)
         end.parent.mkdir(parents=True)

@@ -19,7 +19,7 @@ _Progress = Callable[[int, int], None]
 
 FASTEST: Final = 50
 """Largest number of frames per second. Many viewers play a GIF slowly if its frames are shorter than 20 ms."""
-_GIF_TICK: Final = 10  # ms; the format counts in hundredths of a second
+_GIF_TICK: Final = 10  # ms, because the format counts in hundredths of a second
 _SUFFIXES: Final = (".gif", ".webp")
 _WEBP: Final = {"quality": 80, "method": 4, "minimize_size": False, "kmax": 30}
 

@@ -29,7 +29,7 @@ Kind = Literal["vorticity", "pressure"]
 
 VIEW: Final[View] = (-1.5, 20.0, -3.0, 3.0)
 _NEAR_WAKE: Final = (-0.847, 4.353, -1.2, 1.2)
-"""Limits in x and y of the near wake's picture, in W, with x measured from the base."""
+"""Limits in x and y of the near-wake picture, in W; x is measured from the base."""
 
 FIELD_COLOURS: Final = "RdBu_r"
 """Name of the colour map of the field. The map is diverging and symmetric about zero."""
@@ -135,7 +135,7 @@ class WakePicture:
         self.update()
         canvas: Any = self.figure.canvas
         canvas.draw()
-        # The layout is computed only once, because this is slow, and because the layout must not change between frames.
+        # The layout is computed only once, because its computation is slow and it must not change between frames.
         self.figure.set_layout_engine("none")
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
@@ -147,7 +147,7 @@ def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str
 
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
     """Draw a mean flow (`wake.pictures.fields.TimeMean`) downstream of the body: u in colour, streamlines, the boundary
-    of the backward flow, and the bubble's length. `duration` is the duration of the mean in t_c, for the title."""
+    of the backward flow, and the bubble's length. The title states the mean's `duration` in t_c."""
     left, right, low, high = _NEAR_WAKE
     # Rounding makes the limits of the truck's view exactly 6.8 and 12.
     view = (round(body.length + left, 9), round(body.length + right, 9), low, high)

@@ -1,5 +1,5 @@
-"""The picture of a wake in levels, for the live page, the run folder and its report. Small integers take little space,
-and the page can choose the colours."""
+"""The picture of a wake in levels, for the live page, the run folder and the report. Levels are small integers: they
+take little space, and the page can choose the colours."""
 
 from typing import Final
 

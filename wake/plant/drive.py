@@ -2,7 +2,7 @@
 
 The plant computes in units of one speed U, the speed of the operating point. At a vehicle speed v the free stream is v
 / U; viscosity, size and control period do not change. A gust is a wind against the body that varies in time and is
-uniform far from the body. It is computed as the stream that meets a body whose speed through the air varies
+uniform far from the body. A gust is computed as a change of the body's speed through the air
 (`wake.solver.navier_stokes`), so that pressures are relative to the free stream also in a gust. The unit of forces and
 pressures is that of the mean U_inf.
 """
@@ -26,8 +26,8 @@ Wind = Callable[[float], float]
 
 @dataclass(frozen=True, kw_only=True)
 class Gust:
-    """A wind that oscillates sinusoidally about U_inf: amplitude in U_inf, period and start in t_c, and the number of
-    periods, a whole number, so that the gust begins and ends at U_inf."""
+    """A wind that oscillates sinusoidally about U_inf. The amplitude is in U_inf, period and start are in t_c. The
+    number of periods is a whole number, so that the gust begins and ends at U_inf."""
 
     amplitude: float
     period: float
@@ -93,7 +93,7 @@ class Drive:
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
         """Return a function that gives by how much the stream exceeds U, for a plant whose clock shows `begin` (t_c) at
         the drive's start."""
-        # A partial is used in place of a closure, so that a plant with this wind can be pickled.
+        # A partial is used instead of a closure, so that a plant with this wind can be pickled.
         return partial(self._exceeds, point, begin)
 
     def _exceeds(self, point: OperatingPoint, begin: float, t: float) -> float:
@@ -109,7 +109,7 @@ class Drive:
 
 def at_speed(flow: FlowConfig, fastest: float) -> FlowConfig:
     """Return the flow's settings with enough time steps per control period for a stream of `fastest` times U."""
-    # Without the subtracted number, rounding would turn 30 * 1.4 into 43 time steps, although 42 are enough.
+    # Without the subtraction, rounding would give 43 time steps for 30 * 1.4, although 42 are enough.
     return replace(flow, substeps=ceil(flow.substeps * max(1.0, fastest) - 1e-9))
 
 

@@ -1,4 +1,4 @@
-"""Protocols of a plant, a flow around a body, and the clock that stillwake's solver and OpenFOAM share."""
+"""The protocols of a plant, which is a flow around a body, and the clock that stillwake's solver and OpenFOAM share."""
 
 from typing import Any, Protocol, runtime_checkable
 

@@ -1,5 +1,4 @@
-"""The measurements of a plant at one instant. This module imports no plant, because the import of a plant takes
-long."""
+"""The measurements of a plant at one instant. This module imports no plant, because such an import takes long."""
 
 from dataclasses import dataclass
 

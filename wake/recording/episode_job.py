@@ -1,4 +1,4 @@
-"""The job of recording one episode block by block: it holds all data that a process needs, including a controller."""
+"""The job of recording one episode block by block. It holds all data that a process needs, including a controller."""
 
 import hashlib
 import platform
@@ -86,9 +86,9 @@ class EpisodeJob:
         return EpisodeBlocks(folder=folder, steps=self.plan.steps, block_steps=self.block_steps)
 
     def run(self, wake: TruckWake | None = None, progress: EpisodeProgress = lambda name, done, total: None) -> None:
-        """Record the missing blocks; `wake` is built if not given. Raises PlantError if the flow diverges, and
-        StillwakeError if this process does not find the folder or cannot write a block, if its versions or its start
-        differ from those of the process that began the recording, or if another call has taken over."""
+        """Record the missing blocks; `wake` is built if not given. Raises PlantError if the flow diverges. Raises
+        StillwakeError if this process does not find the folder or cannot write a block, if the process that began the
+        recording had other versions or another start, or if another call has taken over."""
         if not self.parts.is_owned_by(self.owner):
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
@@ -188,5 +188,5 @@ def _advance(
         actions[k] = np.clip(command + added, -limit, limit)
         sample = wake.advance(float(actions[k]))
     series = {name: np.array([getattr(row, name) for row in rows]) for name in UNITS}
-    # A sample holds the action in force at its time; a recording holds the action commanded at that time.
+    # A sample has the action in force at its time; a recording has the action commanded at that time.
     return series | {"action": actions}, sample, memory

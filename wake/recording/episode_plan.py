@@ -1,5 +1,5 @@
-"""Open-loop forcing signals, sampled at the control period (paper, section 2.1), exploration noise, and the plans of
-the episodes of a forced recording."""
+"""The open-loop forcing signals, sampled at the control period (paper, section 2.1), the exploration noise, and the
+plans of a forced recording's episodes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,11 +20,10 @@ ForcingName = Literal["training", "chirp", "extended_chirp", "none"]
 
 def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator) -> Array:
     """Compute the training waveform, (steps,), in U_inf W. The carrier's frequency is near the shedding frequency and
-    varies with noise, low-pass filtered and normalised by its largest magnitude; its amplitude follows a slow sinusoid.
-    The envelope reaches 1 + depth, so that the strongest part of the signal is clipped and explores the full
-    amplitude."""
+    varies with noise. The noise is low-pass filtered and divided by its largest magnitude. The amplitude follows a slow
+    sinusoid up to 1 + depth, so the strongest part of the signal is clipped and explores the full amplitude."""
     dt = flow.control_period
-    # The filter starts from zero, so the first few cut-off periods of its output are discarded.
+    # The filter starts from zero, so its output is discarded for 4 / (cut-off frequency).
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
     lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
     eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
@@ -38,7 +37,7 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
 
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
-    """Compute a sine that starts at zero and rises, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError
+    """Compute a sine that starts upwards from zero, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError
     for an amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency.
     """
     if not 0.0 <= amplitude <= flow.action_limit:
@@ -94,7 +93,7 @@ SHEDDING_PERIOD: Final = 24
 @dataclass(frozen=True, kw_only=True)
 class EpisodePlan:
     """The plan of one episode with open-loop forcing. `lead` is the number of control steps without forcing from the
-    start to the first sample; it differs between episodes, so that they begin in different phases of the shedding
+    start to the first sample. It differs between episodes, so that episodes begin in different phases of the shedding
     cycle."""
 
     forcing: ForcingName
@@ -102,7 +101,7 @@ class EpisodePlan:
     seed: int
     lead: int = 0
     packages: ClassVar[tuple[str, ...]] = ()
-    """Packages, in addition to the flow solver's, whose versions affect the samples."""
+    """Packages whose versions affect the samples, in addition to the packages of the flow solver."""
 
     @property
     def role(self) -> Role:
@@ -127,8 +126,8 @@ class EpisodePlan:
 def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
     """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 + 2,500 steps for training, 10,000 of
     the chirp, 10,000 of the extended chirp. The training steps are split into independent episodes with seeds `seed`,
-    `seed` + 1, ... that start at phases spread evenly over a shedding cycle, so that they differ in more than the
-    forcing. A chirp cannot be split, because its sweep rate depends on its duration."""
+    `seed` + 1, ... The episodes start at phases that are spread evenly over a shedding cycle, so that they differ in
+    more than the forcing. A chirp cannot be split, because its sweep rate depends on its duration."""
     count = _PAPER_TRAINING_EPISODES
     training = (
         EpisodePlan(forcing="training", steps=50_000 // count, seed=seed + i, lead=round(SHEDDING_PERIOD * i / count))

@@ -1,9 +1,9 @@
-"""An unfinished recording on disk: its settings, the call that records it, and its episodes block by block.
+"""An unfinished recording on disk: settings, the call that records, and the episodes block by block.
 
 `task.json` holds the recording's settings, so that only a call with equal settings continues it. `owner` holds the
-token of the call that records; a worker stops when it finds another token. Each block has a file of samples and a file
-of the state at its end: the flow and the policy's memory. The state is written first, so that every complete block can
-be continued. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
+token of the call that records; a worker stops when it finds another token. Each block has a file of samples, and a file
+of the state at its end: flow and policy's memory. The state is written first, so that every complete block can be
+continued. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
 """
 
 import io
@@ -52,7 +52,7 @@ class PartsFolder:
                     f"it with these settings, or delete it first"
                 )
         else:
-            # Nothing is recorded yet, so the settings of an earlier call may be replaced.
+            # No block is recorded yet, so the settings of an earlier call may be replaced.
             with replacing(self._label) as temporary:
                 temporary.write_text(json.dumps(task, sort_keys=True))
         with replacing(self._owner) as temporary:
@@ -76,7 +76,7 @@ class PartsFolder:
 
     @property
     def has_samples(self) -> bool:
-        """Whether a block of any episode exists, so that something can be continued."""
+        """Whether a block of any episode exists, from which the recording can continue."""
         return any(not path.name.endswith(".state.npz") for path in self.path.glob("*/[0-9]*.npz"))
 
     def task(self) -> dict[str, Any] | None:

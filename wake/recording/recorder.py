@@ -25,8 +25,8 @@ from wake.recording.round_plan import CalmRound, ControlledRound, Plan
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"
-"""Name of the entry with the software's versions. This entry is not compared, because a recording is valid whichever
-version wrote it."""
+"""Name of the entry with the software's versions. This entry is not compared, because the versions do not affect the
+validity of a recording."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
@@ -60,7 +60,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
         made, wanted = dict(episode.provenance), json.loads(json.dumps(job.provenance))
         made.pop(_NOT_COMPARED, None)
         if made.get("start_sha256") == wanted.get("start_sha256"):
-            # Both recordings begin in the same state, so the names of its files may differ.
+            # Both recordings begin in the same state, so the state's file names may differ.
             made.pop("start", None)
         for name, before, now in differences(made, wanted):
             # Entries that only one version of the software stores are not compared.
@@ -148,8 +148,7 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """Return the settings by which the parts of this recording are distinguished from those of other recordings, as
-    plain JSON."""
+    """Return, as plain JSON, the settings that distinguish this recording's parts from parts of other recordings."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 
@@ -162,8 +161,8 @@ def finished_jobs(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
-    """Record the missing blocks of a call's jobs, and yield the jobs, whose episodes the caller then stores. Afterwards
-    remove the parts of the jobs, unless an error was raised. Arguments and errors are those of `record`."""
+    """Record the missing blocks of a call's jobs, and yield the jobs. The caller then stores the jobs' episodes.
+    Afterwards remove the parts of the jobs, unless an error was raised. Arguments and errors are those of `record`."""
     parts, config = jobs[0].parts, jobs[0].config
     missing = [folder for folder in parts.path.parents if not folder.exists()]
     parts.claim(task_of(jobs), jobs[0].owner)
@@ -195,9 +194,9 @@ def run_parallel(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> None:
-    """Record the jobs' episodes on workers, one per worker at a time, the episode with the most missing steps first,
-    and watch the folder that they share. An episode whose worker dies continues from its last block. `progress` is
-    called for each episode whose number of recorded steps has changed since the last poll;
+    """Record the jobs' episodes on workers, and watch the shared folder. A worker records one episode at a time; the
+    episode with the most missing steps comes first. An episode whose worker dies continues from its last block.
+    `progress` is called for each episode whose number of recorded steps has changed since the last poll;
     `contract.side_by_side.spread` explains the other arguments and errors."""
     done = {job.plan.name: job.blocks.finished for job in jobs}
     present: set[str] = set()
@@ -248,7 +247,7 @@ def record_round(
     block_steps: int = BLOCK_STEPS,
     start: Path | None = None,
 ) -> int:
-    """Record a round, add its episodes to a data set, which is created if it does not exist, and return the round's
+    """Record a round, and add its episodes to a data set, which is created if it does not exist. Returns the round's
     number: one more than the highest number in the file.
 
     If a call was interrupted, the next call continues its work; if the interrupted call had already added its round,

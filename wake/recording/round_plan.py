@@ -1,9 +1,9 @@
 """Rounds of episodes that are added to a data set: under a controller, or from the steady wake.
 
 A round under a controller adds the flow states that the controller of the last round reaches (DAgger: Ross, Gordon and
-Bagnell 2011). Calm episodes begin at the steady wake: small random actions, with another amplitude in each episode,
-disturb it, and the episodes show the growth of the disturbances up to shedding. A model that is trained on other
-episodes alone predicts a wrong growth, because these episodes never come near the steady wake.
+Bagnell 2011). Calm episodes begin at the steady wake. Small random actions, whose amplitude differs between episodes,
+disturb this wake, and the disturbances grow up to shedding. A model that is trained without calm episodes predicts a
+wrong growth, because other episodes never come near the steady wake.
 """
 
 from collections.abc import Mapping
@@ -27,13 +27,13 @@ class RoundPlan:
     """The plan of one episode of a round.
 
     Attributes:
-        kind: "controlled" for an episode from the developed wake, "calm" from the steady wake; held-out episodes have
-            this word as their role, too.
+        kind: "controlled" for an episode from the developed wake, "calm" for an episode from the steady wake. This word
+            is also the role of a held-out episode.
         round: number of the addition to the data set, from 1.
         episode: number of the episode in the round, from 0.
-        level: rms of the random action that is added to the controller's commands, if there is a controller. It is a
-            fraction of the action limit; for a calm episode it is in U_inf W.
-        role: "train", or the kind for an episode that is held out.
+        level: rms of the random action, which is added to the commands if there is a controller. It is a fraction of
+            the action limit; for a calm episode it is in U_inf W.
+        role: "train" or, for a held-out episode, the kind.
         seed: random seed. With round, episode and role it determines the random action, so that rounds differ.
         lead: number of control steps without forcing from the start to the first sample.
         bundle, bundle_digest: bundle of the controller, and its digest; None without a controller.
@@ -76,7 +76,7 @@ class RoundPlan:
 
 
 Plan = EpisodePlan | RoundPlan
-"""The plan of one episode. No two plans of a recording have equal field values."""
+"""The plan of one episode. All plans of a recording have different field values."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +108,7 @@ class ControlledRound:
 
 @dataclass(frozen=True, kw_only=True)
 class CalmRound:
-    """A round of `episodes` episodes of `steps` steps, whose amplitudes are spaced evenly on a logarithmic scale from
+    """A round of `episodes` episodes of `steps` steps. Their amplitudes are spaced evenly on a logarithmic scale from
     `smallest` to `largest`; a single episode has the smallest amplitude. The other fields are as in `RoundPlan`. Raises
     ConfigError for a number out of its range or an invalid role."""
 

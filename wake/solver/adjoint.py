@@ -1,6 +1,6 @@
 """The adjoint of the flow solver: the exact transpose of the discrete step, except for rounding. It gives the
-sensitivities of a scalar, which depends on later flows, to an earlier flow and to the actions. The projection's
-operator is symmetric, so both directions use one Poisson solver."""
+sensitivities to an earlier flow and to the actions, for a scalar that depends on later flows. The projection's operator
+is symmetric, so both directions use one Poisson solver."""
 
 from collections.abc import Callable
 

@@ -1,10 +1,10 @@
-"""Compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
+"""The compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
-The word `bar` in a name denotes sensitivities: derivatives of a scalar, which depends on later flows, with respect
-to a value. Each kernel reads the sensitivities to the outputs of its forward kernel, and adds the resulting terms to
-the sensitivities to the forward kernel's inputs. Arrays have the same padding as the forward kernel's arrays, and loops
-run over the same runs of faces. All kernels but convection are linear. Convection is quadratic, so the transpose of a
-rate needs only the velocity at the rate's instant.
+The word `bar` in a name denotes sensitivities: derivatives, with respect to a value, of a scalar that depends on later
+flows. Each kernel reads the sensitivities to the outputs of its forward kernel, and adds the resulting terms to the
+sensitivities to the forward kernel's inputs. Arrays have the same padding as the forward kernel's arrays, and loops run
+over the same runs of faces. All kernels but convection are linear. Convection is quadratic, so of the flow the
+transpose of a rate needs only the velocity at the rate's instant.
 """
 
 import numpy as np
@@ -20,10 +20,10 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
     """Return coefficients along y: an array for u and an array for v. Coefficients of neighbours outside the domain are
     zero.
 
-    The array for u, (4, ny + 2), has a column for each padded column of u: 1 / (2 dy); the diffusion coefficients to
-    the north and to the south, and minus their sum. The array for v, (7, ny + 1), has a column for each column of
-    v-faces: the averaging weights of the columns of u below and above the face; the diffusion coefficients to the north
-    and to the south, and minus their sum; 1 / (2 dyc) and 1 / dyc.
+    The array for u, (4, ny + 2), has a column for each padded column of u: 1 / (2 dy), the diffusion coefficients to
+    the north and to the south, and minus the sum of these coefficients. The array for v, (7, ny + 1), has a column for
+    each column of v-faces: the averaging weights of the columns of u below and above the face, the diffusion
+    coefficients to the north and to the south, minus the sum of these coefficients, 1 / (2 dyc), and 1 / dyc.
     """
     real, ny = dy.dtype.type, len(dy)
     one, half = real(1.0), real(0.5)
@@ -59,7 +59,7 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     south_upper, below_upper, sv_upper = south[2:], below[1:], sv[2:]
     # Rows 0 to 4, for each x-face i: 1 / dxc, the diffusion coefficients to the west and to the east, and the averaging
     # weights of the cells on these sides. Rows 5 to 7, for each cell: 1 / (2 dx) and both diffusion coefficients.
-    # Entries after the last face or cell are zero; negative indices read them, too.
+    # Entries after the last face or cell are zero; negative indices read these zeros, too.
     x = np.zeros((8, nx + 3), u.dtype)
     rdxc, west, east, left, right, hrx, west_v, east_v = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
     for i in range(1, nx + 1):
@@ -71,8 +71,8 @@ def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacin
     rows = np.zeros((8, ny + 1), u.dtype)
     shares, shifts, through, crossing, part, inner = rows[0:2], rows[2:4], rows[4], rows[5], rows[6], rows[7]
     for i in range(nx + 2):
-        # The coefficients of neighbours beyond the first and the last row are zero, so any row may be read in place of
-        # these neighbours; index -1 reads the last entry.
+        # Neighbours beyond the first and the last row have zero coefficients, so any row may be read in their place;
+        # index -1 reads the last entry.
         back, ahead = max(i - 1, 0), min(i + 1, nx + 1)
         g, ui, va, vb, ga, gb = gu[i], u[i], v[i], v[ahead], gv[i], gv[ahead]
         w0, w1, s0, s1 = shares[(i + 1) % 2], shares[i % 2], shifts[(i + 1) % 2], shifts[i % 2]

@@ -5,8 +5,8 @@ stencil of an open face is a ghost, with the value of a parabola along the wall'
 exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between open
 faces. On a straight wall this reduces to reflection in one point.
 
-In the mass balance a ghost carries no flow, so the wall of the mass balance is a staircase. The method is still of
-second order, because the volume flow within one cell of a no-slip wall is of the order of the distance squared.
+In the mass balance a ghost carries no flow, so the mass balance sees a staircase wall. The method is still of second
+order, because the volume flow within one cell of a no-slip wall is of the order of the distance squared.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ _ON_WALL = 1e-9
 
 class GhostMap(NamedTuple):
     """A linear map to a component's ghosts. The value of ghost k is the sum of weight * value over the entries start[k]
-    .. start[k + 1]; `target` and `source` are flat indices of the component's padded array (`wake.solver.flow`)."""
+    .. start[k + 1] - 1; `target` and `source` are flat indices of the component's padded array (`wake.solver.flow`)."""
 
     target: Index
     start: Index
@@ -113,7 +113,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
         at_wall = abs(float(distance(x[i], y[j]))) < _ON_WALL
         at_edge = i in (0, open_faces.shape[0] - 1) if component == "u" else j in (0, open_faces.shape[1] - 1)
         if at_wall or at_edge:
-            continue  # a face on a wall keeps its prescribed normal velocity, an outer one its inflow or outflow
+            continue  # a wall face keeps its prescribed normal velocity, an outer face its inflow or outflow
         target.append(layout.offset(component, i, j))
         for (si, sj), w in _parabola(x, y, int(i), int(j), open_faces, distance):
             source.append(layout.offset(component, si, sj))
@@ -158,8 +158,8 @@ def _image(
     spacing: float,
     open_faces: Mask,
 ) -> tuple[float, list[tuple[tuple[int, int], float]]]:
-    """Return the distance from the wall of the nearest point on the normal that is at least `at_least` from the wall
-    and lies between four open faces; also these faces, with weights."""
+    """Return the nearest point on the normal that lies between four open faces and is at least `at_least` from the
+    wall: its distance from the wall, and these faces, with weights."""
     for distance in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
         step = distance - here
         entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])

@@ -1,8 +1,8 @@
-"""Velocity and pressure in one buffer, and the position of each value in it.
+"""The velocity and pressure in one buffer, and the position of each value in the buffer.
 
-The buffer holds u, v and p one after another, each row by row in y and padded for the stencils: u (nx + 2, ny + 2) and
-v (nx + 2, ny + 1), with one layer beyond the edges that are parallel to the component and one layer beyond the outlet;
-p (nx + 1, ny), with its last column beyond the outlet. Unpadded indices (i, j) are those of `wake.solver.grid`.
+The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u (nx + 2, ny + 2) and
+v (nx + 2, ny + 1) have one layer beyond the edges parallel to the component, and one layer beyond the outlet. p (nx +
+1, ny) has one layer beyond the outlet. Unpadded indices (i, j) are those of `wake.solver.grid`.
 """
 
 from dataclasses import dataclass

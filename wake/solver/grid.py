@@ -19,9 +19,9 @@ Component = Literal["u", "v", "p"]
 _Spacing = tuple[tuple[float, float], ...]
 """Pairs (position, target cell size). The size is linear between the positions and constant outside them."""
 
-# The wall cells are as large as those of the body-fitted reference mesh (0.0125 W, 4 cells per slot); sides and wake
-# are as fine as the finest regions of that mesh. Along x, one table is relative to the nose, and another table to the
-# base; on the body the smaller of the two spacings applies.
+# The wall cells are as large as the wall cells of the body-fitted reference mesh (0.0125 W, 4 cells per slot). Sides
+# and wake are as fine as the finest regions of that mesh. Along x, one table is relative to the nose, another table to
+# the base; on the body the smaller spacing applies.
 _FROM_NOSE: _Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
 )  # fmt: skip
@@ -36,7 +36,7 @@ _SPACING_Y: _Spacing = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """Face coordinates and the spacings derived from them, for nx by ny cells.
+    """The coordinates of the faces, and the spacings derived from these coordinates, for nx by ny cells.
 
     Attributes:
         xf, yf: coordinates of the faces, shapes (nx + 1,) and (ny + 1,).

@@ -1,10 +1,9 @@
-"""Compiled inner loops: momentum balance, ghosts, divergence and pressure correction.
+"""The compiled inner loops: momentum balance, ghosts, divergence and pressure correction.
 
 The scheme has central differences on the staggered grid, of second order on smoothly stretched grids. The convective
 term interpolates with equal weights, so that it conserves kinetic energy (Verstappen and Veldman, J. Comput. Phys. 187,
 2003). The term is written in advective form, which equals the flux form on a divergence-free field. The stages of a
-Runge-Kutta step are not projected; on these stages the flux form would count each divergence twice and halve the stable
-step.
+Runge-Kutta step are not projected. There, the flux form would count each divergence twice and halve the stable step.
 
 Arrays are padded as in `wake.solver.flow`; the pressure beyond the outlet is mirrored with opposite sign. A run (i, j0,
 j1) stands for the faces j0 .. j1 - 1 of row i, in unpadded indices. Runs list the faces to compute, so that the loops
@@ -21,7 +20,7 @@ from wake.solver.boundary import GhostMap
 
 
 class Spacing(NamedTuple):
-    """Spacings as in `Grid`, but with mirrored cells before the inlet and beyond the outlet; dx is (nx + 1,)."""
+    """The spacings as in `Grid`, but with mirrored cells before the inlet and beyond the outlet; dx is (nx + 1,)."""
 
     dx: Array
     dxc: Array
@@ -38,7 +37,7 @@ class Fields(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Accumulated rates of u and v, in the padded shapes of u and v."""
+    """The accumulated rates of u and v, in the padded shapes of u and v."""
 
     u: Array
     v: Array
@@ -59,7 +58,7 @@ class Walls(NamedTuple):
 
 
 class Inflow(NamedTuple):
-    """Velocity at the inlet: u (ny,) and v (ny + 1,)."""
+    """The velocity at the inlet: u (ny,) and v (ny + 1,)."""
 
     u: Array
     v: Array
@@ -87,8 +86,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The compiler does not vectorise a
-    loop whose indices could be negative, or a loop with more arrays than it can prove distinct.
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops: the compiler does not vectorise a
+    loop whose indices could be negative, or a loop with so many arrays that it cannot prove them distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -131,7 +130,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # The factors are the shares of the rows below and above a v-face in the flow through the sides of its cell.
+    # The factors are the shares of the rows below and above a v-face in the flow through the sides of the face's cell.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):

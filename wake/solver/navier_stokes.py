@@ -1,12 +1,12 @@
 """The time integration of the incompressible Navier-Stokes equations: three Runge-Kutta stages and one pressure
 projection per step.
 
-The stages use the pressure gradient of the step's start, and the projection adds the gradient's change (Williamson's
-low-storage coefficients); the velocity is of second order in time. The boundary conditions are uniform inflow, slip
+The stages have Williamson's low-storage coefficients and use the pressure gradient of the step's start. The projection
+adds the gradient's change. The velocity is of second order in time. The boundary conditions are uniform inflow, slip
 sides, p = 0 and zero normal gradient at the outlet, no slip on the body, and prescribed flow through the slots. The
-velocity at the outlet solves the momentum equation, as in the interior, with a mirrored cell beyond the outlet; copied
-from upstream, it would let a vortex that leaves the domain disturb the pressure everywhere. Pressure here is kinematic,
-p / (rho U_inf^2); Cp is twice this pressure.
+velocity at the outlet solves the momentum equation, as in the interior, with a mirrored cell beyond the outlet. If it
+were copied from upstream, a vortex that leaves the domain would disturb the pressure everywhere. Pressure here is
+kinematic, p / (rho U_inf^2); Cp is twice this pressure.
 
 A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. The wind's change
 enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged.
@@ -111,12 +111,12 @@ class FlowSolver(CopiedWhole):
         and restores the flow, if the new flow is not finite or is faster than is physically possible in this flow.
 
         Args:
-            wind: excess of the stream's velocity over the inflow's, as a continuous function of the time since the
-                beginning.
+            wind: excess of the stream's velocity over the inflow velocity, as a continuous function of the time since
+                the beginning.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """
         self._before.flat[:] = flow.flat
-        # The first stage multiplies the old rate by zero, but a NaN of a diverged run would remain NaN.
+        # The first stage multiplies the old rate by zero, but a NaN from a diverged run would remain.
         self._rates.u[:] = 0.0
         self._rates.v[:] = 0.0
         slot_velocity = self.slot_velocity(action_from, action_to, steps)

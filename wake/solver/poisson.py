@@ -1,19 +1,19 @@
-"""Direct solver for the pressure increment on the stretched grid, without the links between cells that the body cuts.
+"""A direct solver for the pressure increment on the stretched grid, without the links between cells that the body cuts.
 
 The integrated five-point Laplacian A (Neumann on three sides, phi = 0 at the outlet) is separable: eigenvectors in y, a
-tridiagonal system in x per eigenvector. The body enters as a low-rank change: A' = A + D K D^T, where the columns of D
-are the links between a fluid and a solid cell and K their conductances, hence (Woodbury)
+tridiagonal system in x per eigenvector. The body is a low-rank change A' = A + D K D^T. The columns of D are the links
+between a fluid and a solid cell, K has the conductances of the links. So (Woodbury)
 
     phi = A^-1 (b - D (K^-1 + D^T A^-1 D)^-1 D^T A^-1 b).
 
 Grid and body are symmetric in y, so even and odd right-hand sides are solved separately on the lower half. This halves
 the arithmetic, and a symmetric flow remains symmetric bit for bit.
 
-No product uses BLAS, whose rounding depends on the number of threads. The functions in this module give results that
-are equal bit for bit with any number of threads, in any thread, and they are as fast as BLAS: `_product` computes three
-rows of its result at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
+No product uses BLAS, whose rounding depends on the number of threads. The results of this module are equal bit for bit
+with any number of threads, in any thread. The module is as fast as BLAS: `_product` computes three rows of its result
+at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
 
-Work arrays are allocated once and used again. Allocating them in every step can cost as much as all other work: in a
+Work arrays are allocated once and used again. Allocating them in every step can take as long as all other work: in a
 worker's thread the C library may return the memory to the system each time, and the system must then map every page
 again.
 """
@@ -101,8 +101,7 @@ class PoissonSolver:
 
     def solve_into(self, b: Array, phi: Array) -> None:
         """Solve as `solve` does, into an existing array."""
-        # The two halves are not in one compiled function, because the compiler generates slower code for such a
-        # function.
+        # The two halves are not in one compiled function, because its code would be slower.
         even, odd = self.even.work[0], self.odd.work[0]
         _split(b, even, odd)
         for half in (self.even, self.odd):
@@ -144,8 +143,8 @@ def _build_half(grid: Grid, fluid: npt.NDArray[np.bool_], precision: Precision, 
 
     links, stiffness = _cut_links(grid, fluid, h)
     if even and len(links):
-        # For even phi, the system would be singular if the body's inside were not connected to the fluid. So one
-        # link to the fluid remains; it carries no flux because there is no source inside the body.
+        # For even phi, the system would be singular if the body's inside were not connected to the fluid. So one link
+        # to the fluid remains. It carries no flux, because no source is inside the body.
         links, stiffness = links[1:], stiffness[1:]
     coupling = coupling[:nx].copy()
     capacitance = _capacitance(q, pivot, coupling, links, stiffness)
@@ -304,8 +303,7 @@ def _split(b: Array, even: Array, odd: Array) -> None:
     nx, h, last = b.shape[0], b.shape[1] // 2, np.uintp(b.shape[1] // 2 - 1)
     for i in range(nx):
         lower, upper, even_i, odd_i = b[i, :h], b[i, h:], even[i], odd[i]
-        # An unsigned index cannot be negative, and so cannot count from the array's end; this allows the compiler to
-        # vectorise.
+        # An unsigned index cannot be negative, so it never counts from the array's end, and the compiler can vectorise.
         for j in range(np.uintp(h)):
             even_i[j] = half * (lower[j] + upper[last - j])
         for j in range(np.uintp(h)):

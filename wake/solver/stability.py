@@ -1,10 +1,10 @@
-"""Limits of a stable time step of the explicit scheme.
+"""The limits of a stable time step of the explicit scheme.
 
 The convective number of a cell is dt (|u| / dx + |v| / dy), the viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
 stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
 the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a number of 2.0
-at the front corners and diverge at 2.3. Next to the jets, where few cells are fast for a short time, runs with full
-reversals over 100 control periods are stable at 4.0 and diverge at 4.3.
+at the front corners and diverge at 2.3. Next to the jets, few cells are fast, and only for a short time. There, runs
+with full reversals over 100 control periods are stable at 4.0 and diverge at 4.3.
 """
 
 from math import ceil
@@ -26,8 +26,8 @@ _SAFE: Final = 1.7
 
 
 def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
-    """Return a message with the largest numbers of all cells for a time step with which the flow diverged from the flow
-    `before`, and with a stable time step."""
+    """Return a message for a time step with which the flow `before` diverged: the largest numbers of all cells, and a
+    stable time step."""
     u, v = np.abs(before.faces_u), np.abs(before.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
     across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy
@@ -49,9 +49,9 @@ def check_step(
     dt = period / substeps
     per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy
     slot = slice(grid.upper - grid.slot_cells, grid.upper)
-    # The free stream's two velocity components both reach about the free-stream speed at the front corners. A blowing
-    # jet turns by 90 degrees within one cell, so both components reach the jet's speed; a sucking jet draws an equal
-    # flow along the base.
+    # At the front corners, both velocity components reach about the free-stream speed. A blowing jet turns by 90
+    # degrees within one cell, so both components reach the jet's speed. A sucking jet draws an equal flow along the
+    # base.
     numbers = (
         ("convective number of the free stream", np.where(fluid, per_x + per_y, 0.0).max(), CONVECTIVE_LIMIT),
         ("convective number of the jets", jet_speed * (per_x[grid.rear, 0] + per_y[slot].max()), JET_LIMIT),

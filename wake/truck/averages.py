@@ -1,14 +1,14 @@
 """Time averages of a shedding wake: the rules for all studies.
 
 The average over a part of a cycle depends on where the series begins and ends. So averages run from the first to the
-last instant at which the lift crosses zero upwards, each found by linear interpolation between two samples, and the
-series is integrated by the trapezoidal rule between these instants. The standard deviation is the root of the mean of
-(x - mean)^2, computed in this way. The average of a signal with 24 samples per cycle, like this wake's lift, has an
-error of 1e-6 of its amplitude over a dozen cycles; over whole samples between the crossings, it would be 1e-3.
+last instant at which the lift crosses zero upwards. Linear interpolation between samples gives these instants; the
+trapezoidal rule integrates the series between them. The standard deviation is the root of the mean of (x - mean)^2,
+with the same integral. For a signal with 24 samples per cycle, such as this wake's lift, the average over a dozen
+cycles has an error of 1e-6 of the amplitude. Without interpolation of the crossings, the error would be 1e-3.
 
 The lift of a wake under control may cross zero many times within a cycle. But the wake and the jets still act near the
-shedding frequency. So a controlled wake is averaged over as many whole cycles of the uncontrolled wake as fit, counted
-back from the last sample (`over_last_cycles`), and a wake with sinusoidal forcing over the last cycles of the sine.
+shedding frequency. So a controlled wake is averaged over the last whole cycles of the uncontrolled wake: as many as
+fit, counted back from the last sample (`over_last_cycles`). With sinusoidal forcing, the cycles of the sine are used.
 """
 
 from dataclasses import dataclass
@@ -82,8 +82,8 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 def _trapezoids(t: Array, first: float, last: float) -> Array:
     """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
-    # Only the part of each interval from `begin` to `end` counts; both are fractions of the interval's width, measured
-    # from its left end.
+    # Of each interval, only the part from `begin` to `end` counts. These are fractions of the interval's width, from
+    # its left end.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)
     end = np.clip((last - t[:-1]) / width, 0.0, 1.0)
     right = 0.5 * (end * end - begin * begin) * width

@@ -17,7 +17,7 @@ def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK
     """Return the distance to the outline in W, positive in the fluid. The distance is exact outside the body, and near
     the outline also inside."""
     x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
-    # The first box has only sharp corners, the second only rounded corners, which the body's front has.
+    # One box has only sharp corners, the other box has only rounded corners, like the front of the body.
     sharp = _box_distance(x, y, body.length, 0.0)
     rounded = _box_distance(x, y, body.length, body.leading_edge_radius)
     return np.where(x < 0.5 * body.length, rounded, sharp)

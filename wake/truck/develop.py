@@ -1,5 +1,5 @@
-"""The computation of a developed wake: from fluid at rest, like the shipped start, which takes 100 t_c because the
-shedding has to grow first; or from a developed wake on another grid."""
+"""The computation of a developed wake, from fluid at rest or from a developed wake on another grid. From rest, as for
+the shipped start, it takes 100 t_c, because the shedding has to grow first."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -51,8 +51,8 @@ def develop(
 
 SETTLE_TIME: Final = 60.0
 """Time without jets, in t_c, after which an interpolated wake agrees with a wake that developed from rest on the final
-grid (refinement 0.4 and 0.5): the mean drag and the lift amplitude within 0.3 %, and the mean lift, whose difference
-decays last, within 0.01."""
+grid (refinement 0.4 and 0.5). Mean drag and lift amplitude then agree within 0.3 %. The difference of the mean lift,
+which decays last, is then below 0.01."""
 
 _COMPONENTS: Final[tuple[Component, ...]] = ("u", "v", "p")
 
@@ -76,8 +76,8 @@ def moved(
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> State:
     """Interpolate a state on another grid, `source`, to the plant's grid, and let the flow settle without jets for
-    `duration` t_c. Body and Reynolds number are the plant's. Raises PlantError if the flow diverges. Returns the state
-    with its clock at zero and with shut jets; the plant is in this state, too. `progress` is called with (time,
+    `duration` t_c. The plant determines body and Reynolds number. Raises PlantError if the flow diverges. Returns the
+    state with its clock at zero and with shut jets; the plant is in this state, too. `progress` is called with (time,
     duration) after every control period."""
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()

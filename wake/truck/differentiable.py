@@ -18,7 +18,7 @@ MEMORY_MB: Final = 7000.0
 """Limit of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 x 10^6 bytes on the mesh of
 `stillwake refine` and 6900 x 10^6 on the default mesh; beyond the limit, the tape computes steps a second time."""
 AT_REST: Final = 60.0
-"""Time for which the wake without jets settles at a speed before it is averaged, and duration of this average: twelve
+"""Time for which the wake without jets settles at a speed, and also the duration of the average after it: twelve
 cycles. The unit is the convective time at that speed."""
 
 
@@ -63,8 +63,8 @@ class DifferentiableWake(CopiedWhole):
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
         """Return two means without jets: Cp of the base, and |Cp difference| of the sensor pairs; None if no sensor is
-        on the base. `over` is the duration of the settling, and of the average after it, in convective times at this
-        speed."""
+        on the base. The wake settles for `over` convective times at this speed, and is then averaged over the same
+        time."""
         on_base = np.isin(self._columns, self.plant.layout.base)
         if not on_base.any():
             return None

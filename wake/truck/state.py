@@ -19,7 +19,7 @@ _BODY: Final = ("body_length", "leading_edge_radius")
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """The plant on which a state was computed, without the positions of the sensors, which do not affect the flow.
+    """The plant on which a state was computed. Positions of sensors are left out, because they do not affect the flow.
     `control_period` and `substeps` are None if the state is from an old file that lacks them."""
 
     shape: tuple[int, int]
@@ -36,7 +36,7 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """All data that determine how the flow continues: velocities and pressures, the number of substeps since t = 0, and
+    """All data that determine how the flow continues: velocities, pressures, the number of substeps since t = 0, and
     the action in force. A plant rejects a state whose origin differs from the plant, and accepts a state without
     origin."""
 
@@ -47,8 +47,8 @@ class State:
 
 
 def start_name(reynolds: float) -> str:
-    """Return the file name that messages suggest for a start that is still to be computed. It differs from the name of
-    the start's present file, which must not be replaced."""
+    """Return the file name that messages suggest for a new start. It differs from the name of the present start's file,
+    because that file must not be replaced."""
     return f"start_re{reynolds:g}.npz"
 
 
@@ -58,7 +58,7 @@ def develops(reynolds: float) -> str:
 
 
 def check_reynolds(origin: Origin, reynolds: float) -> None:
-    """Raise PlantError if a state was computed at another Reynolds number than the plant's."""
+    """Raise PlantError if a state was computed at a Reynolds number other than that of the plant."""
     if origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
@@ -67,7 +67,7 @@ def check_reynolds(origin: Origin, reynolds: float) -> None:
 
 
 def check_body(origin: Origin, body: BodyConfig) -> None:
-    """Raise PlantError if a state was computed around another body than the plant's."""
+    """Raise PlantError if a state was computed around a body other than that of the plant."""
     if not origin.is_of(body):
         raise PlantError(
             f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "

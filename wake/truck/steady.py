@@ -20,8 +20,8 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
-"""Rate of change of velocity in U_inf / t_c, and of drag in 1 / t_c, below which a wake counts as steady. The rates
-finally fall by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
+"""Rate of change below which a wake counts as steady: of velocity in U_inf / t_c, of drag in 1 / t_c. Such rates fall
+by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
 
 
 _UNEVEN: Final = 1e-9
@@ -36,7 +36,7 @@ class SteadyWake:
     """A wake that has settled.
 
     Attributes:
-        state: the flow, with its clock set to zero; the plant is in this state, too.
+        state: the flow, with its clock set to zero; the plant is also in this state.
         base_Cp: mean Cp over the sensors on the base.
         recirculation_length: see `recirculation_length`.
         velocity_rate: largest |du/dt| or |dv/dt| over the last control period, in U_inf / t_c.
@@ -65,9 +65,9 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> SteadyWake:
-    """Run the symmetric flow from rest, with shut jets, until the velocity's rate of change in U_inf / t_c and the
-    drag's in 1 / t_c are below `tolerance`. Raises PlantError if the flow is not steady after `longest` t_c. `progress`
-    is called with the time and the larger rate after every control period."""
+    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: that of
+    velocity in U_inf / t_c and that of drag in 1 / t_c. Raises PlantError if the flow is not steady after `longest`
+    t_c. `progress` is called with the time and the larger rate after every control period."""
     start_from_rest(wake)
     period = wake.config.control_period
     before, drag = wake.flow.velocities.copy(), _drag(wake.sample())

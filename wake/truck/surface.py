@@ -1,14 +1,14 @@
-"""Sensors and forces as functionals of the flow. Forces are in units of rho U_inf^2 W / 2.
+"""The sensors and forces as functionals of the flow. Forces are in units of rho U_inf^2 W / 2.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
-step gives all of these quantities. The wall pressure is the value on the wall of a parabola along the normal, through
-two points in the flow and with the slope that follows from the momentum balance of fluid at rest; at the rounded
-corners, a straight line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall.
+step gives these quantities. The wall pressure follows from a parabola along the normal. It passes through two points in
+the flow; its slope at the wall follows from the momentum balance of fluid at rest. At the rounded corners, a straight
+line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall.
 
-The load on the two slot faces comes from the momentum balance of the half cell before each face: along x, p + u^2 - 2
-nu du/dx on the face equals its value half a cell before the face, except for the flux through the half cell's sides and
-the half cell's acceleration, which are small and nearly cancel over a cycle. On the default grid the result is within 2
-% of the force on slots resolved twice as finely; a straight line through two cells has an error of a fifth.
+The load on the two slot faces comes from the momentum balance of the half cell before each face. Along x, p + u^2 - 2
+nu du/dx on the face equals its value half a cell before the face. Neglected are the flux through the half cell's sides
+and its acceleration, which are small and nearly cancel over a cycle. On the default grid the result is within 2 % of
+the force on slots resolved twice as finely; a straight line through two cells has an error of a fifth.
 """
 
 from collections import defaultdict
@@ -93,8 +93,8 @@ force."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """Functionals of a flow at one instant: Cp at the sensors, the sum of the pressure and the viscous force on the
-    wall without the slot faces, the load on these faces, and the transverse velocity at the wake probe."""
+    """The functionals of a flow at one instant: Cp at the sensors, the force (pressure and viscous) on the wall without
+    the slot faces, the load on these faces, and the transverse velocity at the wake probe."""
 
     Cp: Array
     Cd: float
@@ -147,7 +147,7 @@ class Surface:
         self._slots.weigh(bar, flow, weights.slots)
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
-        """Return the weights with which the flow's values sum to a component's value at a point in the flow."""
+        """Return the weights of the flow's values in a component's value at a point in the flow."""
         return self._terms(component, bilinear(*self._grid.axes(component), px, py))
 
     def _terms(self, component: Component, entries: list[tuple[tuple[int, int], float]]) -> Terms:
@@ -157,8 +157,8 @@ class Surface:
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid: for each point
-        its distance, and the weights with which the flow's values sum to the component's value there."""
+        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. A point is its
+        distance, and the weights with which the flow's values sum to the component's value at the point."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
@@ -239,8 +239,8 @@ def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
 
 
 def _cell_size(faces: Array, at: float) -> float:
-    """Return the size of the cell around a point. For a point on a face, it is the size of the larger neighbour, so
-    that mirror images agree."""
+    """Return the size of the cell around a point; on a face, the size of the larger neighbour, so that mirror images
+    agree."""
     first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
     return float(np.diff(faces[first : last + 1]).max())
 

@@ -1,5 +1,5 @@
-"""Sensitivities of a sequence of control periods: the plant is recorded as it advances, then differentiated backwards,
-one period at a time, so that a controller in the loop can be differentiated with the plant."""
+"""The sensitivities of a sequence of control periods. The plant is recorded as it advances, then differentiated
+backwards one period at a time. So a controller in the loop can be differentiated with the plant."""
 
 from dataclasses import dataclass
 
@@ -43,8 +43,8 @@ class Tape(CopiedWhole):
         memory_mb: limit of the stored data, in 10^6 bytes.
 
     Attributes:
-        bar: sensitivities of a scalar, the weighted sum of the samples that `back` has passed, to the flow at the
-            instant that `back` has reached, finally the tape's start.
+        bar: sensitivities of a scalar to the flow at the instant that `back` has reached. The scalar is the weighted
+            sum of the samples that `back` has passed.
         bar_action: the scalar's sensitivity to the action in force at that instant.
         memory_mb: size of the data stored since the tape's start, in 10^6 bytes.
     """
@@ -85,9 +85,9 @@ class Tape(CopiedWhole):
 
     def back(self, weights: Sample) -> float:
         """Go back by a period. `weights` are the derivatives of a scalar with respect to each value of the period's
-        sample (`no_weights` has zeros); the time in `weights` is not read. Returns the scalar's sensitivity, through
-        this sample and all later samples, to the action commanded in this period. Raises PlantError at the tape's
-        start, or if the plant's wind or Reynolds number has changed so that a repeated period diverges."""
+        sample (`no_weights` has zeros); the time in `weights` is not read. Returns the scalar's sensitivity to the
+        action commanded in this period, through this and all later samples. Raises PlantError at the tape's start, or
+        if the plant's wind or Reynolds number has changed so that a repeated period diverges."""
         if not self._periods:
             raise PlantError("the backward pass is at the start of the tape: no period is left")
         period, plant = self._periods.pop(), self._plant
@@ -139,8 +139,8 @@ class Tape(CopiedWhole):
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
     def _memory(self, steps: int) -> Array:
-        """Return memory for the flow at each step's start. The memory of earlier periods is used again, because the
-        system takes time to map every new page."""
+        """Return memory for the flow at each step's start. Memory of earlier periods is reused, because the system
+        takes time to map new pages."""
         while self._spare:
             if len(spare := self._spare.pop()) == steps:
                 return spare

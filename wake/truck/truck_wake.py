@@ -90,8 +90,8 @@ class TruckWake(CopiedWhole, SteppedPlant):
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Continue with the viscosity of another Reynolds number; later states have this number. Raises PlantError if
-        dt is too large."""
+        """Continue with the viscosity of another Reynolds number, which later states have, too. Raises PlantError if dt
+        is too large."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)
         self.config = config
@@ -123,8 +123,8 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     def advance_to(self, substep: int, action: float | None = None, *, starts: Array | None = None) -> None:
         """Advance within the present period to `substep` (1 .. substeps). With an action, the jet ramps so that it
-        reaches the action at the period's end; without an action, the jet's flow rate does not change. `starts` is as
-        for `FlowSolver.run`. Raises PlantError for a substep that is not later in this period or an action that is not
+        reaches the action at the period's end; without an action, its flow rate does not change. `starts` is as in
+        `FlowSolver.run`. Raises PlantError for a substep that is not later in this period or an action that is not
         finite or exceeds the bound, or if the flow diverges."""
         self._check_substep(substep)
         into, last = self.substeps_into_period, self.config.substeps

@@ -43,7 +43,7 @@ class MadeEpisode:
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSource:
     """A file and the role of its episode. `made` is the episode, if it was already computed. Otherwise the file is
-    read, and the episode is named after the file, without suffix, or after an OpenFOAM case's folder."""
+    read, and the episode is named after the file without its suffix, or after the folder of an OpenFOAM case."""
 
     path: Path
     role: Role
@@ -140,7 +140,7 @@ def _episode(
     path, arrays, period, limit = source.path, contents.arrays, facts.control_period, facts.action_limit
     assert period is not None
     assert limit is not None
-    # In a CSV file the initial action is a column, of which only the first row is used.
+    # In a CSV file the initial action is a column; only its first row is used.
     initial = float(np.ravel(arrays.pop(INITIAL_ACTION, np.zeros(1)))[0])
     for name in REQUIRED:
         if name not in arrays and name != "t":
@@ -214,7 +214,7 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *
                 k = tuple(np.argwhere(beyond)[0])
                 hint = f"; {array[k]:g}, first at step {k[0]}, may stand for a missing value{GAP}"
             raise DatasetError(f"{path}: {name!r} reaches {peak:g}, a coefficient stays below {_LARGEST:g}{hint}")
-    # A constant series can have a deviation above 0 by rounding; the notes name a constant sensor.
+    # Rounding can give a constant series a deviation above 0. The notes name a constant sensor.
     spread = np.where(np.ptp(arrays["Cp"], axis=0) > 0.0, arrays["Cp"].std(axis=0), np.inf)
     weakest = int(spread.argmin())
     if spread[weakest] < CP_QUANTUM:

@@ -59,7 +59,7 @@ def read_csv(path: Path) -> CsvTable:
 
     Empty lines are skipped. Lines above the header that begin with # are comments. If numbers directly follow the
     comments, the last comment is the header, as in files of `numpy.savetxt`. Raises DatasetError if the file is no
-    text, or has no header, no rows, or a row whose number of cells differs from the header's.
+    text, or has no header, no rows, or a row with more or fewer cells than the header.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -104,7 +104,7 @@ def _unnamed(column: int, rows: Sequence[tuple[str, ...]]) -> str:
 
 def _with_header(content: list[str]) -> list[str]:
     """Return the lines with comments emptied, so that line numbers stay; a comment that is the header remains."""
-    comments = int("".join(content[:1]).startswith("sep="))  # a spreadsheet's own word
+    comments = int("".join(content[:1]).startswith("sep="))  # a spreadsheet writes this line
     while comments < len(content) and (content[comments].startswith("#") or not content[comments].strip()):
         comments += 1
     kept = [""] * comments + content[comments:]
@@ -128,7 +128,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
-    """Refuse a first line without column names, for which the next message would say that a column is missing."""
+    """Refuse a first line without column names. Otherwise, a later message would only say that a column is missing."""
     if all(map(_is_number, header)):
         raise DatasetError(f"{path}: line {line} holds numbers; the first line must have the names of the columns")
     if len(header) == 1 and len(header[0].split()) > 1:

@@ -1,4 +1,4 @@
-"""Drag and lift for a log without forces, interpolated from a table at the times of the log's rows."""
+"""The drag and lift for a log without forces, interpolated from a table at the times of the log's rows."""
 
 import re
 from collections.abc import Mapping
@@ -46,8 +46,8 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """Interpolate the values linearly at m rising times, (m,), which may lie outside the rows by `slack`, because
-        clocks differ. Raises DatasetError for other times outside the rows, or in a gap between rows that is longer
+        """Interpolate the values linearly at m rising times, (m,). Because clocks differ, a time may lie outside the
+        rows by `slack`. Raises DatasetError for other times outside the rows, or in a gap between rows that is longer
         than `longest_gap`; the message states the limits of the rows or of the gap."""
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(

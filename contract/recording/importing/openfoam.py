@@ -1,4 +1,4 @@
-"""Import of an OpenFOAM case as an episode: pressures p of its probes, force coefficients, commanded actions."""
+"""The import of an OpenFOAM case as an episode: pressures p of its probes, force coefficients, commanded actions."""
 
 import os
 import re
@@ -32,12 +32,12 @@ _AT: Final = 0.01
 
 
 def case_of(path: Path) -> Path | None:
-    """Return the case to which a path belongs. The path is the case's folder, postProcessing or anything in
-    postProcessing. Return None if there is no case."""
-    path = Path(os.path.realpath(path))  # `resolve` raises RuntimeError for a link that leads round
+    """Return the case of a path, which may be the case's folder, its postProcessing, or anything in postProcessing.
+    Return None if there is no case."""
+    path = Path(os.path.realpath(path))  # `resolve` raises RuntimeError for a cyclic link
     if (path / _POST).is_dir():
         return path
-    if path.suffix.lower() in SUFFIXES:  # a table that somebody keeps there
+    if path.suffix.lower() in SUFFIXES:  # a user's table in this folder
         return None
     return next((one.parent for one in (path, *path.parents) if one.name == _POST and one.is_dir()), None)
 
@@ -188,5 +188,5 @@ def _actions(case: Path, t: Array, scale: float) -> tuple[Array, Array, tuple[Pa
     within = 1e-6 * max(1.0, float(np.abs(t).max()))
     at = np.searchsorted(times, t + within, side="right") - 1
     before = int(np.searchsorted(times, t[0] - within)) - 1
-    commands = np.append(commands, 0.0)  # the last one, by -1: before the first command
+    commands = np.append(commands, 0.0)  # before the first command, the index is -1 and selects this action
     return commands[at], commands[[before]], (path,)

@@ -52,7 +52,7 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The value in the files that equals 1 in the data set, such as a force of 40 N; without a unit, in the file's."""
+    """The value in the files that equals 1 in the data set, such as a force of 40 N. No unit: as in the file."""
 
     number: float
     unit: str | None
@@ -116,7 +116,7 @@ def _base(unit: str | None) -> tuple[str, float]:
 
 
 def _plain(unit: str) -> str:
-    """Return the unit without the date that CF's units of time may have, and with m^3 written as m3."""
+    """Return the unit without the date of CF's units of time, and with m^3 written as m3."""
     unit = unit.split(" since ")[0].strip()
     return unit if unit in _KNOWN else unit.replace("^", "").replace("**", "")
 
@@ -182,7 +182,7 @@ def read_source(
         found[name] = read(name, inside)
         if name == "Cp":
             if suffix == ".mat" and found[name].shape[0] == len(layout) != found[name].shape[1]:
-                found[name] = found[name].T  # not every writer of 7.3 turns the axes as MATLAB does
+                found[name] = found[name].T  # not every writer of MATLAB 7.3 files reverses the axes as MATLAB does
             found[name], names_of_columns = _ordered(path, found[name], layout, stored)
             used |= names_of_columns
         unit = stored[inside].unit if inside in stored else None
@@ -210,9 +210,9 @@ def reference_of(name: str, layout: SensorLayout, references: Mapping[str, Refer
 def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
-    """Return the names in this file, by the data set's names, if they differ, also by a unit in brackets. Raises
-    DatasetError if a renamed array is in the file under neither name, because a series that may be missing, such as t,
-    would otherwise be ignored silently."""
+    """Map the data set's names to this file's names if they differ, even if only by a unit in brackets. Raises
+    DatasetError if a renamed array is in the file under neither name. Otherwise an optional series, such as t, would be
+    ignored silently."""
     plain = {split_unit(column)[0]: column for column in there}
     found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():

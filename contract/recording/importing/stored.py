@@ -29,8 +29,8 @@ class Stored:
 
     Attributes:
         values: array as the file stores it.
-        attributes: metadata of the array, by name. This class evaluates those of CF: scale_factor, add_offset,
-            _FillValue, missing_value, valid_min, valid_max, valid_range, units, and netCDF's _Unsigned.
+        attributes: metadata of the array, by name. This class evaluates scale_factor, add_offset, _FillValue,
+            missing_value, valid_min, valid_max, valid_range and units of CF, and _Unsigned of netCDF.
         netcdf: whether the file is a netCDF file, whose default fill values apply if the array states no fill value.
     """
 
@@ -54,9 +54,9 @@ class Stored:
         return tuple(cell.strip() for cell in found) if all(isinstance(cell, str) for cell in found) else ()
 
     def numbers(self, path: Path, name: str, *, columns: bool = False, one: bool = False) -> Array:
-        """Return the unpacked numbers: as a series (n,), which may be stored as one row or one column; with `columns`
-        as (n, sensors); with `one` as a single number. Raises DatasetError if the values are not numbers, have another
-        shape, or if a value is missing or not finite; the message states the place."""
+        """Return the unpacked numbers as a series (n,), which the file may store as one row or one column. With
+        `columns`, the result is (n, sensors); with `one`, it is a single number. Raises DatasetError if the values are
+        not numbers or have another shape, or if a value is missing or not finite; the message states the place."""
         raw = np.asarray(self.values)
         if raw.dtype.kind not in "fiu":
             raise DatasetError(f"{path}: array {name!r} holds {raw.dtype}, must hold numbers")
@@ -129,7 +129,7 @@ _HDF5: Final = b"\x89HDF"
 _USER_BLOCK: Final = 512
 """Number of bytes that MATLAB writes before the HDF5 file."""
 _TABLES: Final = ("None", "__function_workspace__")
-"""SciPy's names for MATLAB's tables and objects, which SciPy cannot read."""
+"""Names under which SciPy lists MATLAB's tables and objects, which SciPy cannot read."""
 
 
 def stored_arrays(path: Path) -> dict[str, Stored]:
@@ -167,7 +167,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """Return the array, of MATLAB with the axes in MATLAB's order and characters as texts."""
+    """Return the array. An array of MATLAB gets its axes in MATLAB's order, and its characters become texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":
@@ -190,7 +190,7 @@ def _attributes(node: h5py.Dataset) -> dict[str, Any]:
         try:
             found[name] = node.attrs[name]
         except (OSError, RuntimeError, TypeError, ValueError):
-            continue  # of a kind that h5py does not know: none of CF's
+            continue  # h5py does not know the attribute's type, which no attribute of CF has
     fill = node.fillvalue if node.dtype.kind in "fiu" else 0
     return found if not fill or fill != fill else {"_FillValue": fill, **found}
 
