@@ -92,7 +92,7 @@ class SensorLayout:
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """Return the layout of some columns, in the given order, without `mirror`: mirror images may be missing."""
+        """Return the layout of some columns, in order, without `mirror`, because mirror images may be missing."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],

@@ -66,7 +66,7 @@ _AGES_NS: Final = (*(step * CLASSIC_AGE_RESOLUTION_NS for step in range(_AGE_LIM
 
 
 def emit_pressure(message: Pressure) -> bytes:
-    """Return the message as 8 bytes; raises ValueError also for a wrong number of pressures."""
+    """Return the message as 8 bytes; raises ValueError for invalid values or a wrong number of pressures."""
     pressure_pa, valid, enable_request, age_ns = message
     try:
         p0, p1, p2, p3 = pressure_pa

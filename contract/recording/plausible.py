@@ -300,7 +300,7 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
 
 
 def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array) -> Iterator[str]:
-    """Report files that contain rows of another file. A test on such rows, which training has read, shows nothing."""
+    """Report files that contain rows of another file. A test on rows that training has read shows nothing."""
     chosen = [*np.unique(np.linspace(0, len(spread) - 3, 4).astype(int)), -2, -1]
     cells = np.maximum(2 * _FINEST, spread[chosen] / _CELLS)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)

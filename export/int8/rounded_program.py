@@ -84,7 +84,7 @@ Program = ControllerProgram | RoundedProgram
 
 
 def effective(program: Program) -> ControllerProgram:
-    """Return the program that a lowering computes, which the reference must compute too."""
+    """Return the program with the weights that a lowering and the reference must use."""
     return program.program if isinstance(program, RoundedProgram) else program
 
 

@@ -1,4 +1,4 @@
-"""The ECU in C: its files in the folder of a C library, the shipped bundle's library, and a library's FMU and image."""
+"""The ECU in C, for the folder of a C library, for the shipped bundle's library, and for a library's FMU and image."""
 
 import tempfile
 from collections.abc import Callable, Iterator

@@ -57,7 +57,7 @@ class Encoder(nn.Module):
 
 
 class Dynamics(nn.Module):
-    """A residual perceptron in latent space: z + f(z, a), one control period ahead."""
+    """A residual perceptron in latent space that predicts one control period ahead: z + f(z, a)."""
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()

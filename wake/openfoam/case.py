@@ -90,8 +90,8 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
-    # The interval of forces is set by executeControl and executeInterval, that of probes by writeControl and
-    # writeInterval. Both functions therefore get all four entries.
+    # Forces use executeControl and executeInterval; probes use writeControl and writeInterval. Both functions therefore
+    # get all four entries.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

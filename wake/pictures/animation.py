@@ -25,7 +25,7 @@ _WEBP: Final = {"quality": 80, "method": 4, "minimize_size": False, "kmax": 30}
 
 
 class MovingPicture(Protocol):
-    """A figure of fixed size that shows the present state of a plant, such as `WakePicture`."""
+    """A figure of fixed size, such as `WakePicture`, that shows the present state of a plant."""
 
     figure: Figure
 

@@ -158,8 +158,8 @@ def _image(
     spacing: float,
     open_faces: Mask,
 ) -> tuple[float, list[tuple[tuple[int, int], float]]]:
-    """Return the nearest point on the normal that lies between four open faces and is at least `at_least` from the
-    wall: its distance from the wall, and these faces, with weights."""
+    """Find the nearest point on the normal that is at least `at_least` from the wall and between four open faces.
+    Return its distance from the wall, and these faces with weights."""
     for distance in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
         step = distance - here
         entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])

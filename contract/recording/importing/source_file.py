@@ -238,7 +238,7 @@ def _ordered(
         lacking = [sensor for sensor in layout.names if sensor not in one.texts]
         if len(one.texts) == pressures.shape[1] and len(lacking) < len(layout):
             columns = f"array {name!r} contains the columns {_listed(one.texts)}"
-            raise DatasetError(f"{path}: {columns}, and none is the sensor {lacking[0]}")
+            raise DatasetError(f"{path}: {columns}, but not the sensor {lacking[0]}")
     return pressures, frozenset()
 
 

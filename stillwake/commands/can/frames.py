@@ -109,8 +109,8 @@ def _frames(
             raise BusError(f"{name}: is sent with an authentication code; name its key with --set bus.key=FILE")
         if trip is None:
             raise ConfigError(
-                f"{name}: is signed with a freshness value; name its power cycle with --trip, larger than all that the "
-                "key has been used with"
+                f"{name}: is signed with a freshness value; name its power cycle with --trip, a larger number "
+                "than any used with the key"
             )
     elif trip is not None:
         raise ConfigError(f"--trip {trip}: {name} has no freshness value; the message that has ends in Secured")

@@ -294,7 +294,7 @@ def test_matlab_files_old_and_new_are_tables(tmp_path, layout):
             np.testing.assert_array_equal(found.episodes[0].series[one], values[one])
     assert told == ["not used: info/rig, info/q"]
     savemat(tmp_path / "a.mat", matrix | {"taps": np.array(["elsewhere", *turned[1:]], dtype=object)})
-    with pytest.raises(DatasetError, match=f"'taps' contains the columns elsewhere, .*none is the sensor {turned[0]}"):
+    with pytest.raises(DatasetError, match=f"'taps' contains the columns elsewhere, .*but not the sensor {turned[0]}"):
         imported(tmp_path / "a.mat", layout)
 
 
