@@ -2,7 +2,7 @@
 
 The gate shuts the jets immediately if there is no permission, the command is not finite, the clock did not advance, or
 there are no fresh pressures. Otherwise the command is limited to its range, and then to one step from the previous
-command, again within the range. Zero is the safe state, so no limit slows down the shutting of the jets.
+command. The result is within the range too. Zero is the safe state, so no limit applies when the gate shuts the jets.
 
 Pressures that are too old for a new command may still be the basis of a command between the previous command and zero,
 because the fail-safe first repeats and then halves the last command.

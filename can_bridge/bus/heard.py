@@ -1,4 +1,4 @@
-"""A report, in one line, on the frames that a node receives while none of them is usable for the node."""
+"""A one-line report on the frames that a node receives while it can use none of them."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -65,7 +65,7 @@ def line(
 
 
 class Silence:
-    """A reporter of a silence (`SILENCE_S` without a usable frame) and of its end. For the arguments see `line`."""
+    """A reporter of `SILENCE_S` without a usable frame, and of the next usable frame. For the arguments see `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report

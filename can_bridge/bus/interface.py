@@ -36,7 +36,7 @@ HEALTHY: Final = BusHealth()
 
 
 class Bus(Protocol):
-    """A node's connection to a bus, which sends frames and returns received frames without waiting."""
+    """A node's connection to a bus. It sends frames, and returns received frames without waiting."""
 
     def send(self, frame: Frame) -> None:
         """Send one frame; raises BusError if the bus does not accept the frame."""
@@ -65,7 +65,7 @@ class Rejection(Enum):
 
 
 class UnusableReceptionError(Exception):
-    """The error of our own backends for received data that are not a usable message; the backend continues to work."""
+    """An error that our own backends raise for unusable received data. The backend continues to work."""
 
     def __init__(self, reason: Rejection) -> None:
         super().__init__(reason.value)

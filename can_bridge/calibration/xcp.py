@@ -137,7 +137,7 @@ class AnswersSeeds(Protocol):
         """Return the key that is valid for a seed."""
 
 
-class WrongKey(Exception):  # noqa: N818  (an answer of the tool's, no error of ours)
+class WrongKey(Exception):  # noqa: N818  (a wrong answer from the tool, no error of this program)
     """The refusal of a wrong key, which ends the connection."""
 
 
@@ -180,7 +180,7 @@ class XcpAccess:
 
     def unlock(self, left: int, data: bytes) -> None:
         """Process the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
-        Denied unless the whole seed was read and no part of the key is missing; WrongKey: the seed is then invalid."""
+        Denied unless the whole seed was read and no part of the key is missing; WrongKey, which ends the connection."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)

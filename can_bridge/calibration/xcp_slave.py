@@ -1,5 +1,5 @@
 """The ECU's side of XCP: a state machine whose inputs are the time and the packets from the tool. Each command has a
-method of its own name, here or in `can_bridge.calibration.daq`.
+method with the command's name, here or in `can_bridge.calibration.daq`.
 
 A tool reads and writes one segment with two pages (`can_bridge.calibration.segment`), and reads or measures the latest
 control period (`can_bridge.calibration.daq`). The ECU supports neither block mode nor flashing.
@@ -27,7 +27,7 @@ WORKING_PROPERTIES: Final = REFERENCE_PROPERTIES | 0x30
 
 
 class XcpSlave:
-    """The slave, which has one connection at a time; `random_bytes` returns the given number of unpredictable bytes."""
+    """A slave with one connection at a time. `random_bytes` returns the given number of unpredictable bytes."""
 
     def __init__(
         self, segment: Segment, access: AnswersSeeds, random_bytes: Callable[[int], bytes], *, period_ns: int
@@ -40,7 +40,7 @@ class XcpSlave:
         self._end()
 
     def to_store(self, now_ns: int) -> Calibration | None:
-        """Return the values that the tool asked to store; None after the answer or the end of the connection."""
+        """Return the values that the tool asked to store; None if no request to store is open."""
         self._end_if_idle(now_ns)
         return self._to_store
 

@@ -140,7 +140,7 @@ def table_of(
 
 
 def coefficients_of(table: Array, speed: Array | float, density: Array | float, scales: Scales) -> Array:
-    """Return pressures and flows, (n, 5), as Cp and actions, with the conversion of the ECU. `speed` of the vehicle in
+    """Return pressures and flows, (n, 5), converted to Cp and actions as in the ECU. `speed` of the vehicle in
     m/s and `density` of the air in kg/m3 have one value for each of the n rows, or one value for all rows."""
     scale = np.empty_like(table)
     scale[:, :SENSORS] = np.reshape(0.5 * np.asarray(density) * np.square(speed), (-1, 1))

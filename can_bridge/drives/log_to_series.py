@@ -1,6 +1,6 @@
 """A recorded drive as series: pressures and actions, one row for each control period, and a report of missing data.
 
-A short gap is interpolated linearly; a long gap ends a piece, as an episode is one uninterrupted recording.
+A short gap is interpolated linearly. A long gap ends a piece, because an episode is one uninterrupted recording.
 
 If the log has the vehicle's speed, the coefficients are computed from it row by row. If the recorded rows are not a
 control period apart in convective time, new rows are interpolated from them, as in the ECU's window.
@@ -33,7 +33,7 @@ _DRIFT: Final = 1e-3
 _OUTSIDE: Final = 0.05
 """Largest distance of the control period from the periods that fit the log's speeds, as a share of the nearest one."""
 _CONTRADICTS: Final = 0.01
-"""Largest relative difference between a setting and the log; not zero, as the vehicle's own value has an error too."""
+"""Largest relative difference between a setting and the log; above zero, because the vehicle's value has an error."""
 _STANDS: Final = 0.2
 """Distance travelled from one row to the next below which the vehicle counts as stationary, as a share of the control
 period in W. The pressures are then as small as their resolution."""
@@ -200,7 +200,7 @@ def series_of(
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
     """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
-    DatasetError if it never moves, a given setting contradicts the log, or the control period fits no speed in it."""
+    DatasetError if it never moves, a given setting contradicts the log, or no speed in it fits the control period."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
     if not len(moving):  # the vehicle stands, or the control period belongs to another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
@@ -215,7 +215,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
         if not values.min() * (1 - _CONTRADICTS) <= setting <= values.max() * (1 + _CONTRADICTS):
             raise DatasetError(
                 f"{path}: operating_point.{name} = {setting:g} {unit}, its VehicleSpeed frames say "
-                f"{float(np.median(values)):g} {unit}: leave the setting out, Cp is computed with the log's value"
+                f"{float(np.median(values)):g} {unit}: leave the setting out; Cp is computed with the log's value"
             )
     point = replace(scales.point, speed=median, density=float(np.median(known)) if len(known) else scales.point.density)
     step = period_s / point.width

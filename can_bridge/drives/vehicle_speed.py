@@ -1,4 +1,4 @@
-"""The vehicle's speed during a drive, from its own frames, to convert pressures to Cp and seconds to convective times.
+"""The vehicle's speed in the frames of a drive, to convert pressures to Cp and seconds to convective times.
 
 The speed is checked as in the ECU (`ecu.speed_reception`): a speed that no vehicle can reach so fast is left out; the
 last valid speed then stays in use for a limited time. Between two valid speeds the speed is interpolated linearly.
@@ -20,7 +20,7 @@ _SHORTEST_S: Final = 0.1
 _STARTS: Final = 10
 """Largest number of short spans at the beginning of a log that are left out as wrong (see `vehicle_speeds`)."""
 _SLOWEST: Final = 1e-3
-"""Smallest speed in m/s for the distance travelled, also of a stationary vehicle: the distance must increase."""
+"""Smallest speed in m/s in the distance travelled, which must increase even while the vehicle is stationary."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -28,7 +28,7 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """The number of bits of the header, with which the message begins, from a byte's least significant bit on."""
+        """The number of bits of the header. The message begins with it, least significant bit of each byte first."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:
@@ -69,8 +69,8 @@ def _crc_8(covered: bytes, data_id: int) -> int:
     """Return the CRC with polynomial 0x2F, start and final exclusive-or 0xFF, nothing reflected.
 
     The standard selects the data ID from a list by the counter; here all 16 entries are equal. The code is then linear,
-    and the Hamming distance of this polynomial, 4 up to 119 bits, is valid for every content. A list that changes with
-    the counter would miss some 2-bit errors in counter and data.
+    and the Hamming distance of this polynomial, 4 up to 119 bits, is valid for every content. With different entries,
+    some 2-bit errors in counter and data would not be detected.
     """
     value = 0xFF
     for byte in covered:

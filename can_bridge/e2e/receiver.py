@@ -3,7 +3,7 @@
 The receiver has two layers, as in AUTOSAR (PRS_E2EProtocol, "E2E profile check" and "E2E state machine"). Each frame
 gets a `FrameCheck` from its CRC and counter, and a window of the latest checks drives the `StreamState`:
 
-- NODATA until a frame passes its CRC, then INIT, with only this frame's check in the window;
+- NODATA becomes INIT when a frame passes its CRC; the window then has only this frame's check;
 - INIT and INVALID become VALID with `min_ok` good checks and at most `max_errors` bad checks in the window;
 - INIT becomes INVALID with more than `max_errors` bad checks;
 - VALID becomes INVALID with more than `max_errors` bad checks, or without a good check.
@@ -16,8 +16,8 @@ A repeated frame, a jump in the counter and a period without a frame are neither
 of the window. As in the standard, the receiver continues from the new count after a jump, so that the frames of a
 restarted sender are good from the second frame on.
 
-As in the standard, the state machine advances once a period, whatever the number of frames; the check of a period is an
-error if the check of any of its frames is an error, and otherwise good if the check of any frame is good.
+As in the standard, the state machine advances once a period, whatever the number of frames. The check of a period is an
+error if the check of any of its frames is an error. Otherwise it is good if the check of any frame is good.
 """
 
 from collections.abc import Iterable
@@ -60,8 +60,8 @@ _BY_WEIGHT: Final = (FrameCheck.ERROR, *GOOD, FrameCheck.WRONG_SEQUENCE, FrameCh
 
 @dataclass(frozen=True, kw_only=True)
 class Reception:
-    """The outcome of one period: a check for each frame of the message, oldest first, or only NO_NEW_DATA; and the
-    newest frame with a good check, in any state of the stream."""
+    """The outcome of one period. `checks` has a check for each frame of the message, oldest first, or only NO_NEW_DATA.
+    `accepted` is the newest frame with a good check, in any state of the stream."""
 
     stream: StreamState
     checks: tuple[FrameCheck, ...]
@@ -99,8 +99,8 @@ class ReceiverState:
 def receive(
     state: ReceiverState, frames: Iterable[Frame], *, spec: MessageSpec, config: E2eConfig
 ) -> tuple[ReceiverState, Reception]:
-    """Return the state after one period, and the period's outcome; `frames` are all frames received in the period,
-    oldest first; frames of other messages are ignored. Of a secured message only the protected part is checked."""
+    """Return the state after one period, and the period's outcome. `frames` has all frames received in the period,
+    oldest first; frames of other messages are ignored. Only the protected part of a secured message is checked."""
     checks: list[FrameCheck] = []
     accepted: Frame | None = None
     last_counter = state.last_counter

@@ -78,7 +78,7 @@ class Backing(Protocol):
         MediumError if the whole slot must be erased."""
 
     def append(self, slot: Slot, data: bytes) -> None:
-        """Write data after the data written to a slot since it was erased; raises MediumError also if it is full."""
+        """Append data to the data written to a slot since its erasure. Raises MediumError also if the slot is full."""
 
     def read(self, slot: Slot, offset: int, length: int) -> bytes:
         """Return bytes that were appended."""

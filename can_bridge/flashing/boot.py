@@ -1,4 +1,4 @@
-"""The choice of the image to boot, and its reason."""
+"""The choice of the image to boot, and the reason for the choice."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -23,8 +23,8 @@ class BootReason(InWords):
 
 @dataclass(frozen=True, kw_only=True)
 class Boot:
-    """The result of a boot: the booted slot and its bundle, None without a release; the verdicts of the slots that this
-    boot checked; and the number of boots left in the trial, 0 if the release is not on trial."""
+    """The result of a boot. `slot` and `bundle` are None if no release booted. `verdicts` has the slots that this boot
+    checked. `boots_left` is the number of boots left in a trial; 0 if the release is not on trial."""
 
     slot: Slot | None = None
     bundle: Release | None = None

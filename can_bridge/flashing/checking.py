@@ -35,7 +35,7 @@ Fits = Callable[[Any], Verdict]
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """The ECU's own rules for images; without `keys` (a key list) no image is accepted."""
+    """The ECU's own rules for images. If `keys`, the key list, is None, no image is accepted."""
 
     keys: KeyList | None
     hardware: str
@@ -69,8 +69,8 @@ ImageCheck = Callable[[bytes, Rules], tuple[Verdict, Release | None]]
 def judge_image(
     image: bytes, rules: Rules, *, layout: bytes, opens: Callable[[bytes], bool] = lambda payload: True
 ) -> tuple[Verdict, ControllerImage | None]:
-    """Check a controller image, as `check` checks a bundle; `layout` identifies this ECU's build, and `opens` states,
-    after all other checks, whether the build can run a payload (`sw_image_open`)."""
+    """Check a controller image, as `check` checks a bundle. `layout` identifies this ECU's build. The last check calls
+    `opens`, which returns whether the build can run a payload (`sw_image_open`)."""
     keys = rules.keys
     try:
         signer = controller_image.signer_of(image)

@@ -90,7 +90,7 @@ def _reported(path: Path) -> Iterator[None]:
 
 
 CAPACITY: Final = 16 * 1024 * 1024
-"""Default size of a slot in bytes, which is larger than any release."""
+"""Default size of a slot in bytes; every release is smaller."""
 _HEADER: Final = struct.Struct(">4sII")
 _MAGIC: Final = b"SWR1"
 _TEMPORARY: Final = "record.new"
@@ -112,7 +112,7 @@ class FolderBacking:
         return {kind: record for kind, record in found.items() if record is not None}
 
     def keep(self, kind: RecordKind, record: bytes) -> None:
-        """Replace a record; sync the slots before `RecordKind.STATE`. Raises ValueError for an overlong record."""
+        """Replace a record; for `RecordKind.STATE`, sync the slots first. Raises ValueError for an overlong record."""
         if len(record) > MAX_RECORD:
             raise ValueError(f"record of {len(record)} bytes: must have at most {MAX_RECORD}")
         if kind == RecordKind.STATE:

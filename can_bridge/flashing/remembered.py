@@ -55,7 +55,7 @@ class Remembered:
         self.faults = records.get(RecordKind.FAULTS, b"")
 
     def keep(self, changed: StoreState) -> None:
-        """Store a changed state; if this raises MediumError, nothing has changed."""
+        """Store a changed state. If the call raises MediumError, the state is unchanged."""
         self.backing.keep(RecordKind.STATE, state.encode(changed))
         self.state = changed
 

@@ -52,7 +52,7 @@ _STANDING: Final = tuple(one.name for one in fields(SlotReport) if one.name != "
 @dataclass(frozen=True, kw_only=True)
 class StoreReport:
     """The state of the store; for the fields see `Store` and `state.StoreState`. `reason` is None before the first
-    boot, `key_list_version` without a key list."""
+    boot. `key_list_version` is None without a key list."""
 
     slots: tuple[SlotReport, SlotReport]
     running: Slot | None

@@ -1,4 +1,4 @@
-"""The store's state, with its slots: the record `RecordKind.STATE`, as values and as bytes; lengths are in bytes.
+"""The state of the store and its slots, as values and as the record `RecordKind.STATE`. Lengths are in bytes.
 
     "SWS1" (4)
     for each slot: phase (1), boots left (1), length of the image (4), bytes received (4), security version (4), SHA-256

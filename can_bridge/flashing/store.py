@@ -1,11 +1,11 @@
 """Two slots for releases, one with the running release and one for a new image, and the ECU's rules for releases.
 
-The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot finds a valid
-image from the state stored until then, if there was a valid image before.
+The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot uses the
+state stored until then, and finds a valid image if there was a valid image before.
 
     announce, append .., finish     write an image to the slot that is not protected, and check it in the memory
     activate                        boot the image from the next reset on, up to `TRIAL_BOOTS` times
-    confirm                         end the trial, and raise the least security version to the release's own
+    confirm                         end the trial, and raise the least security version to the release's version
     revert                          return to the previous release
 
 The slot of a confirmed image that runs, or that the next boot starts, is never written.
@@ -58,7 +58,7 @@ class Store(Remembered):
         check: ImageCheck = check,
     ) -> "Store":
         """Fill an empty backing, at production, with a key list and a confirmed image in slot A. Raises OutOfOrderError
-        unless it is empty; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
+        if a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
             raise OutOfOrderError("the store has a confirmed release: it must be empty to be provisioned")
@@ -114,8 +114,8 @@ class Store(Remembered):
         return wanted
 
     def append(self, data: bytes) -> None:
-        """Append bytes to the announced image; when the method returns, they survive a loss of power. Raises
-        OutOfOrderError without an image or beyond its length. After a MediumError the image must be announced again."""
+        """Append bytes to the announced image. After the call they survive a loss of power. Raises OutOfOrderError if
+        no image is announced, or for bytes beyond its length. After a MediumError, announce the image again."""
         slot, standing = self._transfer()
         if standing.phase != SlotPhase.FILLING or standing.received + len(data) > standing.length:
             raise OutOfOrderError(
@@ -127,7 +127,7 @@ class Store(Remembered):
         self._announced = slot
 
     def finish(self) -> Long[Verdict]:
-        """Check the announced image in the memory. If it is GOOD, it becomes `SlotPhase.CHECKED`; INCOMPLETE changes
+        """Check the announced image in the memory. The verdict GOOD changes the phase to CHECKED; INCOMPLETE changes
         nothing. The call may be repeated until the activation. Raises OutOfOrderError if no image is announced."""
         slot, standing = self._transfer()
         if standing.received < standing.length:
@@ -235,7 +235,7 @@ class Store(Remembered):
         self.keys = listed
 
     def keep_calibration(self, blob: bytes | None) -> None:
-        """Store a calibration for the running release; None removes it. Only calibrations of releases in a slot stay.
+        """Store a calibration for the running release; None removes it. Calibrations of releases in no slot are lost.
         Raises OutOfOrderError if no release runs; ConfigError for a calibration that is empty or too long."""
         if self.running is None:
             raise OutOfOrderError("no release for the calibration: a release must run")
@@ -252,7 +252,7 @@ class Store(Remembered):
         self._calibrations = kept
 
     def _writable_slot(self) -> Slot:
-        """Return the slot to write; a confirmed running release is protected, or else the active release."""
+        """Return the slot beside the protected release: the running release if it is confirmed, else the active one."""
         running, active = self.running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other

@@ -5,7 +5,7 @@ from typing import Self
 
 
 class InWords(IntEnum):
-    """A byte of diagnosis; `in_words` is its text for people."""
+    """A number that diagnosis sends in one byte; `in_words` is its text for people."""
 
     in_words: str
 
@@ -16,7 +16,7 @@ class InWords(IntEnum):
 
 
 class Verdict(InWords):
-    """The checks in their order; the first failed check is the verdict."""
+    """Results of the checks, in the order of the checks. The first failed check determines the verdict."""
 
     GOOD = 0, "in order"
     INCOMPLETE = 1, "bytes of the image are missing"

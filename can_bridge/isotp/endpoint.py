@@ -16,7 +16,7 @@ from can_bridge.wire.frame import Frame
 
 @dataclass(frozen=True, kw_only=True)
 class IsoTpSettings:
-    """One end of a connection.
+    """The settings of one end of a connection.
 
     Attributes:
         receive_id, send_id: identifiers of the frames from the other end and of the frames of this end.
@@ -204,7 +204,7 @@ class _Transmission:
 
 
 KEPT_PLACES: Final = 2
-"""Number of places in the transmit queue for the response-pending and the answer of the request being processed."""
+"""Number of reserved places in the transmit queue: for a response-pending, and for the answer to the same request."""
 
 
 class Endpoint:

@@ -4,7 +4,7 @@
     0.000144 CANFD   1 Rx   120  Pressure  1 0 a 16 00 01 ..  <eight numbers>   on a channel of CAN FD
 
 A name may replace an identifier. The third of the eight numbers has flags: bit 12 for a CAN FD frame, bit 4 for a
-remote frame. Both kinds of channel carry classic frames.
+remote frame. A channel of CAN FD also carries classic frames.
 """
 
 import re
@@ -246,6 +246,6 @@ def _identifier(word: str, base: int) -> entries.Ident | None:
     if not (_HEX if base == 16 else _DECIMAL).fullmatch(digits):
         return None
     number = int(digits, base)
-    # A name begins with a letter, but all its characters may be hexadecimal digits. Such a name may be too large a
-    # number for an 11-bit identifier, and is then no identifier.
+    # A name begins with a letter, and all its characters may be hexadecimal digits. If such a word is too large for an
+    # 11-bit identifier, it is a name.
     return (number, is_extended) if is_extended or number <= MAX_FRAME_ID or word[0].isdigit() else None

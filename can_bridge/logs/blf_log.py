@@ -63,7 +63,7 @@ def read_blf(file: entries.Binary, since_epoch: entries.SinceEpoch) -> Iterator[
     CutOffError for a truncated file."""
     head = file.read(_FILE.size)
     if head[:4] != b"LOGG" or len(head) < _FILE.size:
-        raise ValueError("its header is not that of a BLF")
+        raise ValueError("its header is not the header of a BLF")
     _, header_size, announced, _, *start = _FILE.unpack(head)
     there = len(head) + len(file.read(header_size - _FILE.size))
     year, month, _, day, hour, minute, second, ms = start
@@ -95,7 +95,7 @@ def _entry(kind: int, one: bytes, header: int, start_ns: int) -> Entry:
         return _frame(time_s, channel, frame_id, code, data[:valid], flags, fd & 7)
     if kind == _FD_64_TYPE:
         channel, code, valid, frame_id, flags, direction, behind = _FD_64.unpack_from(one, header)
-        # Bytes that the length announces but that are not stored are zero, as in Vector's own programs.
+        # If fewer bytes are stored than the length announces, the others are zero, as in Vector's own programs.
         data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
         return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
     (channel,) = _CHANNEL.unpack_from(one, header)

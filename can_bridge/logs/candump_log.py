@@ -3,8 +3,8 @@
     (1436509052.249713) can0 123##1112233           with -L or -l
      (1436509052.249713)  can0  123  [03]  11 22 33  without
 
-The times on a screen are absolute (-t a, -t A in words), or they count from the first frame (-t z) or the previous line
-(-t d). A single line does not show which of these options was used; only times of -t d can decrease.
+The times on a screen are absolute (-t a, or -t A with the date), or they count from the first frame (-t z) or the
+previous line (-t d). A single line does not show which option was used; only times of -t d can decrease.
 """
 
 import re
@@ -62,7 +62,7 @@ def read_candump(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Itera
 
 
 class _Clock:
-    """The clock of the times in parentheses, in s. The clock detects times that count from the previous line."""
+    """A reader of the times in parentheses, in s. It detects times that count from the previous line."""
 
     def __init__(self, since_epoch: entries.SinceEpoch) -> None:
         self._since_epoch = since_epoch
@@ -112,7 +112,7 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
     if ident[1] and ident[0] & _ERROR:
         return entries.error_frame(time_s, channel, ident[0] & ~_ERROR)
-    # {1} is a length code, [8] the bytes of a classic frame, and [08] those of a CAN FD frame.
+    # {1} has a length code. [8] has a number of bytes in classic CAN, [08] in CAN FD.
     fd = FD_FRAME if code is None and len(length) > 1 else 0
     if length is None:
         count = entries.length_of(int(code, 16), is_fd=False)

@@ -43,7 +43,7 @@ SinceEpoch = Callable[[datetime], float]
 
 
 class LogEvent(NamedTuple):
-    """One or more lines, or objects of a binary file, that are not frames, with a name for their kind."""
+    """One or more lines, or objects of a binary file, that are not frames. `name` states their kind."""
 
     name: str
     lines: int = 1

@@ -65,8 +65,8 @@ class CanLog:
         events: numbers of lines or objects read so far that are not messages, by name.
         messages: number of messages read so far.
         channels: numbers of messages by channel; an empty name if the format has no channels.
-        is_local: whether the times since the epoch are computed from a local start time in the file; without a given
-            zone this start time counts as UTC.
+        is_local: whether the times since the epoch are computed from a local start time in the file. Without `zone`,
+            this start time counts as UTC.
     """
 
     def __init__(self, path: Path, *, zone: tzinfo | None = None, channels: Collection[str] = ()) -> None:
@@ -91,7 +91,7 @@ class CanLog:
 
     def __iter__(self) -> Iterator[can.Message]:
         """Yield the messages in the order of the file. If the file is damaged, or a line is neither a message nor an
-        event, the messages before that place are yielded; then it raises BusError with the file's name."""
+        event, the messages before that place are yielded, and then BusError is raised with the file's name."""
         with ExitStack() as stack:
             try:
                 for entry in self._entries(stack):

@@ -1,5 +1,5 @@
 """MCAP files with a topic of frames and a topic for each group of channels, in Protobuf. A file contains its schemas,
-so that Foxglove, Rerun and PlotJuggler read it. In a file that is read as a log, other topics are counted."""
+so that Foxglove, Rerun and PlotJuggler read it. When a file is read as a log, other topics are counted as events."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -45,8 +45,8 @@ def write_mcap(
     events: Iterable[Dated] = (),
     facts: Mapping[str, str],
 ) -> None:
-    """Write an MCAP file, whose messages are in the order of time, and a layout for Foxglove beside it, completely or
-    not at all. Raises BusError for a time before 0, which the format cannot represent."""
+    """Write an MCAP file, with its messages in the order of time, and a layout for Foxglove beside it. Each file is
+    written completely or not at all. Raises BusError for a time before 0, which the format cannot represent."""
     from mcap_protobuf.writer import Writer
 
     first_s = min([*(one.timestamp for one in messages), *(one.times_s[0] for one in groups if len(one.times_s)), 0.0])
@@ -114,7 +114,7 @@ def _message_class(name: str, fields: Mapping[str, str], enums: Mapping[str, Map
 
 
 def read_mcap(path: Path) -> Iterator[Entry]:
-    """Yield the entries of the messages of all topics in the order of time. Raises BusError if a package is missing or
+    """Yield an entry for each message of every topic, in the order of time. Raises BusError if a package is missing or
     there is no frame; McapError for a damaged file."""
     try:
         from mcap.reader import make_reader

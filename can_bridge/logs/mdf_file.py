@@ -136,8 +136,8 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
 
 
 def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[ChannelGroup]) -> None:
-    """Write a measurement, completely or not at all. Times count from the start that the header states: the last full
-    second before the first message or value, but not before 1970, at which a run in virtual time starts. Raises
+    """Write a measurement, completely or not at all. Times count from the start in the header: the last full second
+    before the first message or value, but not before 1970, where the times of a run in virtual time begin. Raises
     BusError if asammdf is missing; StillwakeError if the file cannot be written."""
     asammdf = asammdf_for(path)
     first_s = [*(one.timestamp for one in messages), *(float(one.times_s[0]) for one in groups if len(one.times_s))]

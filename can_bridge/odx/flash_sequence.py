@@ -27,13 +27,13 @@ session_default
 """
 """Services of `stillwake.odx-d` in their order, with arguments; `ARGUMENTS` explains the words in capitals."""
 ARGUMENTS: Final = {
-    "KEY": "answer to the seed of the step before (seed_and_key.json)",
+    "KEY": "key for the seed from the step before (seed_and_key.json)",
     "LENGTH": "size of the image in bytes",
-    "SHA256": "of the image",
+    "SHA256": "SHA-256 of the image",
     "OFFSET": "from the answer to routine_erase: bytes that the ECU has already",
     "REST": "LENGTH less OFFSET",
     "COUNTER": "1, 2, ..., 255, 0, 1, ...; the service is repeated until the image has been sent",
-    "BLOCK": "next bytes of the image, from OFFSET on: two bytes less than block in the answer to download",
+    "BLOCK": "next bytes of the image, from OFFSET on; their number is block (answer to download) minus 2",
 }
 
 

@@ -9,16 +9,16 @@ from can_bridge.uds.services import LEVELS
 
 SEED_AND_KEY: Final = "seed_and_key.json"
 EXAMPLE: Final = bytes(range(16))
-"""The access key and the seed of the examples with known keys. No ECU uses this access key."""
+"""The bytes of both the access key and the seed in each known answer. No ECU uses this access key."""
 _LIBRARY: Final = {
     "function": "GenerateKeyEx",
     "prototype": "int GenerateKeyEx(const unsigned char *seed, unsigned int seed_length, unsigned int level, "
     "const char *variant, unsigned char *key, unsigned int key_capacity, unsigned int *key_length)",
     "level": "number of the level below",
-    "variant": "not used: the access key decides, which the library's maker keeps for each ECU",
+    "variant": "not used: the library's maker keeps an access key for each ECU",
     "returns": {"0": "key computed", "1": "key_capacity too small", "2": "level unknown", "4": "other error"},
 }
-"""The interface of the seed-and-key library that testers load: the DLL's interface that tools for Windows expect."""
+"""The interface of the seed-and-key library that testers load. Tools for Windows expect a DLL with this function."""
 
 
 def seed_and_key() -> bytes:

@@ -1,5 +1,5 @@
 """Frames authenticated as in AUTOSAR SecOC: a message has a freshness value and a message authentication code (MAC).
 
 E2E protection detects faults; authentication detects attackers. The project has its own profile, in the terms of
-AUTOSAR's "Specification of Secure Onboard Communication": 64 bits each of freshness value and authenticator.
+AUTOSAR's "Specification of Secure Onboard Communication". Freshness value and authenticator have 64 bits each.
 """

@@ -23,8 +23,8 @@ FRESHNESS_SCHEMA: Final = "stillwake-freshness/1"
 
 
 class FreshnessStore:
-    """The file with a node's freshness values, which only one process may use at a time; the first `begin` creates it.
-    It is written once in `every` frames."""
+    """The file with a node's freshness values. Only one process may use the file at a time. The first `begin` creates
+    it, and `accepted` writes it once in `every` frames."""
 
     def __init__(self, path: Path, *, every: int = 50) -> None:
         if every < 1:

@@ -32,7 +32,7 @@ class Authentication:
         return Freshness(trip=self.trip)
 
     def verifier(self, spec: MessageSpec) -> VerifierState:
-        """Return the state at power-on of the receiver of a secured message."""
+        """Return the state that the receiver of a secured message has at power-on."""
         return VerifierState(freshness=self.heard.get(spec.frame_id, 0))
 
 

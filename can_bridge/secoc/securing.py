@@ -3,9 +3,9 @@
     protected part (E2E header first) | zeros | freshness, 8 bytes | MAC, 8 bytes
 
 The MAC is the first 8 bytes of AES-128 CMAC over the data ID (2 bytes), everything before the freshness, and the
-freshness; numbers have their most significant byte first, as in AUTOSAR SecOC. The data ID, which is not sent, binds a
-frame to its message. A forged or repeated frame cannot disturb the genuine stream, because neither the E2E counter nor
-the E2E window takes it into account.
+freshness. As in AUTOSAR SecOC, numbers have their most significant byte first. The data ID is not sent; it binds a
+frame to its message. A forged or repeated frame cannot disturb the genuine stream, because it changes neither the E2E
+counter nor the E2E window.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ LARGEST_FRESHNESS: Final = 0xFFFFFFFFFFFFFFFF
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """The freshness of one sender, in AUTOSAR SecOC's form; raises ValueError for a counter that does not fit 32 bits.
+    """The freshness of one sender, as in AUTOSAR SecOC. Raises ValueError for a counter that does not fit 32 bits.
 
     Attributes:
         trip: number of power cycles, including this one; at least 1, so that every value is greater than 0.
@@ -97,7 +97,7 @@ class VerifierState:
 
 
 class Verification(NamedTuple):
-    """The frames of a period that passed; `none_authentic`: whether frames of the message came and none passed."""
+    """The frames of a period that passed. `none_authentic` is true if frames of the message came and none passed."""
 
     state: VerifierState
     frames: Sequence[Frame]
@@ -105,7 +105,7 @@ class Verification(NamedTuple):
 
 
 def verified(state: VerifierState, frames: Sequence[Frame], *, spec: MessageSpec, key: Key | None) -> Verification:
-    """Check a message's frames in a period, oldest first. Other messages' frames pass, and all frames without a key."""
+    """Check a message's frames in a period, oldest first. Frames of other messages pass. Without a key, all pass."""
     if key is None:
         return Verification(state, frames, none_authentic=False)
     freshness, not_authentic, not_fresh = state.freshness, state.not_authentic, state.not_fresh

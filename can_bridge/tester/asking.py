@@ -29,7 +29,7 @@ TIMES: Final = 5
 """Largest number of attempts at a request that gets no answer."""
 READ_TIMES: Final = 25
 """Largest number of attempts to read an identifier: the store's report takes 150 classic frames, any of which may be
-lost. There are only `TIMES` attempts if the ECU, which is then probably absent, has never answered."""
+lost. There are only `TIMES` attempts if the ECU has never answered, because it is then probably absent."""
 BUSY: Final = 0x21
 """Negative response code busyRepeatRequest (ISO 14229-1, table A.1)."""
 BUSY_WAIT_S: Final = 0.1
@@ -105,7 +105,7 @@ class Asking:
                     raise
                 if self._clock() >= until:
                     raise AccessError(
-                        f"the ECU accepts no key after wrong keys, also not after {DELAY_S:g} s; wait, and try again"
+                        f"the ECU accepts no key after wrong keys, even after {DELAY_S:g} s; wait, and try again"
                     ) from refused
             self.wait(1.0)
 
@@ -135,7 +135,7 @@ class Asking:
             self._ask("clear its faults", self._client.clear_dtc)
 
     def quieten(self) -> None:
-        """Switch off, as far as the ECU can, the detection of faults and the control loop's messages."""
+        """Switch off the detection of faults and the control loop's messages, if the ECU permits this."""
         for call in (lambda: self._client.control_dtc_setting(2), lambda: self._client.communication_control(1, 1)):
             with suppress(RefusedError, NoAnswerError):
                 self._ask("stop sending", call, times=2)

@@ -20,7 +20,7 @@ from contract.release.checks import Bundle, dbc_sha256
 
 @dataclass(frozen=True, kw_only=True)
 class EcuFacts:
-    """The properties of one ECU. `dbc_sha256` is the hash of the DBC whose messages the ECU sends, and `capacity` the
+    """The properties of one ECU. `dbc_sha256` is the hash of the DBC whose messages the ECU sends. `capacity` is the
     size of the largest image in bytes."""
 
     hardware: str

@@ -59,7 +59,7 @@ OnProgress = Callable[[int, int], None]
 STALLS: Final = 5
 """Largest number of consecutive attempts to transfer an image in which the ECU receives no further bytes."""
 TRIES: Final = 3
-"""Largest number of attempts at a step, which is repeated if the session ended during it."""
+"""Largest number of attempts at a step. A step is repeated if the session ended during the step."""
 _SESSION_ENDED: Final = frozenset(
     {Nrc.SERVICE_NOT_IN_SESSION, Nrc.SUB_FUNCTION_NOT_IN_SESSION, Nrc.SECURITY_ACCESS_DENIED}
 )
@@ -175,7 +175,7 @@ class Transfer:
 
 
 def in_session(begin: Callable[[], None], step: Callable[[], object], *, has_begun: bool = False) -> None:
-    """Begin a session, unless it has begun, and make a step in it; repeat both if the session ended in between."""
+    """Begin a session, unless `has_begun`, and execute a step in it. Repeat both if the session ended before it."""
     for left in reversed(range(TRIES)):
         if not has_begun:
             begin()

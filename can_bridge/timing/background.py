@@ -28,14 +28,14 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first, and the file's messages that are not sent: "name (why)"."""
+    """The messages of other nodes, highest priority first. `left_out` has unsent messages of the file: "name (why)"."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
 
 
 def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
-    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with phases drawn by `seed`.
+    """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases from `seed`.
 
     A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is one of
     stillwake's messages, which the description of a whole vehicle also contains. Raises BusError as `load_network`
@@ -125,7 +125,7 @@ def background(bus: BusConfig) -> BackgroundTraffic:
 
 
 def made_up(load: float, bus: BusConfig, *, seed: int) -> tuple[PeriodicMessage, ...]:
-    """Return messages that fill the share `load` of the bus with their longest frames, until the next drawn message
+    """Return messages that fill the share `load` of the bus with their longest frames, until the next random message
     does not fit. Messages with shorter periods have higher priorities. Of two or more messages, the first has a higher
     priority than all of ours and the last a lower priority. Raises ConfigError for less than one message."""
     random = Random(seed)
@@ -154,7 +154,7 @@ def _draw(load: float, bus: BusConfig, random: Random) -> Iterator[tuple[int, in
         (asked,) = random.choices(PERIODS_MS, _PERIOD_WEIGHTS)
         probe = PeriodicMessage(name="", frame_id=0, is_fd=bus.frames == "fd", length=length, period_ns=1)
         busy_ns = probe.worst_ns(bus)
-        # A message with a longer period than the drawn period may still fit into the remaining share.
+        # A message with a longer period than the random period may still fit into the remaining share.
         periods = (ms * NS_PER_MS for ms in PERIODS_MS if ms >= asked)
         period_ns = next((period for period in periods if busy_ns <= left * period), None)
         if period_ns is None:

@@ -1,4 +1,4 @@
-"""The load of the bus that the messages of the control loop and the background traffic cause."""
+"""The bus load from the messages of the control loop and from the background traffic."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,9 +24,9 @@ class MessageLoad:
 
     Attributes:
         ours: whether the message belongs to the control loop, not to the background.
-        worst_ns, mean_ns: times of the longest frame and, with random contents, of the mean frame, with intermission.
+        worst_ns, mean_ns: time on the bus with intermission, for the longest frame and on average for random contents.
         response: worst-case response time. For the ECU's messages it begins when the ECU's compute time has passed
-            since the sampling of the pressures; so it is the time that the bus adds to the age of the pressures.
+            since the sampling of the pressures, so it is the time that the bus adds to the age of the pressures.
     """
 
     message: PeriodicMessage

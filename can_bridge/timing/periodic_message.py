@@ -11,7 +11,7 @@ from contract.config.vehicle import BusConfig
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Identifiers of the messages in all sets, used or not, which messages of other nodes must not have."""
+"""Identifiers of our messages in all message sets, used or not. No message of another node may have one of them."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,7 +25,7 @@ from can_bridge.timing.periodic_message import PeriodicMessage
 from contract.config.vehicle import BusConfig
 
 LONGEST_BUSY_NS: Final = 60 * 10**9
-"""Longest busy period in ns that is examined, near 100 % load; beyond it the response time counts as unbounded."""
+"""Longest examined busy period in ns. After a longer one (near 100 % load), the response time counts as unbounded."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """The log of a node on a real bus: a text file while the node runs, and a measurement at its end.
 
-A process that is killed leaves the text file, in candump's format, beside the measurement: `.NAME.PID.log`.
+A process that is killed leaves the text file `.NAME.PID.log`, in candump's format, in the measurement's folder.
 """
 
 import os

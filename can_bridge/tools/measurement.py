@@ -35,7 +35,7 @@ _IN_THE_FRAME: Final = ("Freshness", "MAC")
 
 def check_measurement(path: Path) -> None:
     """Check, before the frames are read, whether a measurement can be written. Raises BusError for an unknown ending,
-    or without asammdf; ModuleNotFoundError without another package; StillwakeError if nothing can be written there."""
+    or without asammdf; ModuleNotFoundError without another package; StillwakeError for a path that is not writable."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
     if path.suffix.lower() == ".mf4":
@@ -78,7 +78,7 @@ def write_measurement(
 
 def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Counter[str]]:
     """Return a group of channels for each of our messages, and the numbers of our frames that cannot be read, by name.
-    If our messages are on several buses of a log, the names of the groups after the first bus include the bus."""
+    If a log has our messages from several buses, the name of a group includes its bus, except for the first bus."""
     rows: dict[tuple[str, str], tuple[list[float], list[tuple[SignalValue, ...]]]] = {}
     skipped = Counter[str]()
     for message in messages:

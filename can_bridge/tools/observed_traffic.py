@@ -73,7 +73,7 @@ class Traffic:
         self.verifier = VerifierState()
 
     def add(self, frame: Frame, time_ns: int | None = None) -> None:
-        """Add a frame of the message, with its time in a log, which may be before 0, or its own time stamp."""
+        """Add a frame of the message. `time_ns` is its time in a log (it may be below 0); None for its time stamp."""
         time_ns = frame.timestamp_ns if time_ns is None else time_ns
         self.latest, self.decoded = frame, decode(frame)
         self.first_ns = self.first_ns if self.count else time_ns

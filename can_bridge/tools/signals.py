@@ -34,7 +34,7 @@ NO_SPEED: Final = specs.SPEED_UNKNOWN * specs.SPEED_RESOLUTION_M_PER_S
 
 
 class SignalValue(NamedTuple):
-    """The physical value of one signal. `text` is its name in the signal's table of values, or the digits of a hash."""
+    """The physical value of one signal. `text` is the value's name in the signal's table, or the digits of a hash."""
 
     name: str
     value: float
@@ -48,7 +48,7 @@ class SignalValue(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """The signals of one of our messages, in their order; none for a value outside its table or a wrong length."""
+    """The signals of one of our messages, in their order; empty for a wrong length or a value outside its table."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]

@@ -15,7 +15,7 @@ from can_bridge.wire.frame_bits import frame_ns
 from contract.config.vehicle import BusConfig
 
 MOST_MESSAGES: Final = 1000
-"""Largest number of messages that are listed, if frames have random 29-bit identifiers: more than a vehicle has."""
+"""Largest number of listed messages: more than a vehicle has, and a limit for frames with random identifiers."""
 
 SignalCell = tuple[str, str, str]
 

@@ -27,8 +27,8 @@ class CalibrationService:
         kept: returns the values stored for the running release, or None.
         keep: stores values, or deletes the stored values (None); may raise MediumError, or OutOfOrderError while the
             slot is written.
-        refusal: returns the reason why nothing may be stored now, or None; while jets are enabled, writing a flash
-            memory could take longer than a control period. Changing the values in force is always possible.
+        refusal: returns the reason why nothing may be stored now, or None. While jets are enabled, writing a flash
+            memory could take longer than a control period. The values in force may always be changed.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class CalibrationService:
         return None
 
     def store(self, calibration: Calibration) -> None:
-        """Store values that are or were in force; raises Refused."""
+        """Store values that are or were in force; raises Refused if they cannot be stored now."""
         self._keep_if_allowed(calibration.pack())
 
     def read(self, did: Did) -> bytes:

@@ -1,8 +1,8 @@
 """The ECU's diagnostic services, which act on its store of releases; `can_bridge.uds.server` calls them.
 
-The answer to the routine ERASE has the offset of the first byte to send (4 bytes), the answer to CHECK a `Verdict` (1
-byte); answers to the other routines are empty. If a request is repeated after it was carried out, the first answer is
-sent again, because the tester may not have received it.
+The answer to the routine ERASE has the offset of the first byte to send (4 bytes). The answer to CHECK has a `Verdict`
+(1 byte). Answers to the other routines are empty. A repeated request gets the first answer again, because the tester
+may not have received that answer.
 """
 
 from collections.abc import Callable, Mapping
@@ -150,7 +150,7 @@ class EcuServices:
             self._store.keep_failed_attempts(level, count)
 
     def before_reset(self) -> None:
-        """Check that a reset, or the missing messages of a silent ECU, would not interrupt active control, which may
+        """Check that control is not active: a reset, or an ECU that sends nothing, would interrupt control. Control may
         have begun after the session began."""
         if not self.is_updating:
             self._check_preconditions()

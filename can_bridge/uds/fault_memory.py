@@ -115,7 +115,7 @@ class FaultMemory:
         self.is_on = True
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
-        """Note that the test for this reason failed now; None: all tests passed."""
+        """Note that the test for this reason failed now or, for None, that all tests passed."""
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:

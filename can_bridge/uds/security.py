@@ -1,7 +1,7 @@
 """Security access (ISO 14229-1, service 0x27): the shared secret, seeds, keys, wrong attempts and the delay after them.
 
-Each security level has its own key: the AES-CMAC, under the shared key, of a label followed by the level's number. The
-answer to a seed is the AES-CMAC of the seed under the level's key.
+Each security level has its own key: the AES-CMAC of a label and the level's number, computed with the shared key. The
+answer to a seed is the AES-CMAC of the seed, computed with the level's key.
 
 A seed is valid for one answer. An attempt is counted in non-volatile memory before the answer is checked, so that
 nobody gets more attempts by switching off the supply. After `MAX_ATTEMPTS` consecutive wrong answers, and after each
@@ -65,7 +65,7 @@ class SecurityAccess:
         self.unlocked = self._asked = None
 
     def seed(self, now_ns: int, level: Level) -> bytes:
-        """Return a new seed, which is zero if the level is already unlocked. Raises Refused during the delay."""
+        """Return a new seed, or zeros if the level is already unlocked. Raises Refused during the delay."""
         if self.unlocked is level:
             return bytes(SEED_LENGTH)
         self._asked = None

@@ -2,8 +2,8 @@
 
 Every request is checked in the order of the standard's figures: service known, allowed in this session, valid length,
 sub-function known and allowed in this session, level unlocked, valid sequence. Then the ECU may refuse the request for
-reasons of its own. One request is processed at a time, in parts, one part in each call of `tick`. Each service has a
-method of its own name.
+reasons of its own. One request is processed at a time, in parts, one part in each call of `tick`. The method for a
+service has the service's name.
 """
 
 from collections.abc import Callable, Mapping
@@ -126,8 +126,8 @@ class UdsServer:
         return self._go_on(now_ns)
 
     def tick(self, now_ns: int) -> list[bytes]:
-        """Execute the next part of the request in progress, or the reset whose request an earlier call answered. While
-        `is_busy`, call this at least every 20 ms."""
+        """Execute the next part of the request in progress, or a reset whose request is already answered. While
+        `is_busy` is true, call this method at least every 20 ms."""
         now_ns = self._at(now_ns)
         if self._reset_is_due:
             self._reset_is_due = False
@@ -234,7 +234,7 @@ class UdsServer:
             try:
                 answer += number + self._value(int.from_bytes(number, "big"))
             except Refused as refusal:
-                # By the standard an unknown identifier is left out of the answer if another identifier is known.
+                # The standard leaves an unknown identifier out of the answer if another identifier is known.
                 if refusal.code is not Nrc.OUT_OF_RANGE:
                     raise
         if not answer:

@@ -162,7 +162,7 @@ class Permission:
 _FLASHING: Final = Permission(_PROGRAMMING, Level.PROGRAMMING)
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The session begins only while the jets are shut, which `EcuServices.before_reset` checks again.
+    # The session begins only while the jets are shut; `EcuServices.before_reset` checks this condition again.
     Service.RESET: Permission(_PROGRAMMING),
     **dict.fromkeys((Service.CLEAR_FAULTS, Service.REPORT_FAULTS, Service.READ, Service.TESTER_PRESENT), Permission()),
     **dict.fromkeys((Service.SECURITY, Service.COMMUNICATION, Service.FAULT_SETTING), Permission(_BEYOND_DEFAULT)),

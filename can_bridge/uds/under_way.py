@@ -17,8 +17,8 @@ def negative(service: int, code: Nrc) -> bytes:
 
 
 class Job:
-    """A request being processed. Its work returns the answer's bytes after the first. With `is_quiet` no positive
-    answer is sent; `passed_over` has the negative response codes that are not sent either."""
+    """A request being processed. `work` returns the answer's bytes after the first byte. With `is_quiet` no positive
+    answer is sent. `passed_over` has the negative response codes that are not sent either."""
 
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()

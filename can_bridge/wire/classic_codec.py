@@ -2,11 +2,11 @@
 
 The codec works as `can_bridge.wire.codec` does, within the limits of eight bytes:
 
-- pressures of 12 bits in whole Pa; -2048 if the sensor's own diagnosis failed (there are no validity bits);
-- an age in units of 10 ms, rounded up, so that no frame looks fresher than it is; the largest value, 70 ms or more, is
-  read as `STALE_NS`, which is too old for any use; the age of a speed is sent as 2.55 s if it is greater;
-- a status with counts up to 63 (bus-off: 15) and two bytes of the bundle hash; it has no count of frames that are not
-  authentic (this set has no authentication), no error counters, and no list of unused pressures.
+- A pressure has 12 bits, in whole Pa. It is -2048 if the sensor's own diagnosis failed: there are no validity bits.
+- An age is in units of 10 ms, rounded up, so that no frame looks fresher than it is. The largest value (70 ms or more)
+  is read as `STALE_NS`, which is too old for any use. The age of a speed is sent as 2.55 s if it is greater.
+- A status has counts up to 63 (bus-off: 15) and two bytes of the bundle hash. It has no error counters, no list of
+  unused pressures, and no count of frames that are not authentic, because this set has no authentication.
 """
 
 import struct
@@ -109,7 +109,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
 
 
 def emit_vehicle_speed(message: VehicleSpeed) -> bytes:
-    """Return the message as 8 bytes. Raises ValueError for a value not finite or out of range; any age is valid."""
+    """Return the message as 8 bytes. Raises ValueError for a value not finite or out of range; no age is too great."""
     density, speed = speed_steps(message)
     if message.age_ns < 0:
         raise ValueError(f"VehicleSpeed.age_ns = {message.age_ns}: must not be negative")

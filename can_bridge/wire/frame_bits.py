@@ -132,7 +132,7 @@ def _identifier_bits(frame: Frame) -> str:
 
 
 def _classic_head(frame: Frame) -> str:
-    """Return the bits from the start of frame to DLC; the last before DLC are RTR, IDE (r1 with 29 bits) and r0."""
+    """Return the bits from the start of frame to DLC; the bits before DLC are RTR, IDE (r1 with 29 bits) and r0."""
     return _identifier_bits(frame) + "000" + _to_bits(len(frame.data), 4)
 
 

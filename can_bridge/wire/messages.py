@@ -1,6 +1,6 @@
 """The four messages in engineering units. `contract/stillwake.dbc` defines each signal.
 
-The messages are named tuples: one is built for every frame, and building a frozen dataclass takes several times longer.
+A message is a named tuple, because one is built for every frame, and building a frozen dataclass takes far longer.
 """
 
 from enum import IntEnum

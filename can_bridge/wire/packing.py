@@ -17,13 +17,13 @@ UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
 """Exceptions of packing or rounding for a value out of range."""
 
 made: Final = tuple.__new__
-"""A function that builds a named tuple from all of its values in order. A call of the tuple's constructor in Python
-would take a sixth of a parser's time."""
+"""A function that builds a named tuple from all of its values in order. Calling the named tuple's own constructor would
+take a sixth of a parser's time."""
 
 _BYTE: Final = range(256)
 MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
 REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
-"""Members by their raw value, None for a value outside the DBC's table: faster than a call of the enum."""
+"""Members by raw value; None for a value outside the DBC's table. This look-up is faster than a call of the enum."""
 
 VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
 """Validity flags of the sensors, by the raw value of their bits."""

@@ -29,8 +29,8 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 
 
 def open_backend(config: BusConfig) -> tuple[can.BusABC, str]:
-    """Open the configured bus; return the bus and its interface's name in python-can, which python-can's own
-    configuration may select. Raises BusError, which states interface and channel, if the bus cannot be opened."""
+    """Open the configured bus, and return it with the name of its interface in python-can. Raises BusError, which
+    states interface and channel, if the bus cannot be opened."""
     _check_known(config.interface)
     # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
     try:
@@ -86,7 +86,7 @@ def _options(config: BusConfig) -> Mapping[str, Any]:
 
 
 def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
-    """Open the bus, with our own backend where python-can's fails on some received data."""
+    """Open the bus. Our own backends replace the backends of python-can that fail on some received data."""
     if interface == "udp_multicast":
         from can_bridge.bus.backends.udp_multicast import UdpMulticastBus
 

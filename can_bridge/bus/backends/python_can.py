@@ -80,7 +80,7 @@ def _dropped(fileno: int) -> int:
 
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
-"""Largest number of receptions that one call of `receive_all` reads, so that a flood of unusable frames ends."""
+"""Largest number of receptions that one call of `receive_all` reads, so that the call ends even in a flood of them."""
 
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
@@ -100,11 +100,11 @@ class PythonCanBus(OpenBus):
         """Take over an open python-can bus, which is closed together with this object.
 
         Args:
-            accept: identifiers to receive, as plain numbers of 11 bits; None for all 11-bit identifiers. python-can's
-                own filter would end a call that waits at the first frame that it drops.
+            accept: identifiers to receive (an int is an 11-bit identifier); None for all 11-bit identifiers. With
+                python-can's own filter, a waiting call would end at the first frame that the filter drops.
             is_classic: whether CAN FD frames are neither sent nor received.
             linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
-            keep: called with every frame that was sent or accepted, and with True for a received frame.
+            keep: called with each sent or accepted frame, and with whether the frame was received.
         """
         super().__init__(bus)
         self._accept = None if accept is None else {CanId(one) if isinstance(one, int) else one for one in accept}
@@ -149,8 +149,8 @@ class PythonCanBus(OpenBus):
 
     @property
     def overflows(self) -> int:
-        """The number of receptions that are known to be lost because a queue was full. Linux counts the losses of
-        `udp_multicast` and `socketcan`, and a SocketCAN controller reports its own."""
+        """The known number of receptions that were lost because a queue was full. Linux counts the losses of
+        `udp_multicast` and `socketcan`. A SocketCAN controller also reports the frames that it lost itself."""
         try:
             in_kernel = _dropped(self._bus.fileno())
         except (can.CanError, OSError, NotImplementedError):
@@ -158,8 +158,8 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """The CAN controller's health as far as it is known. It comes from SocketCAN's error frames that this object
-        receives, or from python-can's `state`: only its value ERROR (bus-off) means the same for all drivers."""
+        """Return the CAN controller's health as far as it is known: from SocketCAN's error frames that this object
+        receives, or from the value ERROR (bus-off) of python-can's `state`. Other values differ between drivers."""
         try:
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):
@@ -184,7 +184,7 @@ class PythonCanBus(OpenBus):
         self._keep(frame, False)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Return the next frame, or None in time. Raises BusError if the bus failed or delivers only garbage."""
+        """Return the next frame; None if none comes in time. Raises BusError if the bus failed or delivers garbage."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())

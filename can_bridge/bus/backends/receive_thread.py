@@ -13,7 +13,7 @@ POLL_S: Final = 0.05
 
 
 class ReceiveThread:
-    """A thread that reads a bus in its `with` block; close the bus afterwards. `fault` is the error that stopped it."""
+    """A thread that reads a bus in its `with` block; close the bus afterwards. `fault` is the error that ended it."""
 
     def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
         """Prepare the thread, which calls `deliver` with each frame; `deliver` must return without waiting."""

@@ -19,7 +19,7 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
-"""Groups of a received line: kind of 11 or of 29 bits, length code, data digits. A CANDapter sends `x` for `T`."""
+"""Groups of a received line: type of an 11-bit or a 29-bit frame, length code, data. A CANDapter sends `x` for `T`."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
 """Number of digits of the time stamp that an adapter can append to a line; ignored, because it wraps every minute."""
@@ -49,7 +49,7 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """A connection to an adapter. An unusable line raises `UnusableReceptionError`; the next call goes on after it."""
+    """A connection to an adapter. For an unusable line, it raises `UnusableReceptionError` and then continues."""
 
     _line_cut = False
 

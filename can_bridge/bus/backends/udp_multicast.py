@@ -1,7 +1,7 @@
 """CAN over UDP multicast: python-can's backend with our own parser.
 
 python-can 4.6 passes a datagram's values to `can.Message` without checking their types: `{"data": 2**30}` in 20 bytes
-allocates a gigabyte. The backend receives its own frames and, on Linux, frames of groups that other processes joined.
+allocates a gigabyte. Its backend receives its own frames and, on Linux, frames of groups that other processes joined.
 
 Equal datagrams are not treated as copies of one datagram: some senders send no time, and the sequence numbers of
 ISO-TP repeat every 16 frames. A datagram that stays on this machine arrives only once.
@@ -23,13 +23,13 @@ from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 
 try:
     # The library's C parser (1.1.2) leaks up to 4 KB for each truncated map that it has read.
-    from msgpack import fallback  # type: ignore[import-untyped]  # ships none
+    from msgpack import fallback  # type: ignore[import-untyped]  # has no types
 except ModuleNotFoundError:
     # msgpack is in the extra `bus`. Without msgpack, python-can does not open this bus, so nothing has to be parsed.
     fallback = None
 
 RECEIVE_QUEUE: Final = 1 << 22
-"""Size in bytes of the receive buffer that is requested from the kernel: about 5,000 datagrams, by default 256."""
+"""Size in bytes of the requested receive buffer, for about 5,000 datagrams; the kernel's default size holds 256."""
 
 _ECHOES: Final = 4096
 """Largest number of sent datagrams that are stored until their echoes come; the kernel's queue holds fewer."""
@@ -55,7 +55,7 @@ def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | 
     allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's time."""
     try:
         fields = fallback.unpackb(datagram)
-    except Exception:  # noqa: BLE001 - bytes from outside: whatever the library finds wrong with them
+    except Exception:  # noqa: BLE001 - invalid bytes may raise any error in the library
         return Rejection.GARBAGE
     if not isinstance(fields, dict) or not {"arbitration_id", "data"} <= fields.keys() <= _FIELDS:
         return Rejection.GARBAGE

@@ -41,8 +41,8 @@ class WrappedBus:
 
 
 class FrameArrivals:
-    """The arrival times of frames. A frame arrives at its time stamp if the stamp lies between the node's last two
-    readings of the bus, otherwise at the reading that found it, and never before a frame that was returned earlier."""
+    """A calculator of arrival times. A frame arrives at its time stamp if the stamp lies between the node's last two
+    readings of the bus, otherwise at the last reading. No frame arrives before a frame that was returned earlier."""
 
     def __init__(self) -> None:
         self._looked_ns = 0
@@ -77,7 +77,7 @@ class Span(Settings, section="span"):
 
 @dataclass(frozen=True, kw_only=True)
 class Instant(Span, section="instant"):
-    """An event that happens once, at `start_s`; the text of an event ends in @TIME."""
+    """An event that happens once, at `start_s`. An event written as text ends in @TIME."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,14 +125,14 @@ class SidedFault(FrameFault, section="sided_fault"):
     """A fault that acts on single frames in one direction."""
 
     at: Literal["send", "receive"] = "send"
-    """Whether the fault changes the frames that the node sends, for all receivers, or its copies of received frames."""
+    """Direction of the changed frames: "send" changes them for all receivers, "receive" for this node alone."""
 
     @abstractmethod
     def change(self, random: Random) -> Change:
         """Return a function from a frame to the frames that replace it; all random numbers come from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Replace the frames of one direction in the span; `acted` counts those that were changed, lost or copied."""
+        """Replace the frames of one direction in the span. `acted` counts the frames changed, lost or copied."""
         change = self.change(port.random)
 
         def changed(frame: Frame, t_ns: int) -> list[Frame]:

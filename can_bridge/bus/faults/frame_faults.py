@@ -1,7 +1,7 @@
 """Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
-the receiver's controller. For wrong bits on the bus a frame is repeated, and the error counters rise, up to bus-off.
+the receiver's controller. After wrong bits on the bus, the sender repeats the frame, and the error counters rise.
 """
 
 import heapq
@@ -78,8 +78,8 @@ class Duplicate(SidedFault, section="duplicate"):
 
 @dataclass(frozen=True, kw_only=True)
 class Delay(FrameFault, section="delay"):
-    """Frames wait in a queue, in their order, until their delay from the arrival (`FrameArrivals`) has passed. `acted`
-    counts the late frames."""
+    """Frames wait in a queue, in their order, until the delay since their arrival (`FrameArrivals`) has passed.
+    `acted` counts the late frames."""
 
     delay_s: NonNegative[float]
     """Smallest delay in s."""
@@ -116,8 +116,8 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames are delayed, then received in a random order; at the first reading after the span, all
-    frames that still wait are received. `acted` counts the frames that change places."""
+    """Groups of `window` frames wait, and are then received in random order. The first reading after the span receives
+    all waiting frames. `acted` counts the frames that change places."""
 
     window: Annotated[int, at_least(1)] = 2
 
@@ -160,11 +160,11 @@ class FlipBits(SidedFault, section="flip_bits"):
     bits: AtLeastOne[int] = 1
     """Number of different bits that are inverted in one frame. If a frame has fewer bits, all its bits are inverted."""
     before_crc: bool = False
-    """Whether the bits change before the end-to-end CRC is computed, so that it is valid for the wrong data; other
-    nodes' frames then stay unchanged. Otherwise the bits change in a driver, a gateway or the receiver's memory."""
+    """Whether the bits change before the end-to-end CRC is computed, so that the CRC fits the wrong data. Only
+    stillwake's messages then change. Otherwise the bits change in a driver, a gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
-        """Return the function; with `before_crc`, it raises BusError for an authenticated frame."""
+        """Return the function. With `before_crc`, the function raises BusError for an authenticated frame."""
         return lambda frame: [self._flipped(frame, random) if random.random() < self.probability else frame]
 
     def _flipped(self, frame: Frame, random: Random) -> Frame:
@@ -184,11 +184,11 @@ class StuckAt(SidedFault, section="stuck_at"):
     """A node repeats the data of the first frame of each identifier in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
-    """Whether counter and CRC are renewed in each frame, as if the application were stuck and the communication stack
-    not. Other nodes' frames stay unchanged. Otherwise the data stay equal, as in a buffer that is not refilled."""
+    """Whether counter and CRC are renewed in each frame, as if only the application were stuck. Only stillwake's
+    messages then change. Otherwise the whole data stay equal, as in a buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
-        """Return the function; with `counter_runs`, it raises BusError for an authenticated frame."""
+        """Return the function. With `counter_runs`, the function raises BusError for an authenticated frame."""
         first: dict[tuple[bool, int], bytes] = {}
 
         def change(frame: Frame) -> list[Frame]:
@@ -213,12 +213,12 @@ def _spec_of(frame: Frame) -> MessageSpec | None:
 
 
 def payload_bits(spec: MessageSpec) -> range:
-    """Return the positions of the message's bits after the header: 8 i + j for bit j of byte i; bit 0 is the lowest."""
+    """Return the positions of the message's bits after the header. Bit j of byte i has position 8 i + j."""
     return range(profile_of(spec).header_bits, 8 * spec.protected)
 
 
 def _reprotected(frame: Frame, data: bytes, spec: MessageSpec) -> Frame:
-    """Return the frame with `data`, with its old counter and with a valid CRC."""
+    """Return the frame with new data, the frame's own counter and a valid CRC."""
     profile = profile_of(spec)
     protected = profile.protect(data, data_id=spec.data_id, counter=profile.counter_of(frame.data))
     return replace(frame, data=protected)
@@ -233,8 +233,8 @@ class WireErrors(Span, section="wire_errors"):
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()
-    """Names of the ports at which the bits are wrong; empty for all ports. As the bus's `corrupts`, the fault acts on
-    the frames that these ports send, for all nodes; as `mishears`, only on the frames that these ports receive."""
+    """Names of the ports at which bits are wrong; empty for all ports. A fault passed as `corrupts` changes frames that
+    these ports send, for all nodes. A fault passed as `mishears` changes frames only where these ports receive them."""
     frame_ids: tuple[int, ...] = ()
     """See `FrameFault.frame_ids`."""
 

@@ -15,15 +15,15 @@ MOST_BABBLED: Final = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class Disconnect(BusFault, section="disconnect"):
-    """The node sends and receives nothing. `acted` counts the frames lost in both directions. Frames that a
-    `device_gone` node had already received are delivered after the span."""
+    """The node sends and receives nothing. `acted` counts the frames lost in both directions. Frames that arrived
+    before a "device_gone" span and were not read yet are delivered after the span."""
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
     """Kind of the fault. "open_wire": the bus is silent, and the node sees no error when it sends. "device_gone": every
     call raises BusError, as with an unplugged adapter."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Lose the frames of the span. Both functions raise BusError while the device is gone."""
+        """Discard the frames of the span. Both functions raise BusError while the device is gone."""
         kept: list[Frame] = []
 
         def send(frame: Frame) -> None:
@@ -81,9 +81,9 @@ class SlowConsumer(BusFault, section="slow_consumer"):
 class ClockDrift(BusFault, section="clock_drift"):
     """A clock that runs fast or slow, or has a constant offset. At the span's end it jumps back to the true time.
 
-    On a bus, the fault replaces the stamps of the frames that the node receives by this clock's time. A node whose own
-    clock drifts also reads its time through `local_ns`; if it does not, stamps and time disagree, as with an adapter
-    that has a separate clock. `acted` counts the frames with a changed stamp.
+    On a bus, the fault stamps the frames that the node receives with this clock's time. To simulate a node whose own
+    clock drifts, read the node's time through `local_ns`. Otherwise stamps and time disagree, as with an adapter that
+    has a separate clock. `acted` counts the frames with a changed stamp.
     """
 
     ppm: Annotated[float, Rule(wording="above -10^6", holds=lambda value: value > -1e6)] = 0.0
@@ -115,8 +115,8 @@ class ClockDrift(BusFault, section="clock_drift"):
 class Babble(BusFault, section="babble"):
     """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
-    Each call of the port first sends the frames that are due since the previous call, until the bus refuses one; the
-    others are not sent later. A node that only babbles needs a separate port, which has to be called often.
+    Each call of the port first sends the frames that became due since the previous call. If the bus refuses a frame,
+    the remaining frames are discarded. A node that only babbles needs a separate port, and must call this port often.
     """
 
     frame_id: NonNegative[int] = 0

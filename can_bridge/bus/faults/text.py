@@ -30,14 +30,14 @@ _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> BusFault:
-    """Return the fault that a text describes. Raises ConfigError, which states the text and the part that is unknown,
-    missing, of another type or out of its bounds."""
+    """Return the fault that a text describes. Raises ConfigError, with the text and its wrong part, if a part is
+    unknown, missing, of another type or out of its bounds."""
     return parse_described(text, BUS_FAULTS, "fault")
 
 
 def parse_described(text: str, kinds: Mapping[str, type[S]], noun: str) -> S:
-    """Return the value that a text describes. The value's class is one of `kinds`, by name. Raises ConfigError as
-    `parse_fault` does; error messages use `noun` as the word for these classes."""
+    """Return the value that a text describes. `kinds` has the possible classes by name; error messages call the value
+    a `noun`. Raises ConfigError as `parse_fault` does."""
     described = f"{noun} {text!r}"
     head, at, span = text.partition("@")
     name, colon, parameters = head.partition(":")

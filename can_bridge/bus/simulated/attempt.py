@@ -3,8 +3,8 @@ confinement: its two error counters and three states.
 
 The functions are pure: from the senders and the wrong bits, they compute a verdict for each node, and the number of
 bits that the attempt occupies. The source of fault confinement is ISO 11898-1:2015; the rules have the numbers of the
-Bosch specification (CAN Specification 2.0, part B, chapter 8), which is free to read. Rules 4 to 6, for a flag that is
-not seen and for many dominant bits after it, are not simulated.
+Bosch specification (CAN Specification 2.0, part B, chapter 8), which is free to read. Rules 4 to 6 (bit errors in a
+flag, many dominant bits after a flag) are not simulated.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,7 @@ FLAG: Final = 6
 """Number of bits of an error flag."""
 ERROR_FLAGS: Final = 12
 """Number of bits of an error flag and the flags that answer it, for every error except a missing acknowledgement. The
-answers begin when the flag has broken the rule of stuff bits, at the latest after its sixth bit."""
+answers begin when the flag violates the rule of bit stuffing, at the latest after its sixth bit."""
 DELIMITER: Final = 8
 
 T = TypeVar("T")
@@ -71,8 +71,8 @@ class FaultConfinement:
         return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
 
     def transmit_error(self) -> "FaultConfinement":
-        """Apply rules 3 and 10: a sender of an error flag adds 8 to TEC, and is bus-off from 256 on. The second
-        exception of rule 3, a recessive stuff bit of the identifier that is seen dominant, changes no counter."""
+        """Apply rules 3 and 10: a sender of an error flag adds 8 to TEC, and is bus-off from 256 on. In the second
+        exception of rule 3 (a recessive stuff bit of the identifier is seen dominant), no counter changes."""
         counted = self.tx_errors + ERROR_STEP
         goes_off = counted >= OFF_FROM and not self.is_off
         return replace(self, tx_errors=counted, is_off=self.is_off or goes_off, times_off=self.times_off + goes_off)
@@ -161,7 +161,7 @@ def resolve(
 
     Args:
         receivers: all other active nodes; the value states whether the node is error-passive.
-        misheard: receivers that each see one wrong bit that no other node sees, and the bit's position.
+        misheard: position of the wrong bit for each receiver that sees a wrong bit which no other node sees.
         disturbed: position of the bit that all nodes see inverted. Positions are counted from the start of frame; a
             position after the end of frame means the last bit.
     """

@@ -20,8 +20,8 @@ DRIFT_PPM: Final = 200
 
 
 class BackgroundNode:
-    """A node that sends each message at the message's offset from now and then once in each period of the message's
-    clock, late by at most the message's jitter. `SimulatedPort.refused` counts the frames that the bus refuses.
+    """A node that sends periodic messages. Each message starts at its offset from now, repeats by its own clock, and is
+    late by at most its jitter. `SimulatedPort.refused` counts the frames that the bus refuses.
 
     Args:
         seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.

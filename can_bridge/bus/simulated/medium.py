@@ -9,7 +9,7 @@ frame, stamped with this time, and the sender removes the frame from its queue. 
 Time passes only in `advance_to` and `advance_until`, and jumps from event to event. A frame that begins at the present
 time waits until time passes, because other nodes can still send at that instant and take part in the arbitration.
 
-Two functions that the caller passes state which bits are wrong; all other faults wrap a port. Remote frames, overload
+The caller passes two functions that state which bits are wrong; all other faults wrap a port. Remote frames, overload
 frames and phase differences are left out: all nodes begin a frame in the same nanosecond.
 """
 
@@ -32,7 +32,7 @@ returns the index of the inverted bit; None if no bit is inverted."""
 
 SUSPEND: Final = 8
 """Number of bits for which an error-passive node waits after its own frame before its next frame. If another node
-begins a frame meanwhile, the waiting node may send after that frame, whose end always comes later."""
+begins a frame meanwhile, the waiting node may send right after that frame, because the frame outlasts the wait."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +80,8 @@ class SimulatedBus:
         capture: called with every frame sent over the bus, stamped with the end of frame, in the order of time.
         observe: called with a `Transmission` for each frame sent over the bus.
         corrupts: returns the bit that is wrong for all nodes; called once for each attempt, with the sender's name. A
-            position after the frame means the frame's last bit, which receivers no longer check, so that they accept
-            the frame twice.
+            position after the frame means the frame's last bit. Receivers do not check this bit, so they accept the
+            frame, and accept its repetition too.
         mishears: returns the bit that only one receiver sees wrong; called once for each attempt and each receiver,
             with the receiver's name.
     """
@@ -141,8 +141,8 @@ class SimulatedBus:
         self.advance_until(t_ns, lambda: False)
 
     def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
-        """Advance the time as `advance_to` does, but only to the first event after which `stop()` is true; return
-        whether there was one."""
+        """Advance the time as `advance_to` does, but end after the first event after which `stop()` is true. Return
+        whether `stop()` was true."""
         if t_ns < self.now_ns:
             raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
         while (due := self._next_event()) is not None and due[0] <= t_ns:

@@ -22,11 +22,11 @@ class Queued(NamedTuple):
 
 TRANSMIT_CAPACITY: Final = 64
 RECEIVE_CAPACITY: Final = 4096
-"""Largest numbers of frames in a node's two queues."""
+"""Largest numbers of frames in a node's transmit queue and in its receive queue."""
 
 
 class Recovery(NamedTuple):
-    """The recovery from bus-off: how many sequences of eleven recessive bits are missing, counted from `since_ns`."""
+    """The recovery from bus-off: `left` sequences of eleven recessive bits are missing, counted from `since_ns`."""
 
     left: int
     since_ns: int
