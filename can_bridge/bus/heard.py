@@ -16,7 +16,7 @@ SILENCE_S: Final = 1.0
 
 
 class Heard(Counter[tuple[int, int]]):
-    """Counts of the frames since the last report, by identifier and length."""
+    """A counter of the frames since the last report, by identifier and length."""
 
     def add(self, frames: Iterable[Frame]) -> None:
         for frame in frames:

@@ -87,8 +87,8 @@ class Segment:
         self._begun = b""
 
     def take(self) -> Calibration | None:
-        """Return the values in force if a page was written or selected since the last call, otherwise None. A thread
-        that does not write may call this method, because a set of values is replaced as a whole."""
+        """Return the values in force if a page was written or selected since the last call, otherwise None. The caller
+        may be another thread than the writer, because a set of values is replaced as a whole."""
         values = self.in_force
         # Equal values can differ in the sign of a zero, which a tool can measure.
         if values is self._taken:

@@ -83,7 +83,7 @@ def frames_of(
     if len(present) > 1:
         names = " and ".join(f"{one.pressure.spec.name} (0x{one.pressure.spec.frame_id:x})" for one in present)
         raise DatasetError(
-            f"{path}: holds {names}; choose one with --set bus.frames=fd or classic (and bus.key for the secured ones)"
+            f"{path}: holds {names}; choose with --set bus.frames=fd or classic (and bus.key for secured messages)"
         )
     pressure, command = present[0].pressure.spec, present[0].command.spec
     if command.frame_id not in bus.kept:

@@ -79,7 +79,7 @@ class Cutter:
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
         if not len(whole):
-            self._note(f"{len(table) - 1} rows {self._at(clock, 1)} have no complete speed: left out")
+            self._note(f"none of the {len(table) - 1} rows {self._at(clock, 1)} is complete: left out")
             return
         # Missing rows at the ends are not gaps: the log began before the ECU, or ended between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
@@ -162,8 +162,8 @@ class Cutter:
 
 def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
     """Return the piece with rows at equal distances travelled, `period` body lengths apart, as in the ECU's window.
-    Pressures are interpolated linearly. In the period after each row, the jets move linearly from the previous row's
-    action to the row's own (`contract.recording`)."""
+    Pressures are interpolated linearly. In the period after a row, the jets move linearly from the action of the
+    previous row to the action of this row (`contract.recording`)."""
     way = travel.at(np.append(piece.time_s, 2 * piece.time_s[-1] - piece.time_s[-2]))
     first = int(np.ceil(way[0] / period - _SAME))
     wanted = period * np.arange(first, int(way[-2] / period + _SAME) + 1, dtype=np.float64)

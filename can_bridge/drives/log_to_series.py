@@ -2,7 +2,7 @@
 
 A short gap is interpolated linearly. A long gap ends a piece, because an episode is one uninterrupted recording.
 
-If the log has the vehicle's speed, the coefficients are computed from it row by row. If the recorded rows are not a
+If the log has the vehicle's speed, each row's coefficients are computed from this speed. If the recorded rows are not a
 control period apart in convective time, new rows are interpolated from them, as in the ECU's window.
 """
 
@@ -29,9 +29,9 @@ _OTHER_PERIOD: Final = 0.2
 """Largest relative difference between the control period and the median time from one frame to the next."""
 _DRIFT: Final = 1e-3
 """Largest relative difference between the sender's period and the control period, as in tables with times
-(`contract.recording.findings`); quartz clocks differ by a tenth of it. Rows with a larger difference are resampled."""
+(`contract.recording.findings`). Quartz clocks differ ten times less. Rows with a larger difference are resampled."""
 _OUTSIDE: Final = 0.05
-"""Largest distance of the control period from the periods that fit the log's speeds, as a share of the nearest one."""
+"""Largest relative difference between the control period and the nearest period that fits the log's speeds."""
 _CONTRADICTS: Final = 0.01
 """Largest relative difference between a setting and the log; above zero, because the vehicle's value has an error."""
 _STANDS: Final = 0.2
@@ -222,9 +222,9 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
     slow, usual, fast = speeds.speed.min() * step, median * step, speeds.speed.max() * step
     if not slow * (1 - _OUTSIDE) <= scales.period <= fast * (1 + _OUTSIDE):
         raise DatasetError(
-            f"{path}: its pressures are {period_s * 1e3:.4g} ms apart, which at the {median:g} m/s of its VehicleSpeed "
-            f"frames is a control period of {usual:.4g} W / U_inf, and flow.control_period is {scales.period:g} (at "
-            f"the {scales.point.speed:g} m/s of operating_point.speed it would be "
+            f"{path}: its pressures are {period_s * 1e3:.4g} ms apart, and at the {median:g} m/s of its VehicleSpeed "
+            f"frames this is a control period of {usual:.4g} W / U_inf; but flow.control_period is {scales.period:g} "
+            f"(at the {scales.point.speed:g} m/s of operating_point.speed, the period would be "
             f"{period_s / scales.point.convective_time:.4g}): give --set flow.control_period={usual:.4g}"
         )
     return point
@@ -249,8 +249,8 @@ def _moves(speed: Array, period_s: float, scales: Scales) -> Mask:
 def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
     if abs(interval_s / scales.period_s - 1.0) > _OTHER_PERIOD:
         raise DatasetError(
-            f"{path}: its pressures are {interval_s * 1e3:.4g} ms apart, the control period is "
-            f"{scales.period_s * 1e3:.4g} ms; it is flow.control_period times W / U_inf: give the drive's "
+            f"{path}: its pressures are {interval_s * 1e3:.4g} ms apart, but the control period is "
+            f"{scales.period_s * 1e3:.4g} ms, which is flow.control_period times W / U_inf: give the drive's "
             f"operating_point.width and .speed with --set"
         )
 

@@ -20,7 +20,7 @@ _SHORTEST_S: Final = 0.1
 _STARTS: Final = 10
 """Largest number of short spans at the beginning of a log that are left out as wrong (see `vehicle_speeds`)."""
 _SLOWEST: Final = 1e-3
-"""Smallest speed in m/s in the distance travelled, which must increase even while the vehicle is stationary."""
+"""Smallest speed in m/s for computing the distance travelled, which must increase even while the vehicle stands."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class VehicleSpeeds:
     Attributes:
         time_s: times of measurement in s on the log's clock, increasing, (n,).
         density: density of the air in kg/m3, (n,); NaN if the vehicle does not state it.
-        oldest_s: longest time in s before or after its measurement at which a speed is used.
+        oldest_s: longest time in s, before or after its measurement, for which a speed is used.
         left_out: number of speeds in the frames that are implausible or repeated.
     """
 

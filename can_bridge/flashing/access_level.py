@@ -1,4 +1,4 @@
-"""The security levels of diagnosis: the store counts failed attempts for each, and the UDS server asks for its key."""
+"""The security levels of diagnosis. Each level has its own key, and the store counts failed attempts for each level."""
 
 from enum import IntEnum
 

@@ -22,8 +22,8 @@ class MediumError(BusError):
 T = TypeVar("T")
 
 Long = Generator[None, None, T]
-"""A long operation in parts. Between two parts the caller can answer frames or give up. A part takes at most a few tens
-of milliseconds on a controller. The generator's return value is the result."""
+"""A generator that executes a long operation in parts. Between two parts the caller can answer frames or give up. A
+part takes at most a few tens of milliseconds on a controller. The generator's return value is the result."""
 
 
 def at_once(work: Long[T]) -> T:

@@ -16,7 +16,7 @@ class BootReason(InWords):
     """An activated image that has not been confirmed yet."""
     REVERTED = 3, "confirmed; the release on trial was rejected"
     """The image on trial failed a check or was not confirmed in time."""
-    FALLBACK = 4, "the release before; the confirmed release is damaged"
+    FALLBACK = 4, "the previous release; the confirmed release is damaged"
     NO_RELEASE = 5, "every release is damaged or missing"
     """No image passed its checks: the jets stay shut, and a release can be flashed."""
 

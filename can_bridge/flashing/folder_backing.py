@@ -1,6 +1,6 @@
 """A store's memory in a folder, for an ECU with a file system: a file for each record and each slot.
 
-A record is replaced by a temporary file that is synchronised before it is renamed; then the folder is synchronised.
+To replace a record, a temporary file is written, synchronised and renamed. Then the folder is synchronised.
 """
 
 import errno

@@ -127,7 +127,7 @@ def decode_calibrations(raw: bytes) -> dict[str, bytes]:
             kept[digest.hex()] = raw[at : at + length]
             at += length
     except struct.error as error:
-        raise ValueError(f"calibrations: {len(raw)} bytes, of which the last are missing") from error
+        raise ValueError(f"calibrations: {len(raw)} bytes, and the last bytes are missing") from error
     if encode_calibrations(kept) != raw:
         raise ValueError(f"calibrations: {len(raw)} bytes: must begin with {_MAGIC.decode()}")
     return kept

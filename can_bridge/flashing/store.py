@@ -180,7 +180,7 @@ class Store(Remembered):
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
                 # Such a release would not boot again. Its confirmation may raise the least security version above the
                 # version of the previous release: the previous release would then not boot either.
-                raise OutOfOrderError("the key that signed the release on trial is not in the list: revert it")
+                raise OutOfOrderError("the key list lacks the key that signed the release on trial: revert the release")
             self._confirm(slot)
 
     def _confirm(self, slot: Slot) -> None:
@@ -195,9 +195,9 @@ class Store(Remembered):
         )
 
     def revert(self) -> Long[Verdict]:
-        """Select another release for the next reset: during a trial the confirmed release, otherwise the confirmed
-        release in the slot that does not run. Returns GOOD, or the reason why the selected release may no longer run;
-        then nothing changes. Raises OutOfOrderError if there is no release to select."""
+        """Select the release that the next reset starts: during a trial the confirmed release, otherwise the confirmed
+        release in the slot that does not run. Returns GOOD, or the reason why this release may no longer run; then
+        nothing changes. Raises OutOfOrderError if there is no release to select."""
         trial, active = self.state.on_trial, self.state.active
         if trial is not None:
             self.keep_slot(trial, _given_up(self.state.slots[trial]))
@@ -235,8 +235,8 @@ class Store(Remembered):
         self.keys = listed
 
     def keep_calibration(self, blob: bytes | None) -> None:
-        """Store a calibration for the running release; None removes it. Calibrations of releases in no slot are lost.
-        Raises OutOfOrderError if no release runs; ConfigError for a calibration that is empty or too long."""
+        """Store a calibration for the running release; None removes it. Calibrations of releases that are in no slot
+        are removed. Raises OutOfOrderError if no release runs; ConfigError for an empty or too long calibration."""
         if self.running is None:
             raise OutOfOrderError("no release for the calibration: a release must run")
         running = self.state.slots[self.running].digest

@@ -50,7 +50,7 @@ class Consecutive(NamedTuple):
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: the number of frames until the next answer (0: all), and their separation in ns."""
+    """The receiver's answer: the number of frames until its next answer (0 for all), and their separation in ns."""
 
     status: FlowStatus | None
     block_size: int

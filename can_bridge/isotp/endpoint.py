@@ -69,7 +69,7 @@ class _Reception:
             self.abort()
 
     def first(self, now_ns: int, part: First) -> FlowStatus:
-        """Begin a message, which replaces an incomplete message; return the flow status with which to answer."""
+        """Begin to receive a message, in place of an incomplete one; return the flow status of the answer."""
         self.abort()
         if part.length > MAX_MESSAGE:
             return FlowStatus.OVERFLOW
@@ -138,7 +138,7 @@ class _Transmission:
         return self._state is not _State.IDLE
 
     def begin(self, message: bytes) -> None:
-        """Begin a message; no other message may be in progress."""
+        """Begin to send a message; no other message may be in progress."""
         self.message = message
         self._state = _State.READY
 

@@ -31,7 +31,7 @@ _DIRECTIONS: Final = ("rx", "tx", "txrq")
 _NUMERIC: Final = "0123456789+-("
 """Characters with which a line of data can begin; no header line begins with them."""
 _TRAILING: Final = 6
-"""Smallest number of numbers that follow the data bytes in a CAN FD line; version 8 writes two more."""
+"""Smallest count of numbers that follow the data bytes in a CAN FD line; version 8 writes two more."""
 _FLAGS: Final = 2
 """Index of the flags among the numbers after the bytes."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
@@ -50,7 +50,7 @@ _EVENTS: Final = {
     "overloadframe": "overload frame",
     "j1939tp": "J1939 transport",
 }
-"""Names of the events that are not frames, by the first word of the line."""
+"""Names of the events, by the first word of the line."""
 
 
 def read_asc(lines: entries.Lines) -> Iterator[Entry]:
@@ -128,8 +128,8 @@ class _Clock:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:
                 raise ValueError(
-                    f"its time goes back from {self._latest:.6f} to {time_s:.6f} s with a trigger block, whose date "
-                    f"{quoted(self._date.strip(), 60)} does not state by how much"
+                    f"its time goes back from {self._latest:.6f} to {time_s:.6f} s with a trigger block, but the date "
+                    f"{quoted(self._date.strip(), 60)} of the block does not explain this"
                 )
             self.offset_s = since
         self._is_new, self._has_frames = False, True

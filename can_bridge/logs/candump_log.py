@@ -88,12 +88,12 @@ class _Clock:
         return time_s
 
     def check(self) -> None:
-        """Raise ValueError if too many frames are not later than the frames before: such times are differences."""
+        """Raise ValueError if too many frames are not later than the previous frame: such times are differences."""
         if self._not_later > _LATE * self._count:
-            raise self._differences(f"{self._not_later} of {self._count} frames are not later than the one before")
+            raise self._differences(f"{self._not_later} of {self._count} frames are not later than the previous frame")
 
     def _differences(self, why: str) -> ValueError:
-        return ValueError(f"{why}: the times count from the line before, as `candump -t d` writes them; {_REMEDY}")
+        return ValueError(f"{why}: the times count from the previous line, as `candump -t d` writes them; {_REMEDY}")
 
 
 def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:

@@ -17,7 +17,7 @@ HEADER_LINE: Final = "header"
 COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """Event name of a node's request to send a frame. The frame itself is another entry, or was never sent."""
-NOT_OURS: Final = "frame with a name that is not stillwake's"
+NOT_OURS: Final = "frame with a name that stillwake does not use"
 """Event name of a frame that has a name in place of an identifier, if no message of ours has this name."""
 XL: Final = "CAN XL frame"
 

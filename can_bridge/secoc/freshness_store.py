@@ -48,7 +48,7 @@ class FreshnessStore:
         return Authentication(key=key, trip=self._trip, heard=self._heard)
 
     def accepted(self, frame_id: int, freshness: int) -> None:
-        """Note the value that a receiver accepted last; raises StillwakeError if the file cannot be written."""
+        """Note the newest value that a receiver accepted; raises StillwakeError if the file cannot be written."""
         kept = self._heard.get(frame_id, 0)
         if freshness >> 32 != kept >> 32 or freshness - kept >= self._every:
             self._keep(self._trip, {**self._heard, frame_id: freshness})

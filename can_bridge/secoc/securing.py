@@ -84,7 +84,7 @@ class VerifierState:
     Attributes:
         freshness: freshness value of the latest accepted frame; 0 before the first accepted frame.
         not_authentic: number of frames refused because of their length or MAC.
-        not_fresh: number of authentic frames that were repeated or recorded earlier, by their freshness value.
+        not_fresh: number of authentic frames whose freshness value is old: they were repeated or recorded earlier.
     """
 
     freshness: int = 0

@@ -45,7 +45,7 @@ class Asking:
     def __init__(
         self, client: Client, *, key: KeyOf | None, clock: Callable[[], float], sleep: Callable[[float], None]
     ) -> None:
-        """Configure the client, whose connection must be open; `key` is needed to unlock a level; times are in s."""
+        """Configure the client; its connection must be open. `key` is needed to unlock a level. Times are in s."""
         self._client = client
         self._clock = clock
         self._sleep = sleep
@@ -69,7 +69,7 @@ class Asking:
         self._ask(f"write {did.name.lower()}", lambda: self._client.write_data_by_identifier(int(did), value))
 
     def routine(self, routine: Routine, option: bytes = b"") -> bytes:
-        """Start a routine and return its status record. Raises NotNowError for CONDITIONS_NOT_CORRECT."""
+        """Start a routine and return its status record. Raises NotNowError if the vehicle's state forbids it."""
         step = f"run {routine.name.lower()}"
         found = self._in_good_state(step, lambda: self._client.start_routine(int(routine), option or None))
         return bytes(found.service_data.routine_status_record)
@@ -93,13 +93,13 @@ class Asking:
                     continue
                 if refused.code == Nrc.INVALID_KEY:
                     raise AccessError(
-                        f"the ECU refused the key for {level.name.lower()}: it must be the ECU's; name its file with "
-                        f"--access"
+                        f"the ECU refused the key for {level.name.lower()}: it must be the ECU's key; name its file "
+                        f"with --access"
                     ) from refused
                 if refused.code == Nrc.EXCEEDED_ATTEMPTS:
                     raise AccessError(
                         "the ECU refused the key, and accepts no key for 10 s after several wrong keys; wait, and name "
-                        "its key file with --access"
+                        "the ECU's key file with --access"
                     ) from refused
                 if refused.code != Nrc.DELAY_NOT_EXPIRED:
                     raise

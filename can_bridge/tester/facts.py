@@ -33,7 +33,7 @@ class EcuFacts:
 
 
 def read_facts(asking: Asking) -> EcuFacts:
-    """Read all properties. Raises RefusedError if the ECU does not report one; BusError for a damaged report."""
+    """Read all properties. Raises RefusedError if the ECU lacks a property; BusError for a damaged report."""
     return EcuFacts(
         hardware=_text(asking, Did.HARDWARE),
         serial_number=_text(asking, Did.SERIAL_NUMBER),
@@ -68,18 +68,18 @@ def _misfits(release: Bundle, length: int, facts: EcuFacts) -> Iterator[str]:
     if release.signer is None:
         yield "is not signed, and an ECU accepts only signed bundles: `stillwake bundle sign` signs it"
     if manifest.hardware not in (None, facts.hardware):
-        yield f"is for hardware {manifest.hardware}, the ECU is {facts.hardware}"
+        yield f"is for hardware {manifest.hardware}, but the ECU has {facts.hardware}"
     if facts.dbc_sha256 != dbc_sha256():
         yield (
-            f"is for the stillwake.dbc {dbc_sha256()[:12]}, the ECU has {facts.dbc_sha256[:12]} (stillwake "
+            f"is for the stillwake.dbc {dbc_sha256()[:12]}, but the ECU has {facts.dbc_sha256[:12]} (stillwake "
             f"{facts.software_version}): `stillwake bundle renew` of that version makes a bundle for it"
         )
     if period_ns != facts.period_ns:
-        yield f"has a control period of {period_ns / 1e6:g} ms, the ECU {facts.period_ns / 1e6:g} ms"
+        yield f"has a control period of {period_ns / 1e6:g} ms, but the ECU has {facts.period_ns / 1e6:g} ms"
     if manifest.security_version < least:
-        yield f"has security version {manifest.security_version}, the ECU accepts {least} or greater"
+        yield f"has security version {manifest.security_version}, but the ECU accepts {least} or greater"
     if length > facts.capacity:
-        yield f"has {length} bytes, the ECU has room for {facts.capacity}"
+        yield f"has {length} bytes, but the ECU has room for {facts.capacity}"
 
 
 _ENTERED = Status.PENDING | Status.CONFIRMED | Status.TEST_FAILED

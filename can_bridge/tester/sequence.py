@@ -181,7 +181,7 @@ class _Flashing:
         return transferred
 
     def _activate(self) -> bool:
-        """Activate the image for the next reset; return whether it already runs."""
+        """Activate the image for the next reset; return whether the image already runs."""
         try:
             in_programming(self.asking, Routine.ACTIVATE)
         except RefusedError as refused:

@@ -48,7 +48,7 @@ class BlockLength:
             self._longest = min(2 * self._longest, self._limit)
 
     def lost(self) -> None:
-        """Shorten the blocks after a block or its answer was lost."""
+        """Shorten the blocks, because a block or the answer to it was lost."""
         self._good = 0
         self._longest = max(BLOCK_STEP, self._longest // 2 // BLOCK_STEP * BLOCK_STEP)
 
@@ -198,8 +198,8 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
-    """Replace the key list; return the version of the old list, 0 for none, and of the new list. Raises WrongKeysError
-    if the ECU rejects the new list; FlashError if it may not be written now or the ECU does not answer."""
+    """Replace the key list; return the versions of the old list (0 if there was none) and of the new list. Raises
+    WrongKeysError if the ECU rejects the new list; FlashError if it refuses the list for now or does not answer."""
     before = _version(asking)
     enter_programming(asking)
     wrong = messages.WrongKeysError(

@@ -126,8 +126,8 @@ def background(bus: BusConfig) -> BackgroundTraffic:
 
 def made_up(load: float, bus: BusConfig, *, seed: int) -> tuple[PeriodicMessage, ...]:
     """Return messages that fill the share `load` of the bus with their longest frames, until the next random message
-    does not fit. Messages with shorter periods have higher priorities. Of two or more messages, the first has a higher
-    priority than all of ours and the last a lower priority. Raises ConfigError for less than one message."""
+    does not fit. Messages with shorter periods have higher priorities. If there are two or more, the first has a higher
+    priority than all our messages, and the last has a lower priority. Raises ConfigError if no message fits."""
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
     if not drawn:

@@ -41,7 +41,7 @@ class MessageTiming:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """The worst case of a message.
+    """The worst-case response of a message.
 
     Attributes:
         blocking_ns: time of the longest frame of lower priority, B.
@@ -116,7 +116,7 @@ def _response(own: MessageTiming, higher: _Rhythms, blocking: int, bit_ns: int) 
 
 
 def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
-    """Return the longest time in ns of a blocking frame and then these messages without a break; None if unbounded."""
+    """Return the longest time in ns for which a blocking frame and these messages fill the bus; None if unbounded."""
     load = sum((Fraction(busy, period) for (period, _), busy in rhythms.items()), Fraction(0))
     # With a load of 1 the busy period ends only without blocking and jitter. With a smaller load it always ends.
     if load > 1 or (load == 1 and (blocking or any(jitter for _, jitter in rhythms))):

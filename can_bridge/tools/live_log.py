@@ -60,7 +60,7 @@ def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
 
 
 class _Log:
-    """A thread that writes frames; `fault` is the error that ended it."""
+    """A thread that writes frames. `fault` is the error that ended the thread."""
 
     def __init__(self, stream: Path) -> None:
         self.fault: OSError | None = None

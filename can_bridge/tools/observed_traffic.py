@@ -83,7 +83,7 @@ class Traffic:
         if self.decoded is None:
             return
         spec = self.decoded.spec
-        # The data of a frame in the wrong format (CAN FD or classic) are not for the end-to-end check.
+        # A frame in the wrong format (CAN FD or classic) has to fail the end-to-end check, so its data are removed.
         whole = frame if frame.is_fd == spec.is_fd else replace(frame, data=b"")
         if spec.is_secured:
             before, self.verifier = self.verifier, verified(self.verifier, (whole,), spec=spec, key=self._key).state

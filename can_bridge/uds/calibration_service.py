@@ -25,8 +25,8 @@ class CalibrationService:
 
     Args:
         kept: returns the values stored for the running release, or None.
-        keep: stores values, or deletes the stored values (None); may raise MediumError, or OutOfOrderError while the
-            slot is written.
+        keep: stores values; None deletes the stored values. May raise MediumError, or OutOfOrderError while the slot is
+            written.
         refusal: returns the reason why nothing may be stored now, or None. While jets are enabled, writing a flash
             memory could take longer than a control period. The values in force may always be changed.
     """

@@ -95,7 +95,7 @@ class EcuServices:
             return
         if value == self._taken_keys:
             return
-        # Verifying a signature takes a large part of a control period, so the ECU must allow programming now.
+        # Verifying a signature takes a large part of a control period, so it needs the conditions for programming.
         self._check_preconditions()
         with as_refusals():
             self._store.take_keys(value)

@@ -8,7 +8,7 @@ format, with lengths in bytes:
     "SWF1" (4); for each code, in the order of `CODES`: status (1), age (1), 1 with a snapshot (1), snapshot; CRC-32 (4)
 
 The record is written only while no jet can run, and only if it differs from the stored record. In a cycle it is written
-at most once for each code that fails, once for the first pass, and once when codes are cleared.
+at most once for each code that fails, once when tests first pass, and once when codes are cleared.
 """
 
 import struct

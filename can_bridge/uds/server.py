@@ -98,7 +98,7 @@ class UdsServer:
         return self._job is not None and self._job.service == Service.TRANSFER
 
     def look(self, now_ns: int, *, in_transit: bool) -> None:
-        """End the session if there was no request during the time S3; call this before each reading of the bus. The
+        """End the session if there was no request for the time S3. Call this method before each reading of the bus. The
         session continues while a request is processed, or a message is `in_transit` in either direction (ISO 14229-2).
         """
         now_ns = self._at(now_ns)

@@ -19,7 +19,7 @@ MAX_REQUEST: Final = 4095
 LONGEST_ANSWER: Final = 768
 """Largest length in bytes of an answer with several identifiers; a single identifier is always answered."""
 BESIDE: Final = 24
-"""Largest total length in bytes of unsent answers with which a new request is not refused as busy."""
+"""Number of unsent answer bytes above which a new request is refused as busy."""
 POSITIVE: Final = 0x40
 """Difference between a positive response's first byte and the service's identifier."""
 NEGATIVE: Final = 0x7F
@@ -132,7 +132,7 @@ class Did(IntEnum):
     CALIBRATION_LIMITS = 0xFD11
     """The least allowed values, the greatest allowed values and the release's own values: three packed calibrations."""
     CALIBRATION_STORED = 0xFD12
-    """Writing 1 stores the values in force; 0 restores the release's values. Reading returns whether any are stored."""
+    """Writing 1 stores the values in force; 0 restores the release's values. Reading returns 1 if values are stored."""
 
 
 class Refused(Exception):  # noqa: N818  (a negative response is an answer, no error)

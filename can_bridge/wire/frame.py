@@ -22,7 +22,7 @@ class Frame:
 
     Attributes:
         frame_id: 11 bits, or 29 bits if the identifier is extended; the smaller identifier wins arbitration.
-        data: 0 to 8 bytes, or, in a CAN FD frame, one of `FD_LENGTHS`.
+        data: 0 to 8 bytes; in a CAN FD frame, a length from `FD_LENGTHS`.
         timestamp_ns: time of sending or reception in ns, on the clock of the sender or receiver.
     """
 

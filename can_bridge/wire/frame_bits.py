@@ -100,7 +100,7 @@ def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
 
 
 def is_arbitration_bit(frame: Frame, position: int) -> bool:
-    """Return whether a dominant bit of a smaller identifier may replace a recessive bit there without an error."""
+    """Return whether another frame's dominant bit may replace a recessive bit at this position without an error."""
     return 0 < position < len(stuffed(_identifier_bits(frame)))
 
 

@@ -88,8 +88,8 @@ def test_what_the_ecu_would_refuse_is_not_sent(flash, ecu, tmp_path):
     shipped = bundle.load(BUNDLE)
     for name, key, changes, words in (
         ("unsigned", None, {}, "is not signed"),
-        ("old", RELEASE, {"security_version": 0}, "has security version 0, the ECU accepts 1 or greater"),
-        ("other", RELEASE, {"hardware": "other"}, "is for hardware other, the ECU is bench"),
+        ("old", RELEASE, {"security_version": 0}, "has security version 0, but the ECU accepts 1 or greater"),
+        ("other", RELEASE, {"hardware": "other"}, "is for hardware other, but the ECU has bench"),
     ):
         bundle.write(tmp_path / name, replace(shipped.manifest, name=name, **changes), shipped.files, key)
         outcome = flash(release=tmp_path / name)
@@ -97,13 +97,13 @@ def test_what_the_ecu_would_refuse_is_not_sent(flash, ecu, tmp_path):
         assert "nothing was written" in outcome.err
     for did, value, words in (
         (Did.DBC_SHA256, bytes(32), "is for the stillwake.dbc"),
-        (Did.PERIOD_NS, (10_000_000).to_bytes(8, "big"), "has a control period of 20 ms, the ECU 10 ms"),
+        (Did.PERIOD_NS, (10_000_000).to_bytes(8, "big"), "has a control period of 20 ms, but the ECU has 10 ms"),
     ):
         ecu.values |= VALUES | {did: value}
         ends(flash(), 6, words)
     ecu.values |= VALUES
     ecu.memory.capacity = 50_000
-    ends(flash(), 6, f"has {len(SHIPPED)} bytes, the ECU has room for 50000")
+    ends(flash(), 6, f"has {len(SHIPPED)} bytes, but the ECU has room for 50000")
     assert ecu.routines == []
     ecu.memory.capacity, ecu.is_wanted = 200_000, True
     ends(flash(), 5, "its jets are enabled or the vehicle asks for control")

@@ -1,4 +1,4 @@
-"""A connection to an open python-can bus: it receives single messages, and closes even if the bus has failed."""
+"""A connection to an open python-can bus. It sends and receives single messages, and closes even a failed bus."""
 
 import struct
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ SETTLE_S: Final = 2.0
 """Time in s that a serial adapter gets to start: many adapters reset when their port is opened."""
 
 OWN_CONFIGURATION: Final = "python-can"
-"""The `bus.interface` with which python-can's own configuration (can.conf, environment) selects the interface."""
+"""Value of `bus.interface` that lets python-can's own configuration (can.conf, environment) select the interface."""
 
 _SAMPLE_POINT: Final = 80.0
 """Position of the sample point in a bit, in percent, at both bit rates."""
@@ -127,7 +127,7 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send once. Raises BusError with the frame's name if the bus fails or does not accept the frame in time."""
+        """Send a message. Raises BusError with the name if the bus fails or does not accept the message in time."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:

@@ -36,7 +36,7 @@ _LENGTH: Final = 8
 
 def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     """Return the controller's health after one error frame. `classes` is the error frame's identifier without its
-    flags; data of another length than eight bytes is ignored."""
+    flags. An error frame whose data has not eight bytes changes nothing."""
     if len(data) != _LENGTH:
         return health
     controller = data[1] if classes & _CONTROLLER else 0
@@ -63,7 +63,7 @@ def lost_frames(classes: int, data: bytes) -> bool:
 
 
 _SO_MEMINFO: Final = 55
-"""Linux: option that reads nine numbers of 32 bits; the last counts dropped receptions (linux/sock_diag.h)."""
+"""Linux socket option that returns nine numbers of 32 bits; the last one counts dropped receptions (sock_diag.h)."""
 _MEMINFO: Final = struct.Struct("=9I")
 
 
@@ -80,7 +80,7 @@ def _dropped(fileno: int) -> int:
 
 
 RECEPTION_LIMIT: Final = 4 * QUEUE_SIZE
-"""Largest number of receptions that one call of `receive_all` reads, so that the call ends even in a flood of them."""
+"""Largest number of receptions that one call of `receive_all` reads, so that it ends even in a flood of frames."""
 
 _IS_FD: Final = {CanId(spec.frame_id): spec.is_fd for spec in SPECS}
 
@@ -127,7 +127,7 @@ class PythonCanBus(OpenBus):
         accept: Collection[CanId | int] | None = None,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> Self:
-        """Open the configured bus; for `accept` and `keep` see the constructor. Raises BusError as `open_backend`.
+        """Open the configured bus; for `accept` and `keep` see the constructor. Raises BusError as `open_backend` does.
 
         A `virtual` bus passes on the senders' timestamps. The other buses stamp frames on reception, in ns since the
         epoch, with the resolution of a float in s. `socketcan` uses the bit rates of its network device. Frames on

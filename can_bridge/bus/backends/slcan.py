@@ -98,7 +98,7 @@ class SlcanBus(slcanBus):
     def _write(self, string: str) -> None:
         """Write one line. The port's time limit may truncate the line. The next line then begins with a line end, so
         that the adapter rejects only the truncated line. Raises can.CanTimeoutError if the port did not accept the
-        whole line in time; can.CanOperationError if it failed."""
+        whole line in time; can.CanOperationError if the port failed."""
         port = self._open_port()
         if not hasattr(port, "fd"):  # pyserial's own code writes to ports that are not POSIX
             super()._write(string)

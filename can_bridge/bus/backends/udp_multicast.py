@@ -1,7 +1,7 @@
 """CAN over UDP multicast: python-can's backend with our own parser.
 
-python-can 4.6 passes a datagram's values to `can.Message` without checking their types: `{"data": 2**30}` in 20 bytes
-allocates a gigabyte. Its backend receives its own frames and, on Linux, frames of groups that other processes joined.
+python-can 4.6 does not check the types of a datagram's values: 20 bytes with `{"data": 2**30}` allocate a gigabyte. Its
+backend receives its own frames and, on Linux, frames of groups that other processes joined.
 
 Equal datagrams are not treated as copies of one datagram: some senders send no time, and the sequence numbers of
 ISO-TP repeat every 16 frames. A datagram that stays on this machine arrives only once.

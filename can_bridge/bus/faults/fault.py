@@ -35,7 +35,7 @@ class WrappedBus:
         return self._bus.receive_all()
 
     def health(self) -> BusHealth:
-        """Return the health of the wrapped bus's CAN controller; healthy if that bus does not report it."""
+        """Return the health of the wrapped bus's CAN controller; `HEALTHY` if that bus reports no health."""
         health: Callable[[], BusHealth] | None = getattr(self._bus, "health", None)
         return HEALTHY if health is None else health()
 
@@ -86,7 +86,7 @@ class BusFault(Span, ABC, section="fault"):
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return the functions with which the port sends and receives; they count the effects in `port.acted`."""
+        """Return the port's functions to send and to receive, which count the fault's effects in `port.acted`."""
 
 
 class Injector(WrappedBus):
@@ -129,7 +129,7 @@ class SidedFault(FrameFault, section="sided_fault"):
 
     @abstractmethod
     def change(self, random: Random) -> Change:
-        """Return a function from a frame to the frames that replace it; all random numbers come from `random`."""
+        """Return a function that takes a frame and returns the frames that replace it. It draws from `random` alone."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """Replace the frames of one direction in the span. `acted` counts the frames changed, lost or copied."""

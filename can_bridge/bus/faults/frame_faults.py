@@ -23,7 +23,7 @@ from contract.errors import BusError
 
 @dataclass(frozen=True, kw_only=True)
 class Drop(SidedFault, section="drop"):
-    """Each frame is lost with an equal probability, independently of all others. `acted` counts the lost frames."""
+    """A fault that loses each frame with the same probability, independently. `acted` counts the lost frames."""
 
     probability: Probability[float]
 
@@ -33,7 +33,7 @@ class Drop(SidedFault, section="drop"):
 
 @dataclass(frozen=True, kw_only=True)
 class BurstLoss(SidedFault, section="burst_loss"):
-    """Frames are lost in bursts of geometrically distributed length. `acted` counts the lost frames.
+    """A fault that loses frames in bursts of geometrically distributed length. `acted` counts the lost frames.
 
     A Markov chain has two states: a frame in the bad state is lost, a frame in the good state is not (Gilbert,
     "Capacity of a burst-noise channel", Bell System Technical Journal 39 (1960), with Elliott's (1963) error
@@ -67,7 +67,7 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
 @dataclass(frozen=True, kw_only=True)
 class Duplicate(SidedFault, section="duplicate"):
-    """Copies follow a frame directly, with the frame's time stamp. `acted` counts the frames that were copied."""
+    """A fault that adds copies directly after a frame, with its time stamp. `acted` counts the copied frames."""
 
     probability: Probability[float] = 1.0
     copies: AtLeastOne[int] = 1
@@ -78,8 +78,8 @@ class Duplicate(SidedFault, section="duplicate"):
 
 @dataclass(frozen=True, kw_only=True)
 class Delay(FrameFault, section="delay"):
-    """Frames wait in a queue, in their order, until the delay since their arrival (`FrameArrivals`) has passed.
-    `acted` counts the late frames."""
+    """A fault that holds frames in a queue until the delay since their arrival (`FrameArrivals`) has passed. Frames
+    keep their order. `acted` counts the late frames."""
 
     delay_s: NonNegative[float]
     """Smallest delay in s."""
@@ -116,8 +116,8 @@ class Delay(FrameFault, section="delay"):
 
 @dataclass(frozen=True, kw_only=True)
 class Reorder(FrameFault, section="reorder"):
-    """Groups of `window` frames wait, and are then received in random order. The first reading after the span receives
-    all waiting frames. `acted` counts the frames that change places."""
+    """A fault that collects groups of `window` frames, and delivers each group in random order. The first reading after
+    the span delivers all waiting frames. `acted` counts the frames that change places."""
 
     window: Annotated[int, at_least(1)] = 2
 
@@ -154,7 +154,7 @@ _SPECS: Final = {spec.frame_id: spec for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class FlipBits(SidedFault, section="flip_bits"):
-    """Bits of the data are inverted. `acted` counts the changed frames."""
+    """A fault that inverts bits of the data. `acted` counts the changed frames."""
 
     probability: Probability[float] = 1.0
     bits: AtLeastOne[int] = 1
@@ -181,7 +181,7 @@ class FlipBits(SidedFault, section="flip_bits"):
 
 @dataclass(frozen=True, kw_only=True)
 class StuckAt(SidedFault, section="stuck_at"):
-    """A node repeats the data of the first frame of each identifier in the span. `acted` counts the changed frames."""
+    """A fault that repeats the data of each identifier's first frame in the span. `acted` counts the changed frames."""
 
     counter_runs: bool = False
     """Whether counter and CRC are renewed in each frame, as if only the application were stuck. Only stillwake's
@@ -229,7 +229,7 @@ _INTERMISSION: Final = 3
 
 @dataclass(frozen=True, kw_only=True)
 class WireErrors(Span, section="wire_errors"):
-    """Each bit is wrong independently with the same probability; only a frame's first wrong bit has an effect."""
+    """A fault that inverts each bit independently with equal probability; only a frame's first wrong bit counts."""
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ MOST_BABBLED: Final = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class Disconnect(BusFault, section="disconnect"):
-    """The node sends and receives nothing. `acted` counts the frames lost in both directions. Frames that arrived
+    """A node that sends and receives nothing. `acted` counts the frames lost in both directions. Frames that arrived
     before a "device_gone" span and were not read yet are delivered after the span."""
 
     kind: Literal["open_wire", "device_gone"] = "open_wire"
@@ -53,7 +53,7 @@ class Disconnect(BusFault, section="disconnect"):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowConsumer(BusFault, section="slow_consumer"):
-    """The node reads few frames at a time from a short queue. A full queue loses the newest frame, like the queues of
+    """A node that reads few frames at a time from a short queue. A full queue loses the newest frame, like queues of
     python-can's buses and of CAN controllers in FIFO mode. When the span ends, one reading receives all frames in the
     queue. `acted` counts the lost frames."""
 
@@ -113,7 +113,7 @@ class ClockDrift(BusFault, section="clock_drift"):
 
 @dataclass(frozen=True, kw_only=True)
 class Babble(BusFault, section="babble"):
-    """The node sends additional frames with random content. `acted` counts the frames that the bus accepted.
+    """A node that sends additional frames with random content. `acted` counts the frames that the bus accepted.
 
     Each call of the port first sends the frames that became due since the previous call. If the bus refuses a frame,
     the remaining frames are discarded. A node that only babbles needs a separate port, and must call this port often.

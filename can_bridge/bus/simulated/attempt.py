@@ -139,7 +139,7 @@ class Sender(NamedTuple, Generic[T]):
 
 @dataclass(frozen=True, kw_only=True)
 class AttemptOutcome(Generic[T]):
-    """The outcome of an attempt.
+    """The outcome of one attempt to send a frame.
 
     Attributes:
         frame: frame that the nodes with the verdict HEARD receive; None if the frame did not reach its end.

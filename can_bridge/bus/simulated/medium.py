@@ -74,7 +74,7 @@ class _Attempt(NamedTuple):
 
 
 class SimulatedBus:
-    """A bus that connects ports, at virtual time 0.
+    """A bus that connects ports. Its virtual time begins at 0.
 
     Args:
         capture: called with every frame sent over the bus, stamped with the end of frame, in the order of time.
@@ -107,7 +107,7 @@ class SimulatedBus:
         self.now_ns = 0
 
     def port(self, name: str = "") -> SimulatedPort:
-        """Connect one more node; messages, `corrupts` and `mishears` get this name."""
+        """Connect one more node. Error messages, `corrupts` and `mishears` get its name."""
         port = SimulatedPort(name or f"node {len(self._ports)}", lambda: self.now_ns)
         self._ports.append(port)
         return port

@@ -97,7 +97,7 @@ class SimulatedPort:
         self.recovery, self.faults = None, self.faults.recovered()
 
     def settle(self, now_ns: int) -> None:
-        """Empty the queue of a node that went bus-off, and begin its recovery. The bus calls this after every error."""
+        """Empty the queue of a node that went bus-off, and begin its recovery. Called by the bus after each attempt."""
         if self.faults.is_off and self.recovery is None:
             self.discarded += len(self.waiting)
             self.waiting.clear()

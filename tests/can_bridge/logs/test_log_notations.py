@@ -81,8 +81,8 @@ def test_lines_of_vectors_own_description_are_what_it_says(tmp_path):
             "2.5 CANFD 5 Tx ErrorFrame Not Acknowledge error, dominant error flag fffe c7 31ca Arb. 556 44 0 0 f",
             "error",
         ),
-        ("2.5 1 Engine Rx d 1 05", "frame with a name that is not stillwake's"),
-        ("2.5 CANFD 1 Rx Face 1 0 2 2 01 02 1 133 3000 e 4 4 2 2", "frame with a name that is not stillwake's"),
+        ("2.5 1 Engine Rx d 1 05", "frame with a name that stillwake does not use"),
+        ("2.5 CANFD 1 Rx Face 1 0 2 2 01 02 1 133 3000 e 4 4 2 2", "frame with a name that stillwake does not use"),
         ("2.5 1 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F A6", "J1939 transport"),
         ("2.5 CAN 2 Status:chip status warning level - TxErr: 132 RxErr: 0", "status"),
         ("2.5 log trigger event", "trigger"),
@@ -132,7 +132,7 @@ def test_trigger_blocks_lie_on_one_clock(tmp_path):
         for one in moved[4:]:
             one.timestamp += shift_s
         check(written(tmp_path / "a.asc", lines), moved, day, lines=len(lines))
-    with refused(BusError, "its time goes back .* with a trigger block, whose date"):
+    with refused(BusError, "its time goes back .* with a trigger block, but the date"):
         list(written(tmp_path / "a.asc", [*first, "End TriggerBlock", second[0].replace("Nov", "nov."), *second[1:]]))
 
 
@@ -159,7 +159,7 @@ def test_candump_is_read_from_a_file_and_from_a_screen(tmp_path):
     for k, one in enumerate(unequal):
         one.timestamp += 0.004 * (k % 2)
     for these, times, text in (
-        (sent, "d", "14 of 16 frames are not later than the one before: .*candump -t d"),
+        (sent, "d", "14 of 16 frames are not later than the previous frame: .*candump -t d"),
         (unequal, "d", "goes back from .*candump -t d.*; record with `candump -L`"),
         (sent, "", "line 1: has no time: record"),
     ):

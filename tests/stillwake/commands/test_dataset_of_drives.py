@@ -145,7 +145,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
             "--forces forces.csv --forces-clock log": "it must cover them",
             "--forces forces.csv --forces-shift 0.1": "it must cover them; see --forces-clock and --forces-shift",
             "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; it has t [t_c], Cd, C",
-            "--forces forces.csv --set operating_point.speed=50": "20 ms apart, the control period is 10 ms",
+            "--forces forces.csv --set operating_point.speed=50": "20 ms apart, but the control period is 10 ms",
             "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
             "--forces forces.csv --reference Cp=300Pa": "drive.log has 375 Pa",
             "--forces forces.csv --set flow.action_limit=0.01": "beyond flow.action_limit = 0.01",
