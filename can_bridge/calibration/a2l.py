@@ -2,7 +2,7 @@
 
 A file belongs to one release on one vehicle, and states the limits that this vehicle sets. The text that all files
 share is in `stillwake.a2l`, in the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC
-description file", and part 3); this text describes only the features of this ECU. The timeouts T1 to T7 are longer than
+description file", and part 3). It describes only the features of this ECU. The timeouts T1 to T7 are longer than
 a control period, because the ECU answers every command within a control period.
 """
 
@@ -61,8 +61,8 @@ def _measured(limits: dict[str, str]) -> Iterator[tuple[str, str, str, str, str]
     yield "command", "Jet flow rate that was sent", "FLOAT32_IEEE", "jet_flow", f"-{most} {most}"
     yield "mode", "Operating mode", "UBYTE", "mode", "0 255"
     yield "reason", "Why the jets are shut", "UBYTE", "reason", "0 255"
-    yield "gated", "What the command gate had to do", "UBYTE", "bits", "0 255"
-    yield "reserved", "Without a meaning", "UBYTE", "bits", "0 255"
+    yield "gated", "What the command gate changed", "UBYTE", "bits", "0 255"
+    yield "reserved", "Reserved, without a meaning", "UBYTE", "bits", "0 255"
     units = dict.fromkeys(TERMS, "weight") | {"delay_steps": "periods"}
     for name in CALIBRATION_NAMES:
         kind = "ULONG" if name == "delay_steps" else "FLOAT32_IEEE"

@@ -1,4 +1,4 @@
-"""The calibration as a memory segment, which UDS and XCP read and write, and the controller reads between periods.
+"""The calibration as a memory segment. UDS and XCP read and write it; the controller reads it between periods.
 
 The working page is writable; the reference page has the release's own values. A value takes effect with the next
 control period after all its bytes have been written, if it is within its limits.

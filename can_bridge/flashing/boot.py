@@ -23,8 +23,8 @@ class BootReason(InWords):
 
 @dataclass(frozen=True, kw_only=True)
 class Boot:
-    """The result of a boot. `slot` and `bundle` are None if no release booted. `verdicts` has the slots that this boot
-    checked. `boots_left` is the number of boots left in a trial; 0 if the release is not on trial."""
+    """The result of a boot. `slot` and `bundle` are None if no release booted. `verdicts` has a verdict for each slot
+    that was checked. `boots_left` is the number of boots left in a trial; 0 if the release is not on trial."""
 
     slot: Slot | None = None
     bundle: Release | None = None

@@ -97,7 +97,7 @@ _TEMPORARY: Final = "record.new"
 
 
 class FolderBacking:
-    """A `Backing` in a folder, which is created if it does not exist. Only one process at a time may use it."""
+    """A `Backing` in a folder, which is created if it does not exist. Only one process at a time may use the folder."""
 
     def __init__(self, folder: Path, *, files: FolderFiles | None = None, capacity: int = CAPACITY) -> None:
         """Open the folder, with access through `files`. Raises MediumError if the folder cannot be created."""

@@ -113,7 +113,7 @@ def _named(value: object) -> object:
 
 
 def decode(raw: bytes) -> StoreReport:
-    """Decode the bytes of a report, which come from a bus; raises BusError if the bytes are not a report."""
+    """Decode the bytes of a report from a bus; raises BusError if the bytes are not a report."""
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:

@@ -252,7 +252,7 @@ class Store(Remembered):
         self._calibrations = kept
 
     def _writable_slot(self) -> Slot:
-        """Return the slot beside the protected release: the running release if it is confirmed, else the active one."""
+        """Return the slot to write. The other slot keeps a confirmed running release, otherwise the active release."""
         running, active = self.running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other

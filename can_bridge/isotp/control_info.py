@@ -1,4 +1,4 @@
-"""The first bytes of a frame, which state the part of a message that the frame contains (ISO 15765-2:2016, 9.6)."""
+"""The first bytes of a frame. They state which part of a message the frame contains (ISO 15765-2:2016, 9.6)."""
 
 from bisect import bisect_left
 from enum import IntEnum
@@ -14,7 +14,7 @@ FRAME_LENGTHS: Final = tuple(length for length in FD_LENGTHS if length >= CLASSI
 PADDING: Final = 0xCC
 """Padding byte that needs the fewest stuff bits (ISO 15765-2, section 10.4.2.2)."""
 SEQUENCE_NUMBERS: Final = 16
-"""Number of sequence numbers, which have four bits."""
+"""Number of different sequence numbers: they have four bits."""
 
 _SINGLE, _FIRST, _CONSECUTIVE, _FLOW = range(4)
 _LARGEST_MILLISECONDS: Final = 0x7F

@@ -24,7 +24,7 @@ from contract.atomic import replacing
 from contract.printable import quoted
 
 _ERROR: Final = 0x20000000
-"""Bit 29 marks an error frame, whose classes are the lower bits (linux/can.h)."""
+"""Bit 29 marks an error frame; the lower bits are its error classes (linux/can.h)."""
 _LOG: Final = re.compile(r"\(([^)]*)\)\s+(\S+)\s+([0-9A-Fa-f]+)#(\S*)(?:\s+([RTrt]))?")
 _SCREEN: Final = re.compile(
     r"(?:\(([^)]*)\)\s+)?(\S+)\s+(?:(RX|TX) [B-] [E-]\s+)?([0-9A-Fa-f]+)\s+(?:\[(\d+)\]|\{([0-9A-Fa-f]+)\})(?:\s+(.*))?"

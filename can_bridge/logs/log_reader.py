@@ -118,7 +118,7 @@ class CanLog:
             raise BusError(f"{self.path}: --channel {', '.join(sorted(self._only))}: it has {names}")
 
     def _entries(self, stack: ExitStack) -> Iterator[Entry]:
-        """Return the entries of the file, which is closed with the stack."""
+        """Return the entries of the file. Closing the stack closes the file."""
         suffix = suffix_of(self.path)
         match suffix:
             case ".mf4":

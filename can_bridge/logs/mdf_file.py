@@ -83,7 +83,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
                 try:
                     columns = _columns(measurement, index, fields, rows)
                 except (ValueError, failure):
-                    # After a loss of power, the last frame's bytes, which are outside its record, may be missing.
+                    # A frame's bytes are outside its record. After a loss of power, the last frame's may be missing.
                     columns = _columns(measurement, index, fields, rows - 1)
                     others.append(LogEvent("frame without its bytes"))
                 groups.append(_frames(kind, columns, start_s))

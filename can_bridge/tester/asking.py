@@ -126,7 +126,7 @@ class Asking:
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def faults(self, report: str, *args: int, **others: int) -> Any:
-        """Return the codes in a report of the fault memory, which the client's method `report` requests."""
+        """Return the codes in a report of the fault memory. `report` is the client's method that requests it."""
         return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
 
     def clear_faults(self) -> None:

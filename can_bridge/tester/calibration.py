@@ -49,7 +49,7 @@ def read(asking: Asking) -> Calibrated:
 
 
 def unlock(asking: Asking) -> None:
-    """Enter the extended session and unlock the calibration level, which allows writing."""
+    """Enter the extended session and unlock the calibration level, so that values can be written."""
     asking.session(Session.EXTENDED)
     asking.unlock(Level.CALIBRATION)
 

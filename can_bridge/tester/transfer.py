@@ -199,7 +199,7 @@ def in_programming(asking: Asking, routine: Routine) -> None:
 
 def bring(asking: Asking, raw: bytes) -> tuple[int, int]:
     """Replace the key list; return the versions of the old list (0 if there was none) and of the new list. Raises
-    WrongKeysError if the ECU rejects the new list; FlashError if it refuses the list for now or does not answer."""
+    WrongKeysError if the ECU rejects the new list; FlashError if the ECU may not write now or does not answer."""
     before = _version(asking)
     enter_programming(asking)
     wrong = messages.WrongKeysError(

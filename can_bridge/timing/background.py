@@ -37,9 +37,9 @@ class BackgroundTraffic:
 def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
     """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases from `seed`.
 
-    A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is one of
-    stillwake's messages, which the description of a whole vehicle also contains. Raises BusError as `load_network`
-    does, and if no message can be sent, two messages have the same identifier, or a message does not fit this bus.
+    A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is a message of
+    stillwake: the description of a whole vehicle contains these too. Raises BusError as `load_network` does, or if no
+    message can be sent, two messages have the same identifier, or a message does not fit this bus.
     """
     database = load_network(path)
     random = Random(seed)

@@ -1,6 +1,6 @@
 """Measurements: the frames of a log together with their signals as named channels, in one file.
 
-A `.mf4` file is for asammdf's window, CANape and vSignalyzer, an `.mcap` file for Foxglove, Rerun and PlotJuggler.
+A `.mf4` file is for asammdf's window, CANape and vSignalyzer. An `.mcap` file is for Foxglove, Rerun and PlotJuggler.
 """
 
 import re

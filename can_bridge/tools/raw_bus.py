@@ -1,6 +1,6 @@
-"""A bus for tools, which delivers all received data as python-can's messages, including remote and error frames.
+"""A bus for tools. It delivers all received data as python-can's messages, including remote and error frames.
 
-A node uses `can_bridge.bus.backends.python_can` instead, which delivers only valid data frames that it selected.
+A node uses `can_bridge.bus.backends.python_can` instead, to receive only valid data frames that the node selected.
 """
 
 from copy import copy

@@ -142,7 +142,7 @@ class EcuServices:
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def failed_attempts(self, level: Level) -> int:
-        """Return the number of consecutive wrong keys, which survives resets."""
+        """Return the number of consecutive wrong keys. This number survives resets."""
         return self._store.state.failed_attempts[level]
 
     def keep_failed_attempts(self, level: Level, count: int) -> None:

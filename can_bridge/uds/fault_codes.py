@@ -41,7 +41,7 @@ _LETTERS: Final = "PCBU"
 
 
 class Snapshot(IntEnum):
-    """Identifiers of the values in a snapshot, which is taken when a fault is found; service 22 cannot read them."""
+    """Identifiers of the values in a snapshot. A snapshot is taken when a fault is found; service 22 cannot read it."""
 
     TIME_MS = 0xFD20
     """Time in ms since power-on, 4 bytes."""

@@ -54,8 +54,8 @@ class KeptFault:
     """The stored state of one code.
 
     Attributes:
-        age: for a confirmed fault, the number of operation cycles, after its last failure, in which its test passed and
-            did not fail.
+        age: number of operation cycles, counted from the last failure of a confirmed fault, in which the fault's test
+            passed and did not fail.
         snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
     """
 
@@ -211,7 +211,7 @@ def report(memory: FaultMemory, kind: FaultReport, option: bytes) -> bytes:
 
 
 def cleared(group: int) -> Collection[Reason]:
-    """Return the faults in a group of codes, which is all faults or a single fault; raises Refused for other groups."""
+    """Return the faults in a group of codes: all faults, or a single fault. Raises Refused for other groups."""
     if group == ALL_GROUPS:
         return CODES.keys()
     if group not in REASON_BY_CODE:

@@ -15,7 +15,7 @@ P2_EXTENDED_MS: Final = 5000
 S3_MS: Final = 5000
 """Time in ms without a request after which a session ends."""
 MAX_REQUEST: Final = 4095
-"""Largest length in bytes of a request, which ISO-TP's 12-bit length can state."""
+"""Largest length in bytes of a request: the greatest value of ISO-TP's 12-bit length."""
 LONGEST_ANSWER: Final = 768
 """Largest length in bytes of an answer with several identifiers; a single identifier is always answered."""
 BESIDE: Final = 24

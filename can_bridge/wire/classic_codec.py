@@ -169,7 +169,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
 
 
 def parse_ecu_status(data: bytes) -> EcuStatus | None:
-    """Return the message in 8 bytes; the lower half of the bundle's hash, which is not sent, is 0."""
+    """Return the message in 8 bytes. The lower half of the bundle's hash is 0, because this half is not sent."""
     if len(data) != _LENGTH:
         return None
     head, why, low, high, bundle_hash = _ECU_STATUS.unpack(data)

@@ -93,7 +93,7 @@ def stuffed(bits: str, *, at_end: bool = True) -> str:
 
 
 def is_arbitration_stuff_bit(frame: Frame, position: int) -> bool:
-    """Return whether the bit at a position is a stuff bit of the identifier, which ends before RTR or RRS."""
+    """Return whether the bit at a position is a stuff bit of the identifier (up to the bit before RTR or RRS)."""
     bits = _identifier_bits(frame)
     ends = [len(stuffed(bits[:count])) for count in range(len(bits) + 1)]
     return any(end == position + 1 and end == before + 2 for before, end in pairwise(ends))

@@ -17,7 +17,7 @@ class MessageSpec:
 
     Attributes:
         protected: number of bytes that the E2E header protects, including the header; zeros and authentication follow.
-        data_id: data ID of the E2E protection, which is part of the CRC's input but is never sent.
+        data_id: data ID of the E2E protection. The CRC is computed from it too, but it is never sent.
         is_secured: whether the message ends in a freshness value and a message authentication code.
     """
 

@@ -14,7 +14,7 @@ BUS_OFF_LIMIT: Final = 0xFF
 """Largest values of the event counts and the bus-off count in EcuStatus; larger counts are sent as these values."""
 
 ERROR_LIMIT: Final = 0xFF
-"""Largest value that is sent for the CAN controller's error counters, also for 256, which means bus-off."""
+"""Largest value that is sent for an error counter of the CAN controller, also for a count of 256 (bus-off)."""
 
 SET_ASIDE_LIMIT: Final = 0b1111
 """Largest value of `EcuStatus.set_aside`, with the bits of all four pressures."""

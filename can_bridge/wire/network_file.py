@@ -18,8 +18,8 @@ NEEDS_CANTOOLS = f"reading it needs cantools: {install('bus')}"
 
 
 def load_network(path: Path) -> "Database":
-    """Return the description of a bus from a file, whose ending states its format. Raises BusError, in one line, if
-    cantools or the file is missing, or the file is invalid."""
+    """Return the description of a bus from a file; the ending of the file's name states the format. Raises BusError, in
+    one line, if cantools or the file is missing, or the file is invalid."""
     try:
         from cantools.database import load_file
         from cantools.database.can.database import Database

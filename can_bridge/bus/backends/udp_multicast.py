@@ -130,7 +130,7 @@ class UdpMulticastBus(PythonCanUdpMulticastBus):
         return message, False
 
     def _is_echo(self, datagram: bytes) -> bool:
-        """Return whether the datagram is an echo of one that this node sent; each echo is expected only once."""
+        """Return whether this node sent the datagram; each sent datagram is expected back only once."""
         with self._lock:
             try:
                 self._echoes.remove(datagram)

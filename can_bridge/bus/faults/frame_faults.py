@@ -239,7 +239,7 @@ class WireErrors(Span, section="wire_errors"):
     """See `FrameFault.frame_ids`."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """Return a function for the argument `corrupts` or `mishears` of one `SimulatedBus`; each bus needs its own."""
+        """Return a function for one bus, to pass as `corrupts` or `mishears`. Each bus needs a separate function."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 

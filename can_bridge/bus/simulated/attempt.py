@@ -67,7 +67,7 @@ class FaultConfinement:
         return replace(self, rx_errors=min(self.rx_errors + 1, _RECEIVE_LIMIT))
 
     def dominant_after_flag(self) -> "FaultConfinement":
-        """Apply rule 2: a receiver adds 8 if other nodes answered its flag, because it may have caused the error."""
+        """Apply rule 2: add 8 to REC if other nodes answered the receiver's flag: the receiver may be at fault."""
         return replace(self, rx_errors=min(self.rx_errors + ERROR_STEP, _RECEIVE_LIMIT))
 
     def transmit_error(self) -> "FaultConfinement":
