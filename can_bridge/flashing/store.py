@@ -180,7 +180,7 @@ class Store(Remembered):
             if self.keys is None or PublicKey(self.state.slots[slot].signer) not in self.keys.keys:
                 # Such a release would not boot again. Its confirmation may raise the least security version above the
                 # version of the previous release: the previous release would then not boot either.
-                raise OutOfOrderError("the key list lacks the key that signed the release on trial: revert the release")
+                raise OutOfOrderError("the key that signed the release on trial is not in the list: revert the release")
             self._confirm(slot)
 
     def _confirm(self, slot: Slot) -> None:

@@ -83,7 +83,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
                 try:
                     columns = _columns(measurement, index, fields, rows)
                 except (ValueError, failure):
-                    # A frame's bytes are outside its record. After a loss of power, the last frame's may be missing.
+                    # After a loss of power, the last frame's bytes may be missing: they are outside its record.
                     columns = _columns(measurement, index, fields, rows - 1)
                     others.append(LogEvent("frame without its bytes"))
                 groups.append(_frames(kind, columns, start_s))

@@ -1,6 +1,6 @@
 """CAN over UDP multicast: python-can's backend with our own parser.
 
-python-can 4.6 does not check the types of a datagram's values: 20 bytes with `{"data": 2**30}` allocate a gigabyte. Its
+python-can 4.6 does not check the types of a datagram's values: 20 bytes with `{"data": 2**30}` allocate a gigabyte. The
 backend receives its own frames and, on Linux, frames of groups that other processes joined.
 
 Equal datagrams are not treated as copies of one datagram: some senders send no time, and the sequence numbers of

@@ -41,7 +41,7 @@ class WrappedBus:
 
 
 class FrameArrivals:
-    """A calculator of arrival times. A frame arrives at its time stamp if the stamp lies between the node's last two
+    """The rule for arrival times. A frame arrives at its time stamp if the stamp lies between the node's last two
     readings of the bus, otherwise at the last reading. No frame arrives before a frame that was returned earlier."""
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class SidedFault(FrameFault, section="sided_fault"):
 
     @abstractmethod
     def change(self, random: Random) -> Change:
-        """Return a function that takes a frame and returns the frames that replace it. It draws from `random` alone."""
+        """Return a function that takes a frame and returns the frames that replace it. It uses `random` alone."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """Replace the frames of one direction in the span. `acted` counts the frames changed, lost or copied."""

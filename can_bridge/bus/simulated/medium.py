@@ -141,7 +141,7 @@ class SimulatedBus:
         self.advance_until(t_ns, lambda: False)
 
     def advance_until(self, t_ns: int, stop: Callable[[], bool]) -> bool:
-        """Advance the time as `advance_to` does, but end after the first event after which `stop()` is true. Return
+        """Advance the time as `advance_to` does, but at most to the first event after which `stop()` is true. Return
         whether `stop()` was true."""
         if t_ns < self.now_ns:
             raise ValueError(f"cannot advance to {t_ns} ns: the bus is at {self.now_ns} ns already")
