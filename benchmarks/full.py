@@ -106,9 +106,9 @@ def sources_hash(folder: str) -> str:
 
 
 def main(
-    resume: Annotated[bool, typer.Option("--resume", help="Only what is of an earlier release or version.")] = False,
-    only: Annotated[list[str], typer.Option(help="Files by their names, such as 'bus_*' (repeatable).")] = [],  # noqa: B006
-    show: Annotated[bool, typer.Option("--list", help="Print what there is, and run nothing.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Make only missing and outdated files.")] = False,
+    only: Annotated[list[str], typer.Option(help="Names of files, such as 'bus_*' (repeatable).")] = [],  # noqa: B006
+    show: Annotated[bool, typer.Option("--list", help="List the files and run nothing.")] = False,
 ) -> None:
     """Make the files in `results/`, one after another; a stopped run continues with --resume."""
     figures, _ = plan()
@@ -121,7 +121,7 @@ def main(
     for number, one in enumerate(chosen, 1):
         head = f"{number}/{len(chosen)} {one.name}"
         if one.needs and shutil.which(one.needs) is None and find_spec(one.needs) is None:
-            console.print(f"{head}: left out, there is no {one.needs}")
+            console.print(f"{head}: left out, because {one.needs} is missing")
         elif resume and one.is_current() and made(one.file).get("version") == one.stamp()["version"]:
             console.print(f"{head}: there already")
         else:
@@ -149,7 +149,7 @@ def _make(one: Figures) -> None:
 
 
 def _fail(one: Figures, command: str) -> NoReturn:
-    raise StillwakeError(f"{one.name}: {command!r} failed; `python -m benchmarks full --resume` goes on here")
+    raise StillwakeError(f"{one.name}: {command!r} failed; `python -m benchmarks full --resume` continues here")
 
 
 def _status(command: str) -> int:

@@ -70,7 +70,7 @@ Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted}
 
 
 _FEW: Final = 4
-"""Largest number of services or identifiers that the table of the attack tools lists; more of them are only counted."""
+"""Length of the longest list that the table of the attack tools shows; of a longer list it states only the length."""
 
 
 def attack_tools(found: Any) -> str:
@@ -119,7 +119,7 @@ def bus_faults(*runs: Any) -> str:
 
 
 def _priority(name: str) -> int:
-    """Return the place of a message, of any message set, in the order of priorities."""
+    """Return a message's place in the order of priorities, which is the same in all message sets."""
     base = name.removesuffix("Classic").removesuffix("Secured")
     return ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(base)
 

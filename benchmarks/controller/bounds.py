@@ -89,8 +89,8 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> d
 
     - loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
       not prove this number
-    - proved: number of loops whose bound GCC proves; reasoned: of loops whose bound is in `reasons` (default:
-      `bounds.toml`); waits: of loops that wait for an event and have no bound by design
+    - proved, reasoned, waits: numbers of loops. GCC proves the bound of a proved loop; `reasons` (default:
+      `bounds.toml`) states the bound of a reasoned loop; a waiting loop has no bound by design
     - functions, pointed_at: number of all functions, and number of functions called through pointers
     - stack_b, stack_of: largest stack in bytes, including an exception, and the chain of calls that needs it
 

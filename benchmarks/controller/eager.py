@@ -1,8 +1,8 @@
 """The paper's control method in eager PyTorch: modules, autograd, torch.optim.Adam, clamp.
 
-This implementation shares no formula with the project's reference implementation, because gates, norms, derivatives and
-optimiser are all PyTorch's. So the parity tests compare the project's implementations with it, and the benchmark gives
-all times relative to its time.
+PyTorch supplies gates, norms, derivatives and optimiser, so this implementation shares no formula with the project's
+reference implementation. The parity tests compare the project's implementations with this one, and the benchmark gives
+all times relative to this one.
 """
 
 import numpy as np
@@ -72,7 +72,7 @@ class EagerController:
         return forces
 
     def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
-        """Return the optimiser's initial plan for H periods, shape (H,). It is computed by the prior, from two matrix
+        """Return the optimiser's initial plan for H periods, shape (H,). The prior computes this plan from two matrix
         products with the flattened past."""
         prior = self._program.prior
         if prior is None:
@@ -105,7 +105,7 @@ class EagerController:
         return torch.stack(plan)
 
     def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor, start: Tensor | None = None) -> Tensor:
-        """Return the 8 cost terms without their weights, shape (8,); `start` is the initial plan, or else `plan`."""
+        """Return the 8 cost terms without their weights, shape (8,). `start` is the initial plan; None means `plan`."""
         cd, cl = forces.unbind(dim=-1)
         return torch.stack(
             [

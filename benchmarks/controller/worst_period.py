@@ -104,7 +104,7 @@ class Period:
 
 
 class Measured(NamedTuple):
-    """The work of a control period. `is_mean`: it is under control, in the drive with the release's own goal."""
+    """The work of a control period. `is_mean`: whether it is a period in control with the release's own goal."""
 
     drive: str
     cycles: int

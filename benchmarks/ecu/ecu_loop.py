@@ -69,7 +69,7 @@ def main(
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
     settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.")] = 40.0,
-    clock_mhz: Annotated[float, typer.Option(help="Of the emulated core, MHz.")] = 480.0,
+    clock_mhz: Annotated[float, typer.Option(help="Clock of the emulated core, MHz.")] = 480.0,
 ) -> None:
     """Run the three closed loops and print a table."""
     if library is None and bundle is not None:
@@ -181,7 +181,7 @@ class Lockstep:
 
 
 def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, Any]:
-    """Return the figures of a run for storage, with those of the comparison if two ECUs were compared."""
+    """Return the figures of a run for storage, and the figures of the comparison if two ECUs were compared."""
     found = summary(log)
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:

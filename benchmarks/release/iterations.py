@@ -5,10 +5,10 @@ iterations.
 
 A release's iterations act on the cost terms for which its prior was not trained (`unknown_to_prior` in
 `contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
-0. If a case itself sets these weights to 0, the controller iterates in neither run: both would be equal, so none is
-made. In every other case, the cost is computed with the case's weights from the flow over the whole averaged time. Both
-runs of a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of its
-mean by Student's t.
+0. If a case itself sets these weights to 0, the controller would iterate in neither run. Such a case is not run. In
+every other case, the cost is computed with the case's weights from the flow over the whole averaged time. Both runs of
+a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of the mean
+change by Student's t.
 """
 
 from collections.abc import Mapping

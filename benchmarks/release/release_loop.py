@@ -52,9 +52,9 @@ def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/release_loop"),
     phases: Phases = 5,
-    workers: Annotated[int, typer.Option(min=1, max=2, help="Processes, a run each at a time.")] = 2,
+    workers: Annotated[int, typer.Option(min=1, max=2, help="Number of processes for the runs.")] = 2,
     bundle: Release = BUNDLE,
-    config_file: Annotated[Path | None, typer.Option("--config", help="Settings of its body and flow (TOML).")] = None,
+    config_file: Annotated[Path | None, typer.Option("--config", help="Settings of body and flow (TOML).")] = None,
 ) -> None:
     """Run the closed loop from every starting phase and print a table."""
     release = bundles.load(bundle)

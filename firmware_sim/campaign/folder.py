@@ -1,7 +1,7 @@
 """The folder of a campaign: its label, the initial states and results of its runs, and its report.
 
 campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
-starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz: that of the runs in scenario NAME's plant
+starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz if scenario NAME has its own plant
 runs/NAME.phase0.json   the outcome of a finished run
 table.csv, figures/, report.html
 """
@@ -35,8 +35,8 @@ class CampaignFolder:
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Check without changes. Raises OutputError if the folder contains files that are not a campaign's, or, without
-        `overwrite`, a campaign with another label; StillwakeError if it cannot be written."""
+        """Check the folder, without changes. Raises OutputError if it contains foreign files or, without `overwrite`, a
+        campaign with another label; StillwakeError if the folder cannot be written."""
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
             return

@@ -150,8 +150,8 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Judge an outcome. `reduction` and `undisturbed` are reductions of wall drag in percent, in this scenario and
-    without disturbance. `side_force` is mean |Cl| as a share of its value without control."""
+    """Judge an outcome. `reduction` is the reduction of wall drag in percent, and `undisturbed` that of the undisturbed
+    scenario. `side_force` is mean |Cl| as a share of its value without control."""
     share = reduction / undisturbed if undisturbed > 0 else nan
     # A comparison with NaN is false, so an unknown outcome is not useful.
     if share >= criteria.useful and side_force <= criteria.abs_Cl:

@@ -28,7 +28,7 @@ def starting_states(
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
     """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder or
-    computed, which takes minutes for a body other than the truck: then `progress` is called with (time, total time) in
+    computed. For a body other than the truck this takes minutes, and `progress` is called with (time, total time) in
     t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own. Raises PlantError if
     there is no developed wake for the settings."""
     kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]

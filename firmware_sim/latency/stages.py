@@ -57,7 +57,7 @@ class Periods:
         scheduled: sampling instants, shape (n,).
         answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
         stages: latencies of each stage, shape (n,); NaN for a period without the stage.
-        stalls: for a stage whose node left out m periods, the time from each to the next occurrence, shape (m,).
+        stalls: for each stage, the times from the m periods that its node left out to its next occurrences, shape (m,).
         planned: number of periods with a plan from the period's pressures.
     """
 
@@ -146,7 +146,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return, for each received counter, the index of the latest row sent with it before the receipt, or -1."""
+    """Return the index of the latest row that was sent with each received counter before its receipt, or -1."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -178,7 +178,7 @@ def _fill(
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """Return the time in ns from the deadline of each of the m periods that the ECU left out to its next step, (m,)."""
+    """Return times in ns, shape (m,): from the deadline of each period that the ECU left out to the ECU's next step."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     stalls = []

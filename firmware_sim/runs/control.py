@@ -104,7 +104,7 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why the controller was not always in control, or None. It is shown before all figures."""
+    """Return a sentence on why the controller was not always in control, or None. Pages show it before all figures."""
     found = control(log)
     if found.held:
         return None

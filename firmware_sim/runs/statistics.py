@@ -1,7 +1,7 @@
 """Figures of a run: averages without and with control, and the computing time of the ECU's steps.
 
-Averages are over whole shedding cycles (`wake.truck.averages`): before control, those between zero crossings of the
-lift; under control, as many of their mean length as fit between the end of the settling time and the last sample.
+Averages are over whole shedding cycles (`wake.truck.averages`). Before control, the lift's zero crossings separate the
+cycles. Under control, as many cycles of this mean length count as fit between settling time and last sample.
 """
 
 from dataclasses import dataclass

@@ -94,7 +94,7 @@ class ControlRequest:
 
 
 class DragMeans:
-    """The mean drag of one run of the loop, from the latest `kept` samples; `control_period`, in t_c, separates them.
+    """The mean drag in one run of the loop, from the latest `kept` samples, one per `control_period` (in t_c).
 
     Attributes:
         uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without one.
@@ -131,7 +131,7 @@ class DragMeans:
 
     @property
     def reduction_percent(self) -> float | None:
-        """Reduction of the mean drag relative to that without control; None if one of the two means is missing."""
+        """Reduction of the mean drag by control, in percent; None if a mean is missing."""
         if self.uncontrolled is None or self.now is None:
             return None
         return 100.0 * (1.0 - self.now / self.uncontrolled)
@@ -269,7 +269,7 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Apply only these disturbances from the next period on. A new one ends the repair that `help` began."""
+        """Apply only these disturbances from the next period on. A new disturbance ends the repair by `help`."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

@@ -77,8 +77,8 @@ class FlashBank:
 
 
 class FlashController:
-    """The registers of a flash bank's controller, with the bank, which they change in place. `counter` advances during
-    operations; `cut_at` and `seed` are as in `firmware_sim.mcu.board.board.Board`.
+    """The registers of a flash bank's controller, which change the bank in place. `counter` advances during operations;
+    `cut_at` and `seed` are explained at `firmware_sim.mcu.board.board.Board`.
 
     Args:
         changed: called with the offset and the number of changed bytes.

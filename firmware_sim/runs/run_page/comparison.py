@@ -52,7 +52,7 @@ class Cell(NamedTuple):
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return unique names of folders, with parents if needed. Raises StillwakeError for a wrong number or a repeat."""
+    """Return unique names, with parents if needed. Raises StillwakeError for too few or too many or equal folders."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")
