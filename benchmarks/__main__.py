@@ -58,7 +58,7 @@ PAGES: Final = {
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names; the exit statuses are those of `stillwake`."""
+    """Run the measurement that the first argument names, with the exit statuses of `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 

@@ -1,4 +1,4 @@
-"""The production of every file in `results/` with the commands in `full.toml`; `make full` runs this module after the
+"""Make every file in `results/` with the commands in `full.toml`. The target `make full` runs this module after the
 tests.
 
     python -m benchmarks full [--resume] [--only NAME] [--list]
@@ -65,7 +65,7 @@ class Figures:
         return RESULTS / f"{self.name}.json"
 
     def stamp(self) -> dict[str, Any]:
-        """Return the stamp of a file that would be made now, with the present release, sources and version."""
+        """Return the stamp that the file would get now, with the present release, sources and version."""
         of = {name: release() if name == RELEASE else sources_hash(name) for name in self.of}
         return {"version": versions("stillwake")["stillwake"], "of": of}
 
@@ -140,7 +140,7 @@ def _make(one: Figures) -> None:
         _fail(one, one.run)
     minutes: float | None = round((time.monotonic() - began) / 60.0, 1)
     content = read(one.file)
-    # The duration of a continued campaign is not that of a whole campaign.
+    # A continued campaign takes less time than a whole campaign, so the earlier duration is kept.
     if before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0:
         minutes = before
     content["facts"][STAMP] = {**one.stamp(), "minutes": minutes}

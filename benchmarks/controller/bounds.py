@@ -3,10 +3,9 @@ also ensures that there is no recursion.
 
     python -m benchmarks bounds --json results/bounds.json
 
-The firmware is that of the shipped release with loader, diagnosis, calibration and a key of the bus, as GCC reports it
-(`benchmarks.controller.whole_program`). GCC proves the bounds of most loops; `bounds.toml` states the reason for each
-bound that GCC does not prove. An unknown loop, a recursion, or a call through a pointer that reaches no known function
-is an error.
+The shipped release's firmware is checked with loader, diagnosis, calibration and a key of the bus. GCC proves the
+bounds of most loops (`benchmarks.controller.whole_program`); `bounds.toml` states the reason for each bound that GCC
+does not prove. An unknown loop, a recursion, or a call through a pointer that reaches no known function is an error.
 """
 
 import io
@@ -100,7 +99,7 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> d
     lines = {loop: _line(loop, known) for loop in program.loops}
     wrong = [f"{loop.function}: the loop at {loop.place} has no bound" for loop, line in lines.items() if line is None]
     left = {**known["most"], **known["waits"]}.keys() - {loop.function for loop in program.loops}
-    wrong += [f"{name}: has a reason in {REASONS.name}, and no loop" for name in sorted(left)]
+    wrong += [f"{name}: has a reason in {REASONS.name}, but no loop" for name in sorted(left)]
     for calls in (program.written, program.built.calls):
         if circle := recursion(calls):
             wrong.append(f"{' calls '.join(circle)}: recursion")

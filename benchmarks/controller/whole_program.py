@@ -4,8 +4,8 @@ Two builds are made. The first is the firmware as the exported folder builds it;
 code needs (`-fcallgraph-info`). The second is the whole program at link time, without inlining: GCC knows the range of
 every parameter and reports the largest number of passes of each loop. The sources are not parsed here.
 
-A call through a pointer may reach every function whose address is taken and whose type is that of the pointer's target.
-GCC lists these functions and their types.
+A call through a pointer may reach every function whose address is taken and whose type fits the pointer. GCC lists the
+functions whose address is taken, and their types.
 """
 
 import re
@@ -171,8 +171,8 @@ def _loops(bodies: str, names: Mapping[str, str]) -> Iterator[Loop]:
     for title, body in _functions(bodies):
         function = names.get(title, title)
         most = {int(number): int(count) for number, count in _MOST.findall(body)}
-        # A line that begins with # states where the value of a variable was computed, which may be before the loop. So
-        # the line is removed, because it would give a wrong place of the loop.
+        # A line that begins with # states where the value of a variable was computed, possibly before the loop. Such
+        # lines are removed, because they would give a wrong place of the loop.
         blocks = {number: re.sub(r"^ *# .*$", "", block, flags=re.MULTILINE) for number, block in _BLOCK.findall(body)}
         for number, nodes in _LOOP.findall(body):
             if number == "0":

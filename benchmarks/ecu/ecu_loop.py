@@ -133,8 +133,8 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
 
 class Lockstep:
     """A pair of ECUs with the interface of one ECU. `other` gets every call that `driver` gets. The pair returns the
-    driver's frames, and counts differences between the frames and states of the two ECUs. All other attributes are
-    those of the driver.
+    driver's frames, and counts differences between the frames and states of the two ECUs. All other attributes
+    belong to the driver.
 
     Attributes:
         steps, frames: numbers of steps and frames compared so far.

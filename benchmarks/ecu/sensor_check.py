@@ -8,8 +8,8 @@ implausible state, which would shut the jets. After a false alarm the check star
 start at many places of the recording. The recorded flow does not respond to the check. In the closed loop the flow
 would respond, because a faulty sensor changes the jets' action.
 
-NumPy computes the estimates of a whole episode together, with the constants of the check's ONNX graph. The first
-estimates are compared with those of ONNX Runtime. The ECU's code does everything else, period by period.
+NumPy computes the estimates of a whole episode together, with the constants of the check's ONNX graph. ONNX Runtime
+computes the first estimates too, for comparison. The ECU's code does everything else, period by period.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -100,7 +100,7 @@ class Lab:
                 state = restart
 
     def agrees(self, passage: Passage) -> None:
-        """Compare the network's estimates with those of ONNX Runtime; raises StillwakeError if they differ."""
+        """Compare NumPy's and ONNX Runtime's estimates; raises StillwakeError if they differ."""
         windows = _windows(passage, self.network.window)[:100]
         found = np.stack([self.check.estimator.estimates(window) for window in windows])
         # NumPy and ONNX Runtime compute in single precision, with sums of some hundred terms of order one, so small

@@ -102,7 +102,7 @@ def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
 
 
 def outcome(bundle: Path, start: Path, case: Case, iterated: bool) -> dict[str, float]:
-    """Return the cost, with the case's weights, of the averaged part of a run."""
+    """Return the cost of the averaged part of a run, with the case's weights."""
     release = bundles.load(bundle)
     config = replace(load_config(), mpc=release.manifest.mpc)
     ecu, vehicle = replace(config.ecu, delay_steps=case.delay), replace(config.vehicle, actuator_delay=case.delay)

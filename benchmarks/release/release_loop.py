@@ -3,8 +3,8 @@
     python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
 Each run is computed as by `stillwake run`, over CAN and with ONNX Runtime in int8: 25 t_c without control and 100 t_c
-with control. The last 60 t_c are averaged. For another body, give its settings together with a release for this body;
-the body's wake is then first developed from fluid at rest. Finished runs are stored.
+with control. The last 60 t_c are averaged. For another body, give its settings and a release for this body. The body's
+wake is then developed from fluid at rest before the runs. Finished runs are stored.
 """
 
 from collections.abc import Mapping, Sequence

@@ -8,7 +8,7 @@ from benchmarks.common.markdown import table
 
 
 def iterations(found: Any) -> str:
-    """Return the table of the change of the cost by the iterations, in each case."""
+    """Return the table that states how the iterations change the cost in each case."""
     facts, rows = found["facts"], []
     for name, change in found["figures"]["change_percent"].items():
         interval = f"{change['lower']:.2f} .. {change['upper']:.2f}" if facts["pairs"][name] else "no iterations"

@@ -46,7 +46,7 @@ def run_closed_loop(
     **parts: Any,
 ) -> RunLog:
     """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
-    cannot be written, or for the reasons of `Simulation`. Further arguments are those of `Spans`, `Simulation` and
+    cannot be written, or as `Simulation` does. The other arguments are explained at `Spans`, `Simulation` and
     `Simulation.run`.
 
     Args:

@@ -94,8 +94,8 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body other than the release's body, for a whole run of the built-in solver. The fields are those of the
-    settings `body`, in W. The sensors keep their names and lie on this body, which the ECU does not know."""
+    """A body other than the release's body, for a whole run of the built-in solver. The fields are settings of
+    `body`, in W. The sensors keep their names and lie on this body. The ECU does not know this body."""
 
     length: Finite[float]
     leading_edge_radius: NonNegative[float] = 0.0
@@ -200,7 +200,7 @@ def parse_disturbance(text: str) -> Disturbance:
         return parse_described(text, KINDS, "disturbance")
     fault = parse_fault(rest)
     if isinstance(fault, Disconnect) and fault.kind == "device_gone":
-        raise ConfigError(f"fault {text!r}: would end the run with an error; an open wire is `{node}:disconnect`")
+        raise ConfigError(f"fault {text!r}: would end the run with an error; use `{node}:disconnect` for an open wire")
     return NodeFault(text=text, node=node, fault=fault)
 
 

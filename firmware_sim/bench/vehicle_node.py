@@ -147,7 +147,7 @@ class VehicleNode:
         read: function from (Cp at the S transducers, shape (S,), time in ns) to the transducers' readings.
 
     Attributes:
-        operating_point, action_limit: the vehicle's own values, initially those of `config`.
+        operating_point, action_limit: the vehicle's own values, initially as in `config`.
         stuck_at: action at which the actuator is stuck, in U_inf W; None for an actuator that moves.
         speed: speed of the vehicle in m/s, initially as in `config`; pressures and jets scale with `operating_point`.
         stated_speed, stated_density: values that the vehicle sends, in m/s and kg/m3; None, or a value outside the

@@ -89,7 +89,7 @@ def conduct(
     scheduler: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
-    """Compute the missing runs of a campaign, and reuse those of an earlier call. Nothing is written before the first
+    """Compute the missing runs of a campaign, and reuse runs of an earlier call. Nothing is written before the first
     run has finished. Raises StillwakeError if the folder cannot be written, a starting state cannot be computed, or the
     workers (`contract.side_by_side.spread`) fail.
 

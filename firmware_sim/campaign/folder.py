@@ -31,7 +31,7 @@ class CampaignFolder:
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
-        """Return the file of a starting phase's flow state, for a scenario's own plant or for the common plant."""
+        """Return the file with the flow state at a starting phase; without `scenario`, the file of the common plant."""
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:

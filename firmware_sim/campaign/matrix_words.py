@@ -34,8 +34,8 @@ def listing(scenarios: Sequence[Scenario], *, phases: int) -> list[str]:
 def criteria_text(criteria: Criteria) -> str:
     """Describe when an outcome is useful, marginal or of no use."""
     return (
-        f"at least {criteria.useful:g} of the undisturbed drag reduction with mean |Cl| at most {criteria.abs_Cl:g} of "
-        f"that without control; marginal: more than {criteria.marginal:g} of it; otherwise none"
+        f"at least {criteria.useful:g} of the undisturbed drag reduction, and mean |Cl| at most {criteria.abs_Cl:g} of "
+        f"its value without control; marginal: more than {criteria.marginal:g} of that reduction; otherwise none"
     )
 
 

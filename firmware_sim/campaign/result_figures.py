@@ -1,7 +1,7 @@
 """Figures of a campaign: drag and side force against noise and delay, and an overview of all scenarios.
 
-The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well. The
-paper's results under noise and delay are shown as far as its text states numbers (section 3.3, appendix B).
+Colour-blind readers can distinguish the colours, which are from Okabe and Ito, and the marks. The paper's results under
+noise and delay are shown as far as its text states numbers (section 3.3, appendix B).
 """
 
 import re

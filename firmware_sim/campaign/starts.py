@@ -15,7 +15,7 @@ from wake.truck.truck_wake import TruckWake
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Return the numbers of control periods from the developed wake to the starting phases, equal parts of a cycle."""
+    """Return the numbers of control periods from the developed wake to the starting phases, spread over a cycle."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 

@@ -49,7 +49,7 @@ bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and repor
 step_offset       |  | Float64 | s | 0 | Time from the start to the ECU's first step, shorter than a control period
 compute_time      |  | Float64 | s | 0 | Time from a step to the ECU's frames, shorter than a control period
 """
-"""Parameters of an FMU with a bus terminal. The columns are those of the table of inputs."""
+"""Parameters of an FMU with a bus terminal. The columns are as in the table of inputs."""
 _OUTPUTS: Final = """
 flow_command   | command.Flow           | Float64     | m2/s   |    | Jet flow rate per unit span to be reached
 next_period    | command.NextPeriod     | Boolean     |        |    | Whether the next control period reaches the flow

@@ -40,7 +40,7 @@ class Stage(StrEnum):
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
     """The time from the scheduled sampling instant to the arrival of the first command computed from these or newer
-    pressures. Of a period's commands only the newest counts, because the vehicle uses this command. It is due at the
+    pressures. Of a period's commands only the newest counts, because the vehicle uses it. The command is due at the
     next sampling instant. Without a plan, the time is recorded only if the command was late."""
     ACTUATE = "actuate"
     """The time from the next sampling instant to the use of the command by the jets' driver."""
@@ -95,7 +95,9 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
     took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]
     if len(sent) < 2 or not len(took):
-        raise StillwakeError("the tables of stage times hold no two periods: did vehicle and ECU run at the same time?")
+        raise StillwakeError(
+            "the tables of stage times hold too few periods: did vehicle and ECU run at the same time?"
+        )
     received, answers = took[:, EcuStage.FRAME_ARRIVED], sent[:, VehicleStage.COMMAND_ARRIVED]
     frame_of = _rows_by_counter(sent, took[:, EcuStage.PRESSURE_COUNTER], received, counter_period)
     echo_of = _rows_by_counter(sent, sent[:, VehicleStage.ECHOED_COUNTER], answers, counter_period)

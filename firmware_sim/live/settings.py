@@ -66,7 +66,7 @@ SLIDERS: Final = {
     "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms longer to the jets"),
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
-"""Slider of every cost weight; its bounds are those of a weight in a calibration."""
+"""Slider of every cost weight; it has the bounds of a weight in a calibration."""
 _SENSORS: Final = ("dead", "biased")
 _CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
 _SWITCHES: Final = ("enable", "babble")

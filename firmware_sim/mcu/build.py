@@ -35,7 +35,7 @@ def compile_for_cortex_m7(
     sources: Mapping[str, bytes], board: Mapping[str, bytes] | None = None, *, core: Core = CORTEX_M7
 ) -> bytes:
     """Compile a library's control step, with start-up code and linker script, for a core with the memories of the
-    Cortex-M7; return an ELF file. Files of `board` replace those of the firmware with the same name. Raises McuError if
+    Cortex-M7; return an ELF file. Files of `board` replace firmware files with the same name. Raises McuError if
     the sources do not compile, or `ziglang` is not installed."""
     firmware = {item.name: item.read_bytes() for item in files("firmware_sim").joinpath("mcu/c").iterdir()}
     firmware["sw_board_libc.c"] = sources_in("board")["sw_board_libc.c"]
@@ -44,7 +44,7 @@ def compile_for_cortex_m7(
 
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
     """Compile the whole firmware of a board, including its vector table; return an ELF file. `sources` are the sources
-    of a library with ECU and board, by path in its folder; files of `own` replace those with the same name. Raises
+    of a library with ECU and board, by path in its folder; files of `own` replace sources with the same name. Raises
     LibraryError for a library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
     """
     return _linked(board_files(sources, own), BOARD_SCRIPT, "sw_board_start", CORTEX_M7)

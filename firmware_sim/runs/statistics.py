@@ -43,7 +43,7 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """Averages of a run before and under control. `averaged`, (n,), marks which of the n periods count for `under`."""
+    """Averages of a run before and under control. `averaged`, shape (n,), marks the periods that count for `under`."""
 
     before: Regime
     under: Regime
@@ -98,7 +98,7 @@ def averages(log: RunLog) -> Averages | NoAverages:
 
 def planned_steps(log: RunLog) -> Flags:
     """Return whether the controller planned in each of the n periods, shape (n,)."""
-    # For a period that the ECU skipped, the step time is NaN, but the mode is that of the previous period.
+    # For a period that the ECU skipped, the step time is NaN, but the mode repeats the previous period's mode.
     return np.asarray((log.series["mode"] == Mode.CONTROL) & np.isfinite(log.series["step_ms"]))
 
 

@@ -33,7 +33,7 @@ _SAME_TIME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """The common data of a run's stills: limits of x and y in W, pixels, and x and y in W of all sensors by name."""
+    """The common data of a run's stills: limits of x and y in W, size in pixels, and positions of the sensors in W."""
 
     view: View
     size: tuple[int, int]

@@ -1,8 +1,8 @@
 """The built-in solver in a separate process, one control period ahead of the bus.
 
 An ECU that plans ahead sends the action for a period one period early, so the solver has a whole period to compute the
-flow up to the next sampling instant. If it is late, the vehicle sends no pressures at that instant, and the flow's time
-falls behind the clock by a period.
+flow up to the next sampling instant. If the solver is late, the vehicle sends no pressures at that instant, and the
+flow's time falls behind the clock by a period.
 """
 
 import multiprocessing
