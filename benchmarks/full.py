@@ -50,7 +50,7 @@ _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """A file in `results/` and the command that makes it: a table of `full.toml`, where the fields are explained."""
+    """A file in `results/` and the command that makes it. The fields are explained at the top of `full.toml`."""
 
     name: str
     run: str
@@ -135,7 +135,7 @@ def _make(one: Figures) -> None:
     for command in one.before:
         if _status(command) != 0:
             _fail(one, command)
-    # A relative path, because some files state their command.
+    # The path is relative, because some files state the command that made them.
     if _status(f"{one.run} --json {os.path.relpath(one.file, ROOT)}") not in (0, one.status):
         _fail(one, one.run)
     minutes: float | None = round((time.monotonic() - began) / 60.0, 1)

@@ -70,7 +70,7 @@ Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted}
 
 
 _FEW: Final = 4
-"""Length of the longest list that the table of the attack tools shows; of a longer list it states only the length."""
+"""Length of the longest list that the table of the attack tools shows. For longer lists it shows only the length."""
 
 
 def attack_tools(found: Any) -> str:

@@ -130,8 +130,8 @@ def recursion(calls: Calls) -> list[str]:
 
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
-    """Return the largest stack, in bytes, of a function with the functions that it calls, and the chain of calls that
-    needs this stack. There must be no recursion. A function of the compiler's runtime needs `runtime` bytes.
+    """Return the largest stack in bytes that a function needs with all its callees, and the chain of calls that needs
+    this stack. There must be no recursion. A function of the compiler's runtime needs `runtime` bytes.
     """
     known = dict[str, tuple[int, list[str]]]()
     for name in TopologicalSorter(calls.calls).static_order():

@@ -16,7 +16,7 @@ from export.program.weights import Linear, Norm
 
 
 class EagerController:
-    """The control step of `controller.onnx`, with derivatives by autograd, computed in the given precision."""
+    """The control step of `controller.onnx` in PyTorch, with derivatives by autograd, in a chosen precision."""
 
     def __init__(self, program: ControllerProgram, dtype: torch.dtype) -> None:
         self._program = program

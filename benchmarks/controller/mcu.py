@@ -126,7 +126,7 @@ def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -
 
 
 def _windows(count: int) -> list[Array]:
-    """Return windows of the recording, evenly spaced over each kind of forcing, and as many random windows."""
+    """Return `count` windows: half of them evenly spaced over all episodes of the recording, the others random."""
     program = program_of(model_folder.read(MODEL), load_config().mpc)
     episodes = dataset.read(RECORDING)
     found: list[Array] = []

@@ -57,8 +57,8 @@ _INDIRECT: Final = "__indirect_call"
 
 @dataclass(frozen=True, kw_only=True)
 class Loop:
-    """A loop of the program: its file, its line, and the largest number of passes that GCC proves; None without a
-    proof."""
+    """A loop of the program: its file, its line, and the largest number of passes that GCC proves, None if GCC
+    proves no bound."""
 
     function: str
     place: str

@@ -73,7 +73,7 @@ def main(
 ) -> None:
     """Run the three closed loops and print a table."""
     if library is None and bundle is not None:
-        raise StillwakeError("--bundle: name its C library with --library")
+        raise StillwakeError("--bundle: needs --library, the bundle's C library")
     release = open_release(bundle)
     config = replace(load_config(), mpc=release.manifest.mpc)
     with library_folder(library) as folder:

@@ -1,4 +1,4 @@
-"""Fit the prior of a model so that a wrong speed costs it less drag reduction.
+"""Fit the prior of a model so that it loses less drag reduction if it gets a wrong speed.
 
     python -m benchmarks.release.wrong_speeds OUTPUT --model MODEL
 

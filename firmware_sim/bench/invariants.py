@@ -102,8 +102,8 @@ class Commands:
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the next command violates, with values. `share` of a period, at most
-        1, has passed since the previous command."""
+        """Yield the name of every invariant that the next command violates, with values. The part `share` of a period,
+        at most 1, has passed since the previous command."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"

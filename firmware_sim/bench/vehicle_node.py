@@ -195,8 +195,8 @@ class VehicleNode:
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
-        """Return the Pressure frame of the instant `now_ns`, which states that its pressures are `age_ns` old. `cp` has
-        the wall pressures Cp of all n sensors of the plant, shape (n,).
+        """Return the Pressure frame of the instant `now_ns`. The frame states that its pressures are `age_ns` old. `cp`
+        has the wall pressures Cp of all n sensors of the plant, shape (n,).
 
         A pressure beyond the transducer's range saturates and is marked invalid; NaN is sent as 0. After the vehicle
         has given up control, its frames request no control until `enable_request` has been False once.
@@ -302,12 +302,12 @@ class VehicleNode:
 
     @property
     def has_given_up(self) -> bool:
-        """Whether too many commands were missing, and the vehicle has requested control ever since."""
+        """Whether too many commands were missing. It stays true until the vehicle no longer wants control."""
         return self._losses.is_latched
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:
-        """Identifier of the jet commands, and the newest accepted freshness value; 0 without authentication."""
+        """Identifier of the jet commands, and their newest accepted freshness value (0 without authentication)."""
         return self._receiver.spec.frame_id, self._verifier.freshness
 
     @property

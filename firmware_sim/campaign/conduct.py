@@ -42,7 +42,7 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Check every scenario. Raises StillwakeError, which states the scenario, if no run of it is possible."""
+        """Check every scenario. Raises StillwakeError with the scenario's name if no run of it is possible."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
         # The last sample of a run is taken at the start of its last period, one period before the end of the run.

@@ -25,8 +25,8 @@ _CURVES: Final = {
     ),
     "delay": (
         "Actuator delay",
-        f"{_BARS} Stars: the paper's loop with compensation. Its mean Cd is "
-        f"{PAPERS_DELAYED_CD[0]:.3f} without delay, {PAPERS_DELAYED_CD[12]:.3f} at 12 periods and "
+        f"{_BARS} Stars: the paper's loop with compensation. Mean Cd is "
+        f"{PAPERS_DELAYED_CD[0]:.3f} without delay, {PAPERS_DELAYED_CD[12]:.3f} with 12 periods of delay, and "
         f"{PAPERS_UNCONTROLLED_CD:.3f} without control (appendix B). The paper states no side force in numbers.",
     ),
     "overview": ("Overview", _BARS),

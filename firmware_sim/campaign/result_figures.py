@@ -40,7 +40,7 @@ class Curve:
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """Collect the scenarios whose name matches `pattern`, whose group is the number. The undisturbed scenario has 0."""
+    """Collect the scenarios whose name matches `pattern`; its group is the number. The undisturbed scenario has 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)

@@ -77,8 +77,8 @@ def plant_of(config: Config) -> PlantKey:
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """Return the campaign's settings, changed by the scenario's settings and its plant's body. Raises ConfigError,
-    which states the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
+    """Return the campaign's settings, changed by the scenario's settings and its plant's body. Raises ConfigError
+    with the scenario's name if a setting is unknown, wrong, or not allowed in a scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)
@@ -110,7 +110,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Raise ConfigError, which states the scenario, if no run of the scenario is possible."""
+    """Raise ConfigError with the scenario's name if no run of the scenario is possible."""
     try:
         disturbances = Disturbances.parse(scenario.disturb)
         Simulation(bundle, config, spans=timing, controller=controller, disturbances=disturbances)

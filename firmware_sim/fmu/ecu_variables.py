@@ -52,7 +52,7 @@ compute_time      |  | Float64 | s | 0 | Time from a step to the ECU's frames, s
 """Parameters of an FMU with a bus terminal. The columns are as in the table of inputs."""
 _OUTPUTS: Final = """
 flow_command   | command.Flow           | Float64     | m2/s   |    | Jet flow rate per unit span to be reached
-next_period    | command.NextPeriod     | Boolean     |        |    | Whether the next control period reaches the flow
+next_period    | command.NextPeriod     | Boolean     |        |    | Whether the flow is for the next control period
 enable         | command.Enable         | Boolean     |        |    | Whether the jets may run
 mode           | command.Mode           | Enumeration | Mode   |    | Mode of the ECU
 reason         | status.Reason          | Enumeration | Reason |    | Reason for which the ECU is not in control

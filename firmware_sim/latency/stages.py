@@ -29,7 +29,7 @@ class Stage(StrEnum):
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
-    """The time from that receipt to the deadline of the step that uses the frame; it absorbs jitter of the bus."""
+    """The time from this receipt to the deadline of the step that uses the frame. This wait absorbs bus jitter."""
     RECEIVE = "receive"
     """The time from the deadline, or a later receipt of the frame, to the plan: wake-up, checks, window."""
     PLAN = "plan"

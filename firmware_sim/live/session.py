@@ -160,7 +160,7 @@ class LiveSession(NeverCopied):
                 answer["note"] = self._clear()
             case "power_cycle":
                 if self._settings.controller == OFF:
-                    raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
+                    raise ConfigError("power cycle: the ECU has no supply; choose a controller to start it")
                 self._run.power_on()
                 self._note("set", "the ECU's supply is cut for a moment")
             case "pause":

@@ -104,8 +104,8 @@ class LiveSettings:
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
         """Return settings with some values replaced. Weights are given by their names; None selects the release's
-        weights. `own` is the release's calibration. Raises ConfigError, which states an unknown, mistyped or
-        out-of-range value."""
+        weights. `own` is the release's calibration. Raises ConfigError for an unknown name, or a value of a
+        wrong type or range."""
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
             raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")

@@ -18,8 +18,8 @@ NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # C allows the contraction of operations within an expression. Contraction gives equal results on all targets that have
 # fused multiply-add.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
-# The sources already unroll the loops that become faster; unrolling all loops would take 21 KiB more flash. zig's
-# defaults, with frame pointers and more inlining, would take 2 KiB and 3 % more time.
+# The sources already unroll the loops for which it saves time; unrolling all loops would take 21 KiB more flash. zig's
+# defaults, with frame pointers and more inlining, would take 2 KiB more flash and 3 % more time.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops", "-fomit-frame-pointer",
     "-mllvm", "-inline-threshold=50", "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",

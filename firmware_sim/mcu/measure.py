@@ -144,7 +144,7 @@ def _replay(machine: Machine, rows: ProgramRows, window: int, horizon: int) -> P
     answers = []
     for i, row in enumerate(rows, start=1):
         machine.write("mcu_row", row.astype("<f4").tobytes())
-        # The example program on the host gives no outputs before the window is full either.
+        # The example program on the host also gives no outputs before the window is full.
         if (status := machine.call("mcu_step" if i >= window else "mcu_push")) != 0:
             raise McuError(f"row {i}: {REFUSALS[status]}")
         if i >= window:

@@ -1,5 +1,5 @@
-"""The recorded wake of a run: a still picture of the flow every few control periods, small enough to be stored with
-every run. Stills are lossy WebP pictures in grey, which every browser can decode."""
+"""The recorded wake of a run: still pictures of the flow, one every few control periods. They are small enough to be
+stored with every run. Stills are lossy WebP pictures in grey, which every browser can decode."""
 
 import io
 import json

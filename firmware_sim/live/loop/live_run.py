@@ -234,9 +234,9 @@ class LiveRun:
         self.ecu = ecu
 
     def help(self) -> bool:
-        """Clear latched faults with a new request for control, now and in the next periods, in which earlier
-        disturbances may still latch faults. Restart an ECU that ignores a sensor. Return whether the request was
-        withdrawn for this."""
+        """Clear latched faults with a new request for control. Do the same in the next periods, because earlier
+        disturbances may still latch faults there. Restart an ECU that has excluded a sensor. Return whether the
+        request was withdrawn."""
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_on()
         longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)

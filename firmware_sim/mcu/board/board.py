@@ -221,5 +221,5 @@ class Board(EmulatedCore):
 def _whole(offset: int, size: int) -> int:
     """Return the offset of a register; raises McuError unless the access covers exactly one register."""
     if size != 4 or offset % 4:
-        raise McuError(f"a register is accessed with {size} bytes at {offset:#x}: must be 4, aligned")
+        raise McuError(f"a register is accessed with {size} bytes at {offset:#x}: must be 4 aligned bytes")
     return offset

@@ -105,7 +105,7 @@ def write_picture(folder: RunFolder, target: Path) -> None:
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
-    # PDF has no metadata field for a description, so its field for the subject has the digest.
+    # PDF has no metadata field for a description, so the digest is in its field for the subject.
     described = {"Subject" if kind == "pdf" else "Description": f"stillwake bundle {run.log.metadata.digest}"}
     with replacing(target) as temporary:
         _overview_figure(run).savefig(temporary, format=kind, metadata=described)
