@@ -168,8 +168,8 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
 
 
 def _stack_of_runtime(built: Built) -> int:
-    """Return the largest stack, in bytes, of the called functions of the compiler's runtime. GCC reports no stack for
-    these functions, so their instructions are analysed. Each function counts with this largest stack, because a
+    """Return the largest stack, in bytes, among the compiler's runtime functions that are called. GCC reports no stack
+    for these functions, so their instructions are analysed. Each function counts with this largest stack, because a
     function may jump into another function."""
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))

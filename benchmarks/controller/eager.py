@@ -51,7 +51,7 @@ class EagerController:
         self._force_std = self._tensor(program.scaling.force_std)
 
     def encode(self, window: Array) -> Tensor:
-        """Return the latent state, shape (n_z,), of a window (L, S+1) of L rows with S sensors and the action."""
+        """Return the latent state, shape (n_z,). `window`, (L, S+1), has L rows with S sensors and the action."""
         scaling = self._program.scaling
         mean, std = self._tensor(scaling.window_mean), self._tensor(scaling.window_std)
         rows = self._tensor(window)[-self._program.encoder_rows :]

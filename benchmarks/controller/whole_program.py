@@ -121,8 +121,8 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
 
 
 def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | None = None) -> Built:
-    """Compile a firmware as the exported folder does. `calls_of` explains `reached`; None if no function is called
-    through a pointer. Raises McuError as `read_program` does."""
+    """Compile a firmware as the exported folder does. `calls_of` explains `reached`, which is None if no function
+    is called through a pointer. Raises McuError as `read_program` does."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         names = _written(folder, files)

@@ -35,8 +35,8 @@ from firmware_sim.runs.statistics import NoAverages, averages
 
 
 class Case(NamedTuple):
-    """The differences of a case from the goal of the prior's training: cost weights, the action limit as a share of the
-    release's limit, and the actuator's delay in control periods, which the ECU knows."""
+    """The differences of a case from the goal of the prior's training. `limit` is the action limit as a share of the
+    release's limit. `delay` is the actuator's delay in control periods; the ECU knows this delay."""
 
     name: str
     weights: Mapping[str, float] = {}

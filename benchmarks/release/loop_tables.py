@@ -1,5 +1,5 @@
 """The tables of the shipped release from several starting phases in the shedding cycle, at other speeds, in the
-campaign, and beside other ways to reduce drag."""
+campaign, and compared with other ways to reduce drag."""
 
 import re
 from collections import Counter

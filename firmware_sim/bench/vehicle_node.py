@@ -91,8 +91,8 @@ class CommandLosses:
     """A count of missed commands while the ECU is in control. It latches at `limit` missed periods within `window`.
 
     Attributes:
-        missed: whether the command was missed in each of the latest periods in which the ECU was in control, at most
-            `window` periods, oldest first; empty while the ECU is not in control.
+        missed: whether the command was missed, for each of the latest periods with the ECU in control, oldest first, at
+            most `window` periods. Empty while the ECU is not in control.
     """
 
     window: int

@@ -42,7 +42,7 @@ class CampaignFolder:
             return
         present = _read(self._label_file, CAMPAIGN_SCHEMA)
         if present is None:
-            raise OutputError(f"{self.path}: holds files that are not a campaign's; name another folder")
+            raise OutputError(f"{self.path}: holds files that no campaign wrote; name another folder")
         if present != _plain(label) and not overwrite:
             names = ", ".join(sorted(n for n in present.keys() | label.keys() if present.get(n) != label.get(n)))
             raise OutputError(

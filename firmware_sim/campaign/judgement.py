@@ -120,7 +120,7 @@ class ScenarioRow:
         }
 
     def spread(self, name: str, *, free: bool = False) -> Spread:
-        """Return the spread of one field of `MeanFigures` over the runs under control or, if `free`, without it."""
+        """Return the spread of a field of `MeanFigures` over the runs under control or, if `free`, without control."""
         found = [(phase.free if free else phase.under).figures for phase in self.phases]
         return Spread.of([nan if one is None else float(getattr(one, name)) for one in found])
 

@@ -107,7 +107,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     if planned[0] >= len(sent) - 1:
         raise StillwakeError("the ECU's first plan arrived in the vehicle's last period: measure for longer")
     first, last = int(sent[planned[0], VehicleStage.PERIOD]), int(sent[-1, VehicleStage.PERIOD]) - 1
-    # All periods, with or without a row in the vehicle's table. A period that was left out gets the next row.
+    # These are all periods, with or without a row of the vehicle. A period that was left out gets the next row.
     numbers, own_number = np.arange(first, last + 1), sent[:, VehicleStage.PERIOD]
     row = np.searchsorted(own_number, numbers)
     instants = sent[row, VehicleStage.SCHEDULED] - (own_number[row] - numbers) * period_ns

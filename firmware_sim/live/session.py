@@ -43,7 +43,7 @@ class LiveSession(NeverCopied):
         wake: function from the plant's name to a plant in its initial state.
         ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
         ahead: function from the controller's name to a function that prepares a slow ECU, or to None.
-        settings: initial settings, except that control is requested only after `lead_in`, in t_c, of each run.
+        settings: initial settings, but in each run control is requested only after `lead_in`, in t_c.
         kept: number of latest periods that a page should store; the session stores as many until `messages` is called.
         clock: wall clock in s.
     """

@@ -162,7 +162,7 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
     if given is None:
         return None
     if not isinstance(given, Mapping) or (set(given) - set(TERMS)):
-        raise ConfigError(f"live setting weights = {given!r}: must be numbers by the names {', '.join(TERMS)}")
+        raise ConfigError(f"live setting weights = {given!r}: must be an object with the names {', '.join(TERMS)}")
     return limits.changed(now, given).weights
 
 

@@ -113,7 +113,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def headline(log: RunLog) -> str:
-    """Summarise the run, problems first. A reduction has a reservation unless control was held and side force fell."""
+    """Summarise the run, problems first. A reduction gets a warning unless control was held and side force fell."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
     if (drive := drive_totals(log)) is not None:

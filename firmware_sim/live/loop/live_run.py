@@ -164,7 +164,7 @@ class LiveRun:
 
     Attributes:
         k: number of the next period; each period lasts `period_ns` in virtual time.
-        view, raster: limits in W, and size in pixels, of the pictures; empty for a plant without a flow field.
+        view, raster: limits of the pictures in W, and their size in pixels; empty for a plant without a flow field.
         picture: flow at the start of the latest period; None for a plant without a flow field.
         latest, state: the latest period and the ECU's state after it; `latest` is None before the first period.
     """

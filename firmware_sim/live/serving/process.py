@@ -160,7 +160,7 @@ class LoopProcess:
         make: function that creates the session in the other process; it must be picklable.
         hear: called with new messages, in a separate thread.
         answered: called with a request's number and its answer, in the thread of `hear`.
-        ended: called once, in the thread of `hear`, with the error, if the process ended without a call of `end`.
+        ended: called once with the error, in the thread of `hear`, if the process ended without a call of `end`.
     """
 
     def __init__(

@@ -102,7 +102,7 @@ class BoardEcu(CEcuState):
     ) -> list[Frame]:
         """Run one control period like `Ecu.step`; `around` must be empty. Raises McuError if the core stopped."""
         if any(around.values()):
-            raise McuError("a fault or an update from outside: the board's firmware detects them itself")
+            raise McuError("no fault or update from outside is possible: the board's firmware detects them itself")
         self.board.blocks.start()
         self.board.counter.now_ns = max(c_time(now_ns), self.board.counter.now_ns)
         self.board.can.surround(health)

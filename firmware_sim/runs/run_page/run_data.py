@@ -29,7 +29,7 @@ class Disturbed(NamedTuple):
 
     @property
     def sensor(self) -> tuple[str, str] | None:
-        """Sensor and kind of a disturbance of one sensor; otherwise None."""
+        """Sensor and kind if the disturbance acts on one sensor; otherwise None."""
         match = _SENSOR.match(self.what)
         return None if match is None else (match[2], match[1])
 
