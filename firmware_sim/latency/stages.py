@@ -95,9 +95,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
     took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]
     if len(sent) < 2 or not len(took):
-        raise StillwakeError(
-            "the tables of stage times hold too few periods: did vehicle and ECU run at the same time?"
-        )
+        raise StillwakeError("the tables of stage times hold too few periods: did vehicle and ECU run together?")
     received, answers = took[:, EcuStage.FRAME_ARRIVED], sent[:, VehicleStage.COMMAND_ARRIVED]
     frame_of = _rows_by_counter(sent, took[:, EcuStage.PRESSURE_COUNTER], received, counter_period)
     echo_of = _rows_by_counter(sent, sent[:, VehicleStage.ECHOED_COUNTER], answers, counter_period)
