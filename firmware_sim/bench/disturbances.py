@@ -154,7 +154,7 @@ class SpeedScale(Span, section="speed_scale"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """A speed signal with an age in s, rounded to whole control periods, that its frames do not state."""
+    """A late speed signal. Its age in s is rounded to whole control periods; its frames do not state the age."""
 
     speed_late: NonNegative[float]
 

@@ -42,8 +42,8 @@ _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; from
-    frame to frame the number increases by the counters' difference.
+    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; each
+    later number adds the difference to the previous frame's counter.
 
     Attributes:
         kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
@@ -279,7 +279,7 @@ class VehicleNode:
         return float(np.clip(self._in_reach_of(self._action, wanted), -self.action_limit, self.action_limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
-        """Return the action after one period of moving from `action` to `wanted` by at most the driver's step."""
+        """Return the action that the jets reach in one period from `action` towards `wanted`, by the driver's step."""
         step = self._config.vehicle.action_step
         return float(np.clip(wanted, action - step, action + step))
 

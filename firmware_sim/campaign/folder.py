@@ -50,7 +50,7 @@ class CampaignFolder:
             )
 
     def claim(self, label: Mapping[str, Any]) -> None:
-        """Write the label; delete the files of another campaign, whose replacement `check` has allowed."""
+        """Write the label. First delete the files of another campaign, because `check` has allowed its replacement."""
         if _read(self._label_file, CAMPAIGN_SCHEMA) != _plain(label):
             for folder in ("starts", "runs", "figures"):
                 shutil.rmtree(self.path / folder, ignore_errors=True)

@@ -74,7 +74,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """Read the scenarios of one file, with the errors of `whole_plan`."""
+    """Read the scenarios of one file. Raises ConfigError as `whole_plan` does."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)

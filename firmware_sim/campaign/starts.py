@@ -1,4 +1,4 @@
-"""Initial states of runs: the wake at several shedding phases, so that no result depends on a single one."""
+"""Initial states of runs: the wake at several shedding phases, so that no result depends on a single phase."""
 
 import hashlib
 from collections.abc import Callable, Sequence

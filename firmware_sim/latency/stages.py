@@ -48,7 +48,7 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Periods:
-    """Consecutive control periods, n in number, including periods that a node left out. Times are in ns from
+    """A sequence of n consecutive control periods, including periods that a node left out. Times are in ns from
     `origin_ns`.
 
     Attributes:

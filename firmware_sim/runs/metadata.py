@@ -118,7 +118,7 @@ class RunMetadata:
 
     @property
     def changed_weights(self) -> dict[str, tuple[float, float]]:
-        """Cost weights that differ from the bundle's: (value in the run, value in the bundle) by the weight's name."""
+        """Cost weights that the run changed: (value in the run, value in the bundle) by the weight's name."""
         ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
         return {name: (ours[name], bundles[name]) for name in ours if ours[name] != as_float32(bundles[name])}
 

@@ -119,7 +119,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Receive frames, advance to `until_ns`, return sent frames. Raises McuError for a stopped core; PowerCut."""
+        """Receive frames, advance to `until_ns`, return sent frames. Raises McuError and PowerCut as `Board.run`."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)
