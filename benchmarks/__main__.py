@@ -22,8 +22,8 @@ from stillwake.console.stopping import ends_like_ctrl_c
 
 
 class Measurement(NamedTuple):
-    """A line of the list: the module with the function `main`, a description, and the approximate duration on two
-    cores. The module is imported only when the measurement runs, because each needs other packages."""
+    """A measurement in the list: the module with its function `main`, a description, and the approximate duration on
+    two cores. A module is imported only when its measurement runs, because each module needs other packages."""
 
     module: str
     text: str
@@ -36,13 +36,13 @@ MEASUREMENTS: Final = {
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
     "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
     "weights": Measurement("release.weights", "what a weight of the cost changes, in the closed loop", "minutes"),
-    "iterations": Measurement("release.iterations", "what the iterations add to the prior's plan, in pairs", "minutes"),
+    "iterations": Measurement("release.iterations", "how iterations change the cost, by pairs of runs", "minutes"),
     "mcu": Measurement("controller.mcu", "memory, instructions and modelled time on an emulated Cortex-M7", "minutes"),
     "bounds": Measurement("controller.bounds", "the firmware's loops, calls and stack, as GCC reports them", "minutes"),
     "release-figures": Measurement(
         "release.release_figures", "the paper's figures of control: forecasts, distributions, mean fields", "a minute"
     ),
-    "attack-tools": Measurement("bus.attack_tools", "what scapy's scanners learn of an ECU with slots", "minutes"),
+    "attack-tools": Measurement("bus.attack_tools", "what scapy's scanners find in an ECU with slots", "minutes"),
     "sensor-check": Measurement("ecu.sensor_check", "the ECU's sensor check: false alarms, what it finds", "minutes"),
     "release-loop": Measurement(
         "release.release_loop", "the shipped release from five phases of the shedding cycle", "minutes"
@@ -51,14 +51,14 @@ MEASUREMENTS: Final = {
     "ecu-loop": Measurement("ecu.ecu_loop", "the wake driven by each ECU: Python, C, an emulated Cortex-M7", "minutes"),
 }
 PAGES: Final = {
-    "full": Measurement("full", "make every file in results/, or what of it is of an earlier release", "hours"),
+    "full": Measurement("full", "make the files in results/: all, or only the outdated files", "hours"),
     "tables": Measurement("tables", "fill the tables of README.md and docs/ from results/", "seconds"),
     "pictures": Measurement("pictures", "draw the pictures in docs/pictures that are made from results/", "seconds"),
 }
 
 
 def main(arguments: list[str]) -> None:
-    """Run the measurement that the first argument names; the exit statuses are those of `stillwake`."""
+    """Run the measurement that the first argument names, with the exit statuses of `stillwake`."""
     ends_like_ctrl_c()
     sys.exit(status_of(lambda: _run(arguments)))
 

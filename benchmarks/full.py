@@ -1,4 +1,4 @@
-"""The production of every file in `results/` with the commands in `full.toml`; `make full` runs this module after the
+"""Make every file in `results/` with the commands in `full.toml`. The target `make full` runs this module after the
 tests.
 
     python -m benchmarks full [--resume] [--only NAME] [--list]
@@ -50,7 +50,7 @@ _COMMENT: Final = re.compile(rb"/\*.*?\*/", re.DOTALL)
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """A file in `results/` and the command that makes it: a table of `full.toml`, where the fields are explained."""
+    """A file in `results/` and the command that makes it. The fields are explained at the top of `full.toml`."""
 
     name: str
     run: str
@@ -65,7 +65,7 @@ class Figures:
         return RESULTS / f"{self.name}.json"
 
     def stamp(self) -> dict[str, Any]:
-        """Return the stamp of a file that would be made now, with the present release, sources and version."""
+        """Return the stamp that the file would get now, with the present release, sources and version."""
         of = {name: release() if name == RELEASE else sources_hash(name) for name in self.of}
         return {"version": versions("stillwake")["stillwake"], "of": of}
 
@@ -106,9 +106,9 @@ def sources_hash(folder: str) -> str:
 
 
 def main(
-    resume: Annotated[bool, typer.Option("--resume", help="Only what is of an earlier release or version.")] = False,
-    only: Annotated[list[str], typer.Option(help="Files by their names, such as 'bus_*' (repeatable).")] = [],  # noqa: B006
-    show: Annotated[bool, typer.Option("--list", help="Print what there is, and run nothing.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Make only missing and outdated files.")] = False,
+    only: Annotated[list[str], typer.Option(help="Names of files, such as 'bus_*' (repeatable).")] = [],  # noqa: B006
+    show: Annotated[bool, typer.Option("--list", help="List the files and run nothing.")] = False,
 ) -> None:
     """Make the files in `results/`, one after another; a stopped run continues with --resume."""
     figures, _ = plan()
@@ -121,7 +121,7 @@ def main(
     for number, one in enumerate(chosen, 1):
         head = f"{number}/{len(chosen)} {one.name}"
         if one.needs and shutil.which(one.needs) is None and find_spec(one.needs) is None:
-            console.print(f"{head}: left out, there is no {one.needs}")
+            console.print(f"{head}: left out, because {one.needs} is missing")
         elif resume and one.is_current() and made(one.file).get("version") == one.stamp()["version"]:
             console.print(f"{head}: there already")
         else:
@@ -135,12 +135,12 @@ def _make(one: Figures) -> None:
     for command in one.before:
         if _status(command) != 0:
             _fail(one, command)
-    # A relative path, because some files state their command.
+    # The path is relative, because some files state the command that made them.
     if _status(f"{one.run} --json {os.path.relpath(one.file, ROOT)}") not in (0, one.status):
         _fail(one, one.run)
     minutes: float | None = round((time.monotonic() - began) / 60.0, 1)
     content = read(one.file)
-    # The duration of a continued campaign is not that of a whole campaign.
+    # A continued campaign takes less time than a whole campaign, so the earlier duration is kept.
     if before is not None and content["facts"].get("runs", {}).get("kept", 0) > 0:
         minutes = before
     content["facts"][STAMP] = {**one.stamp(), "minutes": minutes}
@@ -149,7 +149,7 @@ def _make(one: Figures) -> None:
 
 
 def _fail(one: Figures, command: str) -> NoReturn:
-    raise StillwakeError(f"{one.name}: {command!r} failed; `python -m benchmarks full --resume` goes on here")
+    raise StillwakeError(f"{one.name}: {command!r} failed; `python -m benchmarks full --resume` continues here")
 
 
 def _status(command: str) -> int:

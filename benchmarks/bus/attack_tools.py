@@ -32,7 +32,7 @@ ISOTP_IDS: Final = range(0x7D8, 0x7F0)
 scanner."""
 DIDS: Final = (*range(0xF100, 0xF200), *range(0xFD00, 0xFD40))
 ABSENT: Final = (0x11, 0x7F)
-"""Negative response codes (UDS) for a service that the ECU lacks, and for a service that this session lacks."""
+"""Negative response codes (UDS) for a service that is missing in the ECU, or only in the present session."""
 
 
 def main(json_file: JsonFile = None) -> None:
@@ -44,14 +44,12 @@ def main(json_file: JsonFile = None) -> None:
     beyond = {int(text, 16) for text in figures["services"]} - services
     beyond |= {int(text, 16) for text in figures["identifiers"]} - identifiers
     if beyond or figures["unlocked"] or not figures["requests"]:
-        raise StillwakeError(
-            f"scapy learned more than it may: {sorted(map(hex, beyond))}, {figures['unlocked']} unlocked"
-        )
+        raise StillwakeError(f"scapy found too much: {sorted(map(hex, beyond))}, {figures['unlocked']} levels unlocked")
 
 
 @contextmanager
 def _ecu(place: Path) -> Iterator[None]:
-    """Provision the ECU and run it while the block runs; fail if the ECU ended by itself during the scans."""
+    """Provision the ECU and run it until the block ends; fail if the ECU ended by itself during the scans."""
     root, keys, slots, access = (str(place / name) for name in ("root", "keys.list", "slots", "access.key"))
     trusted = ROOT / "contract" / "release" / "release.pub"
     stillwake("keygen", root)
@@ -64,7 +62,7 @@ def _ecu(place: Path) -> Iterator[None]:
         try:
             yield
             if process.poll() is not None:
-                raise StillwakeError(f"the ECU ended with status {process.returncode} under the scans")
+                raise StillwakeError(f"the ECU ended with status {process.returncode} during the scans")
         finally:
             process.terminate()
 

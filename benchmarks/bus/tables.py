@@ -17,7 +17,7 @@ HEADLINES: Final = {
     "gate_mutants": "faults planted in the command gate",
     "gate_mutants_survived": "planted faults that no test finds",
 }
-"""Label of each headline figure; the figures are from `results/bus.json` and from the finished studies in
+"""Label of each headline figure. The figures are in `results/bus.json` or, from finished studies, in
 `results/bus_studies.json`."""
 RUNS: Final = {
     "CAN FD": "demo",
@@ -70,11 +70,11 @@ Of {forged["tried"]:,} forged, replayed, reflected and mutated frames {accepted}
 
 
 _FEW: Final = 4
-"""Largest number of services or identifiers that the table of the attack tools lists; more of them are only counted."""
+"""Length of the longest list that the table of the attack tools shows. For longer lists it shows only the length."""
 
 
 def attack_tools(found: Any) -> str:
-    """Return the table of the information about the ECU that scapy's scanners found."""
+    """Return the table of what scapy's scanners found out about the ECU."""
     figures, versions = found["figures"], found["facts"]["versions"]
     texts = {
         "isotp": "ISO-TP endpoints",
@@ -108,7 +108,7 @@ def bus_runs(*runs: Any) -> str:
 
 
 def bus_faults(*runs: Any) -> str:
-    """Return the table of the closed loop with late and with lost pressures, from the results of `FAULTED`."""
+    """Return the table of the closed loop with late or lost pressures, from the results of `FAULTED`."""
     rows = []
     for name, run in zip(FAULTED, runs, strict=True):
         figures, fault = run["figures"], run["figures"]["fault"]
@@ -119,7 +119,7 @@ def bus_faults(*runs: Any) -> str:
 
 
 def _priority(name: str) -> int:
-    """Return the place of a message, of any message set, in the order of priorities."""
+    """Return a message's place in the order of priorities, which is the same in all message sets."""
     base = name.removesuffix("Classic").removesuffix("Secured")
     return ("Pressure", "VehicleSpeed", "JetCommand", "EcuStatus").index(base)
 

@@ -29,14 +29,14 @@ bars: Final = make_console(stderr=True)
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the figures and their settings here, too.")]
 Parts = Annotated[Path, typer.Option("--parts", help="Folder of finished parts; a stopped run continues.")]
 Phases = Annotated[int, typer.Option(min=1, max=25, help="Number of starts, spread over a shedding cycle.")]
-Workers = Annotated[int, typer.Option(min=1, max=16, help="Processes, a run each at a time.")]
+Workers = Annotated[int, typer.Option(min=1, max=16, help="Number of processes for the runs.")]
 Release = Annotated[Path, typer.Option(help="Another release in place of the shipped one.")]
 
 save: Final = save_json
 
 
 def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tables: Callable[[Any], str]) -> None:
-    """Write the figures to the file with `save`, and print the tables that the documents make from these figures."""
+    """Write the figures to the file and print the given tables of the documents, filled with these figures."""
     found = {"date": date.today().isoformat(), "figures": figures, "facts": facts}
     for made in tables:
         console.print(made(found), markup=False, highlight=False, soft_wrap=True)
@@ -44,7 +44,7 @@ def report(json_file: Path | None, figures: Any, facts: Mapping[str, Any], *tabl
 
 
 def track(items: Iterable[T], label: str, unit: str, total: int | None = None) -> Iterator[T]:
-    """Yield the items and show the progress, as a bar in a terminal, otherwise as lines."""
+    """Yield the items and show the progress: a bar in a terminal, lines elsewhere."""
     total = len(items) if total is None and isinstance(items, Sized) else total
     # An item may take minutes, so the remaining time is estimated from the last hour.
     with progress(unit, estimate_over=3600.0, console=bars) as report:

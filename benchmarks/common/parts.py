@@ -24,8 +24,8 @@ def part(path: Path, make: Callable[[], Any]) -> Any:
 def kept_runs(
     run: Callable[..., Any], arguments: Mapping[Path, tuple[Any, ...]], *, workers: int, label: str
 ) -> list[Any]:
-    """Return the results of runs, in order. `arguments` has the arguments of `run` for each run, by the file of its
-    result. Missing results are computed in `workers` processes."""
+    """Return the results of all runs, in order. `arguments` maps the results file of each run to the arguments of
+    `run`. Missing results are computed in `workers` processes."""
     missing = [path for path in arguments if not path.is_file()]
     # A process takes seconds to start, so none is started if the results of all runs are stored.
     if missing:

@@ -16,8 +16,8 @@ PICTURES: Final = ROOT / "docs" / "pictures"
 SOURCE: Final = "Source"
 """Name of the text field in a PNG that identifies the results file from which the picture was drawn."""
 STAMP: Final = "made"
-"""Name of a results file's entry that states the release and the sources of the figures. A test finds outdated files by
-this entry."""
+"""Name of the entry in a results file that states the release and the C sources of the figures. A test uses this entry
+to find outdated files."""
 
 
 def draw(figures: Mapping[str, Figure], source: Path, folder: Path = PICTURES) -> None:

@@ -3,10 +3,9 @@ also ensures that there is no recursion.
 
     python -m benchmarks bounds --json results/bounds.json
 
-The firmware is that of the shipped release with loader, diagnosis, calibration and a key of the bus, as GCC reports it
-(`benchmarks.controller.whole_program`). GCC proves the bounds of most loops; `bounds.toml` states the reason for each
-bound that GCC does not prove. An unknown loop, a recursion, or a call through a pointer that reaches no known function
-is an error.
+The shipped release's firmware is checked with loader, diagnosis, calibration and a key of the bus. GCC proves the
+bounds of most loops (`benchmarks.controller.whole_program`); `bounds.toml` states the reason for each bound that GCC
+does not prove. An unknown loop, a recursion, or a call through a pointer that reaches no known function is an error.
 """
 
 import io
@@ -89,8 +88,8 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> d
 
     - loops: a line for each loop: function, line in the source, largest number of passes, and the reason if GCC does
       not prove this number
-    - proved: number of loops whose bound GCC proves; reasoned: of loops whose bound is in `reasons` (default:
-      `bounds.toml`); waits: of loops that wait for an event and have no bound by design
+    - proved, reasoned, waits: numbers of loops. GCC proves the bound of a proved loop; `reasons` (default:
+      `bounds.toml`) states the bound of a reasoned loop; a waiting loop has no bound by design
     - functions, pointed_at: number of all functions, and number of functions called through pointers
     - stack_b, stack_of: largest stack in bytes, including an exception, and the chain of calls that needs it
 
@@ -100,7 +99,7 @@ def bounds(program: WholeProgram, reasons: Mapping[str, Any] | None = None) -> d
     lines = {loop: _line(loop, known) for loop in program.loops}
     wrong = [f"{loop.function}: the loop at {loop.place} has no bound" for loop, line in lines.items() if line is None]
     left = {**known["most"], **known["waits"]}.keys() - {loop.function for loop in program.loops}
-    wrong += [f"{name}: has a reason in {REASONS.name}, and no loop" for name in sorted(left)]
+    wrong += [f"{name}: has a reason in {REASONS.name}, but no loop" for name in sorted(left)]
     for calls in (program.written, program.built.calls):
         if circle := recursion(calls):
             wrong.append(f"{' calls '.join(circle)}: recursion")
@@ -131,8 +130,8 @@ def recursion(calls: Calls) -> list[str]:
 
 
 def deepest(calls: Calls, start: str, runtime: int) -> tuple[int, list[str]]:
-    """Return the largest stack, in bytes, of a function with the functions that it calls, and the chain of calls that
-    needs this stack. There must be no recursion. A function of the compiler's runtime needs `runtime` bytes.
+    """Return the largest stack in bytes that a function needs with all its callees, and the chain of calls that needs
+    this stack. There must be no recursion. A function of the compiler's runtime needs `runtime` bytes.
     """
     known = dict[str, tuple[int, list[str]]]()
     for name in TopologicalSorter(calls.calls).static_order():
@@ -169,8 +168,8 @@ def _line(loop: Loop, known: Mapping[str, Any]) -> str | None:
 
 
 def _stack_of_runtime(built: Built) -> int:
-    """Return the largest stack, in bytes, of the called functions of the compiler's runtime. GCC reports no stack for
-    these functions, so their instructions are analysed. Each function counts with this largest stack, because a
+    """Return the largest stack, in bytes, among the compiler's runtime functions that are called. GCC reports no stack
+    for these functions, so their instructions are analysed. Each function counts with this largest stack, because a
     function may jump into another function."""
     called = {name for names in built.calls.calls.values() for name in names} - built.calls.stack.keys()
     elf: Any = ELFFile(io.BytesIO(built.image))

@@ -1,8 +1,8 @@
 """The paper's control method in eager PyTorch: modules, autograd, torch.optim.Adam, clamp.
 
-This implementation shares no formula with the project's reference implementation, because gates, norms, derivatives and
-optimiser are all PyTorch's. So the parity tests compare the project's implementations with it, and the benchmark gives
-all times relative to its time.
+PyTorch supplies gates, norms, derivatives and optimiser, so this implementation shares no formula with the project's
+reference implementation. The parity tests compare the project's implementations with this one, and the benchmark gives
+all times relative to this one.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from export.program.weights import Linear, Norm
 
 
 class EagerController:
-    """The control step of `controller.onnx`, with derivatives by autograd, computed in the given precision."""
+    """The control step of `controller.onnx` in PyTorch, with derivatives by autograd, in a chosen precision."""
 
     def __init__(self, program: ControllerProgram, dtype: torch.dtype) -> None:
         self._program = program
@@ -51,7 +51,7 @@ class EagerController:
         self._force_std = self._tensor(program.scaling.force_std)
 
     def encode(self, window: Array) -> Tensor:
-        """Return the latent state, shape (n_z,), of a window (L, S+1) of L rows with S sensors and the action."""
+        """Return the latent state, shape (n_z,). `window`, (L, S+1), has L rows with S sensors and the action."""
         scaling = self._program.scaling
         mean, std = self._tensor(scaling.window_mean), self._tensor(scaling.window_std)
         rows = self._tensor(window)[-self._program.encoder_rows :]
@@ -72,7 +72,7 @@ class EagerController:
         return forces
 
     def start(self, window: Array, committed: Tensor, chosen: Tensor, w: Tensor, speed: float, limit: float) -> Tensor:
-        """Return the optimiser's initial plan for H periods, shape (H,). It is computed by the prior, from two matrix
+        """Return the optimiser's initial plan for H periods, shape (H,). The prior computes this plan from two matrix
         products with the flattened past."""
         prior = self._program.prior
         if prior is None:
@@ -105,7 +105,7 @@ class EagerController:
         return torch.stack(plan)
 
     def terms(self, forces: Tensor, plan: Tensor, previous_action: Tensor, start: Tensor | None = None) -> Tensor:
-        """Return the 8 cost terms without their weights, shape (8,); `start` is the initial plan, or else `plan`."""
+        """Return the 8 cost terms without their weights, shape (8,). `start` is the initial plan; None means `plan`."""
         cd, cl = forces.unbind(dim=-1)
         return torch.stack(
             [
@@ -129,8 +129,8 @@ class EagerController:
         speed: float = 1.0,
         limit: float | None = None,
     ) -> tuple[Array, Array, Array, float]:
-        """Return (new_plan, forces, terms, cost) as float64 arrays; the arguments are those of
-        `contract.controller.interface`."""
+        """Return (new_plan, forces, terms, cost) as float64 arrays. `contract.controller.interface`
+        explains the arguments."""
         limit = min(self._program.action_limit, np.inf if limit is None else limit)
         w = self._tensor(self._program.mpc.weights.as_tuple() if weights is None else weights)
         previous_action = self._tensor(window[-1, -1])

@@ -42,7 +42,7 @@ _LOADS = 15
 
 def main(
     json_file: JsonFile = None,
-    repeats: Annotated[int, typer.Option(min=1, help="Control steps of each lowering.")] = 300,
+    repeats: Annotated[int, typer.Option(min=1, help="Control steps of each implementation.")] = 300,
     dynamics_width: int = 64,
     decoder_width: int = 32,
     horizon: int = 25,

@@ -63,7 +63,7 @@ _ROWS = 4
 
 def main(
     json_file: JsonFile = None,
-    windows: Annotated[int, typer.Option(min=2, help="On which the work of the release's step is compared.")] = 200,
+    windows: Annotated[int, typer.Option(min=2, help="Windows for which the release's steps are compared.")] = 200,
 ) -> None:
     """Measure the networks of every size and the release, and print a table."""
     rows = [_measured(case, CORTEX_M7) for case in track(CASES, "sizes on a Cortex-M7", "sizes")]
@@ -104,9 +104,9 @@ def _release(windows: int) -> dict[str, Any]:
 
 def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -> dict[str, int]:
     """Run a control step for each window, shape (L, S+1), with the plan of the previous step. Return the number of
-    windows, the smallest and the largest number of instructions (`fewest`, `most`), and the number of windows whose
-    number is not the most frequent number (`unlike`). Skipped conditional instructions count. Raises McuError if the
-    library does not compile or run, or there are no windows."""
+    windows, the smallest and the largest number of instructions (`fewest`, `most`), and the number of windows that do
+    not take the most frequent number of instructions (`unlike`). Skipped conditional instructions are counted too.
+    Raises McuError if the library does not compile or run, or there are no windows."""
     machine = Machine(read_elf(compile_for_cortex_m7(sources)))
     counter = machine.block_counter()
     machine.call("mcu_reset")
@@ -126,7 +126,7 @@ def instruction_spread(sources: Mapping[str, bytes], windows: Iterable[Array]) -
 
 
 def _windows(count: int) -> list[Array]:
-    """Return windows of the recording, evenly spaced over each kind of forcing, and as many random windows."""
+    """Return `count` windows: half of them evenly spaced over all episodes of the recording, the others random."""
     program = program_of(model_folder.read(MODEL), load_config().mpc)
     episodes = dataset.read(RECORDING)
     found: list[Array] = []

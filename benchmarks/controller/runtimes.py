@@ -108,7 +108,7 @@ RUNTIMES: Final[Mapping[str, tuple[str, Callable[[Path], Run]]]] = {
     "OpenVINO": ("openvino", _openvino),
     "tract": ("tract", _tract),
 }
-"""Package of each runtime, and the function that opens a graph in it, by the runtime's name."""
+"""The package of each runtime and the function that opens a graph in this runtime, by the runtime's name."""
 
 
 def main(json_file: JsonFile = None) -> None:

@@ -1,11 +1,11 @@
 """The whole firmware as Arm's GCC reports it: calls, stack of each function, loops and their bounds.
 
-Two builds are made. The first is the firmware as the exported folder builds it; its stack figures (`-fcallgraph-info`)
-are those of the machine code. The second is the whole program at link time, without inlining: GCC knows the range of
+Two builds are made. The first is the firmware as the exported folder builds it; GCC reports the stack that its machine
+code needs (`-fcallgraph-info`). The second is the whole program at link time, without inlining: GCC knows the range of
 every parameter and reports the largest number of passes of each loop. The sources are not parsed here.
 
-A call through a pointer may reach every function whose address is taken and whose type is that of the pointer's target.
-GCC lists these functions and their types.
+A call through a pointer may reach every function whose address is taken and whose type fits the pointer. GCC lists the
+functions whose address is taken, and their types.
 """
 
 import re
@@ -50,15 +50,15 @@ _NODE: Final = re.compile(r'^node: { title: "([^"]+)" label: "([^"]*)"', re.MULT
 _EDGE: Final = re.compile(r'^edge: { sourcename: "([^"]+)" targetname: "([^"]+)"(?: label: "([^"]*)")?', re.MULTILINE)
 _TAKEN: Final = re.compile(r"^(\S+)/\d+ \(.*\n  Type: function.*\n(?:  .*\n)*?  Address is taken\.", re.MULTILINE)
 _COPY: Final = re.compile(r"\.(?:constprop|lto_priv|isra)(?:\.\d+)?")
-"""Pattern for the endings of the names of functions that GCC has copied. A part that GCC splits off a function has
-another ending and is counted as a separate function."""
+"""Pattern of the suffixes that GCC gives to copies of a function. A part that GCC splits off a function has another
+suffix and is counted as a separate function."""
 _INDIRECT: Final = "__indirect_call"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loop:
-    """A loop of the program: its file, its line, and the largest number of passes that GCC proves; None without a
-    proof."""
+    """A loop of the program: its file, its line, and the largest number of passes that GCC proves, None if GCC
+    proves no bound."""
 
     function: str
     place: str
@@ -121,8 +121,8 @@ def read_program(files: Mapping[str, bytes]) -> WholeProgram:
 
 
 def read_built(files: Mapping[str, bytes], reached: Mapping[str, set[str]] | None = None) -> Built:
-    """Compile a firmware as the exported folder does. `reached` is as in `calls_of`; None if there are no such calls.
-    Raises McuError as `read_program` does."""
+    """Compile a firmware as the exported folder does. `calls_of` explains `reached`, which is None if no function
+    is called through a pointer. Raises McuError as `read_program` does."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         names = _written(folder, files)
@@ -171,8 +171,8 @@ def _loops(bodies: str, names: Mapping[str, str]) -> Iterator[Loop]:
     for title, body in _functions(bodies):
         function = names.get(title, title)
         most = {int(number): int(count) for number, count in _MOST.findall(body)}
-        # A line that begins with # states where the value of a variable was computed, which may be before the loop. So
-        # the line is removed, because it would give a wrong place of the loop.
+        # A line that begins with # states where the value of a variable was computed, possibly before the loop. Such
+        # lines are removed, because they would give a wrong place of the loop.
         blocks = {number: re.sub(r"^ *# .*$", "", block, flags=re.MULTILINE) for number, block in _BLOCK.findall(body)}
         for number, nodes in _LOOP.findall(body):
             if number == "0":
@@ -192,7 +192,7 @@ def _functions(dump: str) -> Iterator[tuple[str, str]]:
 
 
 def _reached(bodies: str, taken: Mapping[str, str]) -> dict[str, set[str]]:
-    """Return, by the place of each call through a pointer, the functions that it may reach. `bodies` is GCC's dump of
+    """Return the functions that each call through a pointer may reach, by the call's place. `bodies` is GCC's dump of
     the functions; `taken` has the names of the functions whose address is taken, by their titles in the dump."""
     of_type, pointers = defaultdict[str, set[str]](set), list[tuple[str, str]]()
     for title, body in _functions(bodies):
@@ -212,7 +212,7 @@ def _reached(bodies: str, taken: Mapping[str, str]) -> dict[str, set[str]]:
 
 
 def _type(result: str, parameters: Iterable[str]) -> str:
-    """Return a function's type as a text in which spaces make no difference."""
+    """Return a function's type as a text that does not depend on the spaces in the dump."""
     plain = (re.sub(r"\brestrict\b|\bstatic\b|\s+", "", item.replace("struct ", "")) for item in (result, *parameters))
     return " ".join(plain)
 

@@ -2,8 +2,8 @@
 
 A period is all work of the core from the end of one step to the end of the next step: the step, and one pass of the
 main loop for each frame that wakes the core. Each constructed drive has a different cause that makes steps longer, such
-as iterations, a full bus or lost frames. The bound is a sum over all basic blocks of the firmware: for each block, the
-largest number of cycles that it took in any period of any drive, as if all worst cases came together in one period.
+as iterations, a full bus or lost frames. The bound adds, over all basic blocks of the firmware, the largest number of
+cycles that a block took in any period of any drive. So it assumes that all worst cases come together in one period.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -104,7 +104,7 @@ class Period:
 
 
 class Measured(NamedTuple):
-    """The work of a control period. `is_mean`: it is under control, in the drive with the release's own goal."""
+    """The work of a control period. `is_mean`: whether it is a period in control with the release's own goal."""
 
     drive: str
     cycles: int
@@ -180,7 +180,7 @@ def _ms(cycles: float) -> dict[str, float]:
 
 
 def _period(ecu: BoardEcu, now_ns: int, period: Period, name: str, most: Most) -> Measured:
-    """Run a control period, and update `most`."""
+    """Run a control period, and update the largest numbers of each block, `most`."""
     blocks = dict[int, tuple[int, int]]()
 
     def count() -> None:

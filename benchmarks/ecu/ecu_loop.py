@@ -69,11 +69,11 @@ def main(
     lead_in: Annotated[float, typer.Option(help="Time without control, t_c.")] = 25.0,
     controlled: Annotated[float, typer.Option(help="Time with control, t_c.")] = 100.0,
     settle: Annotated[float, typer.Option(help="Time left out of the controlled averages, t_c.")] = 40.0,
-    clock_mhz: Annotated[float, typer.Option(help="Of the emulated core, MHz.")] = 480.0,
+    clock_mhz: Annotated[float, typer.Option(help="Clock of the emulated core, MHz.")] = 480.0,
 ) -> None:
     """Run the three closed loops and print a table."""
     if library is None and bundle is not None:
-        raise StillwakeError("--bundle: name its C library with --library")
+        raise StillwakeError("--bundle: needs --library, the bundle's C library")
     release = open_release(bundle)
     config = replace(load_config(), mpc=release.manifest.mpc)
     with library_folder(library) as folder:
@@ -133,8 +133,8 @@ def driven(release: Bundle, config: Config, spans: Spans, kind: str, ecu: LoopEc
 
 class Lockstep:
     """A pair of ECUs with the interface of one ECU. `other` gets every call that `driver` gets. The pair returns the
-    driver's frames, and counts differences between the frames and states of the two ECUs. All other attributes are
-    those of the driver.
+    driver's frames, and counts differences between the frames and states of the two ECUs. All other attributes
+    belong to the driver.
 
     Attributes:
         steps, frames: numbers of steps and frames compared so far.
@@ -181,7 +181,7 @@ class Lockstep:
 
 
 def figures_of(kind: str, log: RunLog, lockstep: Lockstep | None) -> dict[str, Any]:
-    """Return the figures of a run for storage, with those of the comparison if two ECUs were compared."""
+    """Return the figures of a run for storage, and the figures of the comparison if two ECUs were compared."""
     found = summary(log)
     row = {"kind": kind, **{name: found[name] for name in _KEPT}}
     if lockstep is None:

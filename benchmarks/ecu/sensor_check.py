@@ -8,8 +8,8 @@ implausible state, which would shut the jets. After a false alarm the check star
 start at many places of the recording. The recorded flow does not respond to the check. In the closed loop the flow
 would respond, because a faulty sensor changes the jets' action.
 
-NumPy computes the estimates of a whole episode together, with the constants of the check's ONNX graph. The first
-estimates are compared with those of ONNX Runtime. The ECU's code does everything else, period by period.
+NumPy computes the estimates of a whole episode together, with the constants of the check's ONNX graph. ONNX Runtime
+computes the first estimates too, for comparison. The ECU's code does everything else, period by period.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -68,7 +68,7 @@ class Passage(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """A place in the recording where a fault may start, with the state of the check before this step."""
+    """A step of the recording at which a fault may start, with the state of the check before this step."""
 
     passage: Passage
     step: int
@@ -89,7 +89,7 @@ class Lab:
         restarts from `restart`, or continues if `restart` is None."""
         length = self.network.window
         windows = _windows(passage, length)[first:]
-        # An estimator whose estimates of the present step, `now`, were computed in advance.
+        # This estimator returns estimates that were computed in advance; `now` is that of the present step.
         ahead: Any = SimpleNamespace(estimates=lambda window: ahead.now)
         check = replace(self.check, estimator=ahead)
         for step, (window, ahead.now) in enumerate(zip(windows, _estimates(self.network, windows), strict=True), first):
@@ -100,7 +100,7 @@ class Lab:
                 state = restart
 
     def agrees(self, passage: Passage) -> None:
-        """Compare the network's estimates with those of ONNX Runtime; raises StillwakeError if they differ."""
+        """Compare NumPy's and ONNX Runtime's estimates; raises StillwakeError if they differ."""
         windows = _windows(passage, self.network.window)[:100]
         found = np.stack([self.check.estimator.estimates(window) for window in windows])
         # NumPy and ONNX Runtime compute in single precision, with sums of some hundred terms of order one, so small
@@ -110,7 +110,7 @@ class Lab:
 
 
 class Outcome(NamedTuple):
-    """The result of a fault: the excluded sensor, whether the jets were shut, and the number of periods until then."""
+    """The result of a fault: the excluded sensor, whether the jets were shut, and the periods until either happened."""
 
     set_aside: int | None
     shut: bool
@@ -256,7 +256,7 @@ def _faults(lab: Lab, release: Bundle, moments: Sequence[Moment]) -> list[dict[s
 
 
 def _on_each(one: SensorDisturbance, liars: Sequence[int | tuple[int, ...]]) -> list[SensorFault]:
-    """Return for each of these sensors a function that applies the fault to it; a swap needs pairs of sensors."""
+    """Return one function per sensor that applies the fault to this sensor; for a swap, `liars` has pairs."""
     return [one.begun((j,) if isinstance(j, int) else j, Config(), seed=0) for j in liars]
 
 

@@ -128,7 +128,7 @@ def alarms(found: Any) -> str:
 
 
 def faults(found: Any) -> str:
-    """Return the table of the outcomes of each kind of fault, over all sensors or pairs of sensors."""
+    """Return the table that counts the outcomes of each kind of fault over all sensors or pairs."""
     counts = ("starts", "set_aside", "shut", "wrong", "unseen")
     rows = []
     for fault, group in groupby(found["figures"]["faults"], key=lambda row: row["fault"]):
@@ -208,7 +208,7 @@ Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g
 
 
 def flash_times(found: Any) -> str:
-    """Return the table of the durations of a transfer of the shipped release over the simulated bus."""
+    """Return the table that states how long it takes to flash the shipped release over the simulated bus."""
     of = found["figures"]
     buses = {"fd": "CAN FD", "classic": "classic CAN"}
     rows = []

@@ -67,7 +67,7 @@ CASES: Final = (
 def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/drive"),
-    quick: Annotated[bool, typer.Option("--quick", help="On the mesh of refine.*: a quarter of the time.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use the mesh of refine.*, in a quarter of the time.")] = False,
     only: Annotated[list[str], typer.Option(help="Name of a row (repeatable); default: all.")] = [],  # noqa: B006
     phases: Phases = 1,
     workers: Workers = 1,

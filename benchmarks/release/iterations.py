@@ -5,10 +5,10 @@ iterations.
 
 A release's iterations act on the cost terms for which its prior was not trained (`unknown_to_prior` in
 `contract.controller.goal`). So the run without iterations uses the same release, with the weights of these terms set to
-0. If a case itself sets these weights to 0, the controller iterates in neither run: both would be equal, so none is
-made. In every other case, the cost is computed with the case's weights from the flow over the whole averaged time. Both
-runs of a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of its
-mean by Student's t.
+0. If a case itself sets these weights to 0, the controller would iterate in neither run. Such a case is not run. In
+every other case, the cost is computed with the case's weights from the flow over the whole averaged time. Both runs of
+a pair start in the same wake. The table shows the change of the cost in per cent, with the 95 % interval of the mean
+change by Student's t.
 """
 
 from collections.abc import Mapping
@@ -35,8 +35,8 @@ from firmware_sim.runs.statistics import NoAverages, averages
 
 
 class Case(NamedTuple):
-    """The differences of a case from the goal of the prior's training: cost weights, the action limit as a share of the
-    release's limit, and the actuator's delay in control periods, which the ECU knows."""
+    """The differences of a case from the goal of the prior's training. `limit` is the action limit as a share of the
+    release's limit. `delay` is the actuator's delay in control periods; the ECU knows this delay."""
 
     name: str
     weights: Mapping[str, float] = {}
@@ -102,7 +102,7 @@ def calibrated(own: Calibration, case: Case, *, iterated: bool) -> Calibration:
 
 
 def outcome(bundle: Path, start: Path, case: Case, iterated: bool) -> dict[str, float]:
-    """Return the cost, with the case's weights, of the averaged part of a run."""
+    """Return the cost of the averaged part of a run, with the case's weights."""
     release = bundles.load(bundle)
     config = replace(load_config(), mpc=release.manifest.mpc)
     ecu, vehicle = replace(config.ecu, delay_steps=case.delay), replace(config.vehicle, actuator_delay=case.delay)

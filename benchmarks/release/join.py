@@ -31,23 +31,23 @@ from train.refinement.imitation import Demonstration, demonstration, imitate, wa
 from train.refinement.pipeline import middles_and_deviations
 
 PERIODS: Final = 1000
-"""Number of periods of an expert's run: 200 convective times of the design speed. At 60 % of the design speed, the
-wake's mean drag becomes constant in half of this time."""
+"""Number of periods of an expert's run: 200 convective times at the design speed. At 60 % of the design speed, the mean
+drag becomes constant in half of this time."""
 STARTS: Final = 2
 RAMP: Final = 40
 """Periods over which the speed changes from the design speed."""
 
 
 def feedback_of(model: TrainedModel, base: TrainedModel) -> Feedback:
-    """Return the prior of `model` as a feedback controller with the scales of `base`. Raises ModelError if there is no
-    prior, or if its sensors or its memory differ from those of the base."""
+    """Return the prior of `model` as a feedback controller with the scales of `base`. Raises ModelError if a model has
+    no prior, or if the two models differ in their sensors or in the memory of their priors."""
     if model.prior is None or base.prior is None or "filters" not in model.prior:
         raise ModelError("the model has no prior: train it with `stillwake refine` first")
     if model.sensors != base.sensors:
-        raise ModelError(f"the sensors are {', '.join(model.sensors)}, of the base {', '.join(base.sensors)}")
+        raise ModelError(f"the sensors are {', '.join(model.sensors)}; the base has {', '.join(base.sensors)}")
     memory, needed = len(model.prior["filters"]), len(base.prior["filters"])
     if memory != needed:
-        raise ModelError(f"the prior reads {memory} rows, the base's reads {needed}")
+        raise ModelError(f"the prior reads {memory} rows; the base's prior reads {needed}")
     middles, deviations = middles_and_deviations(base, base.sensors)
     limit = base.config.flow.action_limit
     scales = scales_of(deviations[::2].tolist(), limit)

@@ -1,5 +1,5 @@
 """The tables of the shipped release from several starting phases in the shedding cycle, at other speeds, in the
-campaign, and beside other ways to reduce drag."""
+campaign, and compared with other ways to reduce drag."""
 
 import re
 from collections import Counter
@@ -83,8 +83,8 @@ which a fault latched. Control lasts {facts["controlled"]:g} t_c; averages are o
 
 
 def _in_control(row: Mapping[str, Any]) -> str:
-    """Return the percentage of periods in control, or "" if it is 100, and the number of latched faults unless it is
-    0."""
+    """Return the percentage of periods in control, with the number of latched faults in brackets if there are any.
+    Without latched faults, 100 % is left out."""
     share = _number(row["in_control_percent"], ".0f")
     return f"{share} ({row['latches']})" if row["latches"] else "" if share == "100" else share
 

@@ -66,7 +66,7 @@ def distributions(figures: Mapping[str, Any]) -> Figure:
 
 
 def weights(figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """Draw the figures that a weight is meant to reduce, and the drag, against the weight."""
+    """Plot the drag, and the figures that a weight is meant to reduce, against the weight."""
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
     shown = (("lift", "abs_Cl_controlled", "mean |Cl|"), ("effort", "jet_power_controlled", "jet power"))
     for axes, (weight, name, label) in zip(figure.subplots(1, 2), shown, strict=True):
@@ -87,7 +87,7 @@ def weights(figures: Mapping[str, Any]) -> dict[str, Figure]:
 
 
 def means(rows: Sequence[Mapping[str, Any]], weight: str) -> dict[float, dict[str, float]]:
-    """Return, for each value of the weight, every figure's mean over the starts."""
+    """Return every figure's mean over the starts, by the value of the weight."""
     found: dict[float, dict[str, float]] = {}
     for value in dict.fromkeys(row["value"] for row in rows if row["weight"] == weight):
         runs = [row for row in rows if (row["weight"], row["value"]) == (weight, value)]

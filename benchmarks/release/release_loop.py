@@ -3,8 +3,8 @@
     python -m benchmarks release-loop [--bundle BUNDLE] [--config FILE] [--json FILE]
 
 Each run is computed as by `stillwake run`, over CAN and with ONNX Runtime in int8: 25 t_c without control and 100 t_c
-with control. The last 60 t_c are averaged. For another body, give its settings together with a release for this body;
-the body's wake is then first developed from fluid at rest. Finished runs are stored.
+with control. The last 60 t_c are averaged. For another body, give its settings and a release for this body. The body's
+wake is then developed from fluid at rest before the runs. Finished runs are stored.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,9 +52,9 @@ def main(
     json_file: JsonFile = None,
     parts: Parts = Path("runs/release_loop"),
     phases: Phases = 5,
-    workers: Annotated[int, typer.Option(min=1, max=2, help="Processes, a run each at a time.")] = 2,
+    workers: Annotated[int, typer.Option(min=1, max=2, help="Number of processes for the runs.")] = 2,
     bundle: Release = BUNDLE,
-    config_file: Annotated[Path | None, typer.Option("--config", help="Settings of its body and flow (TOML).")] = None,
+    config_file: Annotated[Path | None, typer.Option("--config", help="Settings of body and flow (TOML).")] = None,
 ) -> None:
     """Run the closed loop from every starting phase and print a table."""
     release = bundles.load(bundle)

@@ -30,7 +30,7 @@ def ship(model: Path, release: Path, *, command: str, on: date, data: Path = DAT
     damaged; BundleError if the bundle is damaged, not signed with the project's key, or made from another model."""
     trained, found = read(model), bundles.load(release, project_key())
     if found.manifest.weights_sha256 != trained.weights_sha256:
-        raise BundleError(f"bundle {release} is not of the model {model}: export it again")
+        raise BundleError(f"bundle {release} was not made from the model {model}: export it again")
     for source, target in ((model, data / "model"), (release, bundle)):
         shutil.rmtree(target, ignore_errors=True)
         shutil.copytree(source, target)

@@ -8,7 +8,7 @@ from benchmarks.common.markdown import table
 
 
 def iterations(found: Any) -> str:
-    """Return the table of the change of the cost by the iterations, in each case."""
+    """Return the table that states how the iterations change the cost in each case."""
     facts, rows = found["facts"], []
     for name, change in found["figures"]["change_percent"].items():
         interval = f"{change['lower']:.2f} .. {change['upper']:.2f}" if facts["pairs"][name] else "no iterations"
@@ -164,7 +164,7 @@ controller plans; {late:g} ms, which the controller's model does not contain; or
 
 
 def steady(found: Any, demo: Any) -> str:
-    """Return the table of the wake that is kept symmetric and of the shedding wake, and the bound on the reduction."""
+    """Return the table that compares the symmetric and the shedding wake, and the bound on the reduction."""
     held, shedding = found["figures"], demo["figures"]
     rows = [
         ("shedding", shedding["Cd_uncontrolled"], shedding["Cd_net_uncontrolled"], shedding["base_Cp_uncontrolled"]),

@@ -4,7 +4,7 @@
 
 The runs use the mesh on which the prior was trained, CAN, and the ECU with the controller in int8. Each run has 15 t_c
 without control and 85 t_c with control; the last 50 t_c are averaged. Every case is run from three starts. One weight
-at a time takes seven values over the range of the prior's training. The other weights are those of the release.
+at a time takes seven values over the range of the prior's training. The other weights keep the release's values.
 Spearman's rank correlation states how consistently the effect follows the weight.
 """
 

@@ -1,12 +1,12 @@
-"""Fit the prior of a model so that a wrong speed costs it less drag reduction.
+"""Fit the prior of a model so that it loses less drag reduction if it gets a wrong speed.
 
     python -m benchmarks.release.wrong_speeds OUTPUT --model MODEL
 
 The fitted prior gets a speed that is up to 10 % wrong or leaves out a gust, and must act as the original prior acts
-with the right speed. In the first round the original prior runs in closed loop at the right speed. The fit uses its
-actions, and its input as scaled with the wrong speeds. In later rounds the fitted prior runs in closed loop with wrong
-speeds, and the original prior, with the right speed, states the right actions (dataset aggregation: Ross, Gordon and
-Bagnell, 2011). Each fit uses all rounds. With the right design speed the prior stays the same.
+with the right speed. In the first round the original prior runs in closed loop and gets the right speed. The fit uses
+the actions of this run, and its inputs scaled with wrong speeds. In later rounds the fitted prior runs in closed loop
+with wrong speeds. The original prior with the right speed gives the right actions (dataset aggregation: Ross, Gordon
+and Bagnell, 2011). Each fit uses all rounds. With the right design speed the prior stays the same.
 """
 
 import argparse
@@ -34,10 +34,10 @@ from train.refinement.imitation import Demonstration, demonstration, watch
 
 SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
 TOLD: Final = (0.9, 0.95, 1.0, 1.05, 1.1)
-"""Ratios of the told speed to the true speed."""
+"""Ratios of the speed that the prior gets to the true speed."""
 BEST_TOLD: Final = {0.8: 0.95}
-"""Ratio of the told speed to the true speed, by the true speed at which the prior of `truck-wake-14` then has less drag
-than with the right speed: Cd 0.799 and 0.798 from two starts, instead of 0.827 and 0.814."""
+"""Such a ratio with which the prior of `truck-wake-14` has less drag than with the right speed, by the true speed. From
+two starts, Cd is 0.799 and 0.798 instead of 0.827 and 0.814."""
 GUST: Final = 0.1
 """Amplitude of the gusts in design speeds."""
 GUST_PERIOD: Final = 100
@@ -48,7 +48,7 @@ ROUNDS: Final = 3
 
 
 class Course(NamedTuple):
-    """True speeds of a run, shape (n + 1,), ratios of told to true speed, shape (n,), and this ratio for the expert."""
+    """The true speeds of a run, shape (n + 1,). The priors get these speeds times `told` (n,) or `expert_told`."""
 
     name: str
     speeds: Array
@@ -63,7 +63,7 @@ def steady(speed: float, told: float) -> Course:
 
 
 def gusty(speed: float) -> Course:
-    """Return a course with gusts at a steady speed over the ground; the told speed does not include the gusts."""
+    """Return a course with gusts at a steady speed over the ground; the prior gets the speed without the gusts."""
     course = steady(speed, 1.0)
     gusts = GUST * np.sin(2.0 * np.pi * np.arange(len(course.speeds)) / GUST_PERIOD)
     speeds = course.speeds + gusts
@@ -73,11 +73,11 @@ def gusty(speed: float) -> Course:
 def demonstrations_of(
     run: tuple[Course, Sequence[Array]], *, model: TrainedModel, prior: Mapping[str, Array] | None, start: int
 ) -> list[Demonstration]:
-    """Run a course; return the actions of the model's prior in the states of the run, when it is told the right speed.
+    """Run a course. Return the actions that the model's prior would choose in its states with `expert_told`.
 
     Args:
-        run: the course, and for each demonstration the ratios of the told speed to the true speed.
-        prior: prior that gets the told speeds in the run; if None, the model's prior with the right speeds.
+        run: the course, and for each demonstration the factors `told` of its input.
+        prior: prior that runs with `told` of the course; if None, the model's prior runs with `expert_told`.
         start: number of the initial state.
     """
     course, ratios = run

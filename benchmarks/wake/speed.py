@@ -49,8 +49,8 @@ _SETTLE: Final = 3.0
 
 def main(
     json_file: JsonFile = None,
-    refinement: Annotated[list[float], typer.Option(help="Divides every spacing.")] = [0.7, 1.0, 1.4],  # noqa: B006
-    rounds: Annotated[int, typer.Option(help="Visits of every case.")] = 9,
+    refinement: Annotated[list[float], typer.Option(help="Divisor of every spacing.")] = [0.7, 1.0, 1.4],  # noqa: B006
+    rounds: Annotated[int, typer.Option(help="Number of measurements of every case.")] = 9,
 ) -> None:
     """Measure the cases and print two tables."""
     cases = [(value, name) for value in refinement for name in PRECISIONS]

@@ -46,7 +46,7 @@ def run_closed_loop(
     **parts: Any,
 ) -> RunLog:
     """Run a wake under the bundle's controller and write the results to `output`. Raises StillwakeError if the folder
-    cannot be written, or for the reasons of `Simulation`. Further arguments are those of `Spans`, `Simulation` and
+    cannot be written, or as `Simulation` does. The other arguments are explained at `Spans`, `Simulation` and
     `Simulation.run`.
 
     Args:
@@ -56,7 +56,7 @@ def run_closed_loop(
             solver. With a drive, the flow's time steps (`config.flow`) must be short enough for the drive's speeds.
         report: called with the folder when all its other files are written, to write further files.
     """
-    # This import is inside the function, because it makes python-can load all its log writers, which takes a second.
+    # This import takes a second, because python-can loads all its log writers. So the import is inside the function.
     from can_bridge.logs.candump_log import recording
 
     disturbances = Disturbances(items=tuple(faults))

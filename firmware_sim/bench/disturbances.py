@@ -94,15 +94,15 @@ class Reynolds(Span, section="reynolds"):
 
 @dataclass(frozen=True, kw_only=True)
 class OtherBody(Span, section="body"):
-    """A body other than the release's body, for a whole run of the built-in solver. The fields are those of the
-    settings `body`, in W. The sensors keep their names and lie on this body, which the ECU does not know."""
+    """A body other than the release's body, for a whole run of the built-in solver. The fields are settings of
+    `body`, in W. The sensors keep their names and lie on this body. The ECU does not know this body."""
 
     length: Finite[float]
     leading_edge_radius: NonNegative[float] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require((self.start_s, self.end_s) == (0.0, inf), self, "start_s", "left out, and its end, too: a body stays")
+        require((self.start_s, self.end_s) == (0.0, inf), self, "start_s", "left out, like the end: a body stays")
         self.instead_of(TRUCK_BODY)
 
     def instead_of(self, body: BodyConfig) -> BodyConfig:
@@ -125,7 +125,7 @@ class GustyWind(Span, section="gust"):
 @dataclass(frozen=True, kw_only=True)
 class VehiclePoint(Span, section="operating_point"):
     """The vehicle's speed in m/s and the air's density in kg/m3; None means the ECU's `operating_point`. Both scale
-    pressures in Pa; speed scales jet flow rates in m2/s. Control period in t_c and Reynolds number stay."""
+    the pressures in Pa. The speed also scales the jets' flow rates in m2/s, but not the Reynolds number."""
 
     speed: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
     density: Annotated[float | None, Rule(wording="positive", holds=lambda value: value > 0, or_none=True)] = None
@@ -154,7 +154,7 @@ class SpeedScale(Span, section="speed_scale"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLate(Span, section="speed_late"):
-    """A speed signal that is too old, by s rounded to whole control periods; its frames do not state the age."""
+    """A late speed signal. Its age in s is rounded to whole control periods; its frames do not state the age."""
 
     speed_late: NonNegative[float]
 
@@ -188,7 +188,7 @@ KINDS: Final[dict[str, type[Span]]] = {
         *(SpeedScale, SpeedLate, SpeedFrozen, NoSpeed, Density),
     )
 }
-"""Class of each kind of disturbance, by the first word of its text; that of a `NodeFault` is a node's name."""
+"""Class of each kind of disturbance, by the first word of its text. A `NodeFault` begins with a node's name instead."""
 
 Disturbance = NodeFault | Span
 
@@ -200,18 +200,18 @@ def parse_disturbance(text: str) -> Disturbance:
         return parse_described(text, KINDS, "disturbance")
     fault = parse_fault(rest)
     if isinstance(fault, Disconnect) and fault.kind == "device_gone":
-        raise ConfigError(f"fault {text!r}: would end the run with an error; an open wire is `{node}:disconnect`")
+        raise ConfigError(f"fault {text!r}: would end the run with an error; use `{node}:disconnect` for an open wire")
     return NodeFault(text=text, node=node, fault=fault)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """All disturbances of a run; comparable, picklable, and equal to the result of parsing `texts`.
+    """All disturbances of a run. They can be compared and pickled; parsing `texts` gives an equal object.
 
     Attributes:
         items: disturbances in the order given. Each has its own random sequence, numbered by its index. Disturbances of
-            the sensors are applied in this order. In a port, the first disturbance is closest to the bus. If several of
-            one kind act on the flow or the vehicle at the same time, only the last has an effect.
+            the sensors are applied in this order. In a port, the first disturbance is closest to the bus. If several
+            disturbances of one kind act on the flow or the vehicle at the same time, only the last has an effect.
     """
 
     items: tuple[Disturbance, ...] = field(default=())
@@ -242,7 +242,7 @@ class Disturbances:
                 raise ConfigError(f"{noun} {text!r}: begins after the end of the run, at {duration_s:g} s")
             computes_crc = isinstance(span, FlipBits) and span.before_crc
             if config.bus.key and (computes_crc or (isinstance(span, StuckAt) and span.counter_runs)):
-                raise ConfigError(f"fault {text!r}: computes new frames, which needs the nodes' key if bus.key is set")
+                raise ConfigError(f"fault {text!r}: builds new frames, so it cannot run with bus.key")
             for name in one.named if isinstance(one, SensorDisturbance) else ():
                 if name not in sensors:
                     used = ", ".join(sensors)

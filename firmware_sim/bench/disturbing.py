@@ -40,7 +40,7 @@ class NodeFaults:
     """Applies the faults of a run in the ports.
 
     Args:
-        faults: faults of all nodes; of the faults of one node, the first is closest to the bus.
+        faults: faults of all nodes; the first fault of a node is closest to the bus.
         before: number of random sequences that each node's port already uses before these faults.
     """
 
@@ -103,8 +103,8 @@ class Disturbing:
 
     Args:
         sensors: names of the sensors, in the order of the readings.
-        before: number of random sequences that earlier disturbances use. The key "all" has the number for all kinds of
-            disturbances; a node's name has the number in this node's port.
+        before: numbers of random sequences that earlier disturbances use. The key "all" has the total number; a node's
+            name has the number in this node's port.
     """
 
     def __init__(

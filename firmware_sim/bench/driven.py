@@ -45,7 +45,7 @@ def uncontrolled(plant: Plant, disturbing: Disturbing, config: Config, periods: 
 def without_control(
     plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
 ) -> dict[str, Array]:
-    """Compute the series of `WITHOUT`, and restore the plant's state; `progress` gets (periods done, all periods)."""
+    """Compute the series `WITHOUT` with shut jets; restore the state. `progress` gets (periods done, all periods)."""
     start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
     for k, sample in enumerate(uncontrolled(plant, disturbing, config, periods)):
         rows[k] = sample.Cd, sample.Cd_net, sample.Cl

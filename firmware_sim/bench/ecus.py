@@ -32,8 +32,8 @@ def check_ecu(kind: str, clock_mhz: float) -> None:
 def loop_ecu(
     kind: str, sources: Mapping[str, bytes], *, clock_mhz: float = 480.0, secret: bytes | None = None
 ) -> LoopEcu:
-    """Return an ECU in C that has just been powered on, of the kind C or MCU. Raises the errors of `check_ecu`;
-    LibraryError if the sources are not those of an ECU; McuError if they do not compile for the core.
+    """Return an ECU in C that has just been powered on, of the kind C or MCU. Raises errors as `check_ecu`
+    does; LibraryError if the sources contain no ECU; McuError if they do not compile for the core.
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.

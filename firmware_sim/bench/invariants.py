@@ -53,8 +53,8 @@ _WANTED: Final = DRIVING | {Mode.WARMUP}
 """Modes of an ECU that was asked for control and has no latched fault."""
 
 AGE_TOLERANCE: Final = 0.01
-"""Tolerance of ages as a share of a period. It is far larger than the error of two clocks whose rates differ by 200
-ppm, and than the time from a frame's arrival to the reading of the bus."""
+"""Tolerance of ages as a share of a period. Two errors of an age are far smaller: clocks whose rates differ by 200 ppm,
+and the time from a frame's arrival to the reading of the bus."""
 _LONGEST_S: Final = 1e6
 """Length in s that replaces the length of a span without an end."""
 ROUNDING: Final = 1e-9
@@ -81,8 +81,8 @@ class HeardCommand(NamedTuple):
 
 
 class _Period(NamedTuple):
-    """The commands of a period. drives: one may drive the jets. old: one would drive the jets, but its pressures are
-    too old. shuts: none may drive the jets, and the vehicle certainly accepted the last command."""
+    """The commands of a period. drives: a command may drive the jets. old: a command would do so, but its pressures are
+    too old. shuts: no command may drive the jets, and the vehicle certainly accepted the last command."""
 
     drives: bool
     old: bool
@@ -98,12 +98,12 @@ class Commands:
         self.flow = 0.0
 
     def reach(self, share: float = 1.0) -> float:
-        """Return the largest allowed change of flow rate in m2/s in this share of a period, with the resolution."""
+        """Return the largest allowed change of flow rate in m2/s in a share of a period, plus the resolution."""
         return self._step * share + FLOW_RESOLUTION_M2_PER_S
 
     def broken(self, flow: float, *, enable: bool, drives: bool, share: float = 1.0) -> Iterator[tuple[str, str]]:
-        """Yield the name of every invariant that the next command violates, with values. `share` of a period, at most
-        1, has passed since the previous command."""
+        """Yield the name of every invariant that the next command violates, with values. The part `share` of a period,
+        at most 1, has passed since the previous command."""
         before, self.flow = self.flow, flow
         if abs(flow) > self._limit + ROUNDING:
             yield "bus_bounds", f"{flow:g} m2/s, limit {self._limit:g}"
@@ -115,8 +115,8 @@ class Commands:
 
 
 class Jets:
-    """Checks of the vehicle's jets: call `heard` at the end of each period, then `broken` for the action reached in it.
-    `oldest` is the largest age, in periods, of the pressures of a command that drives the jets."""
+    """Checks of the vehicle's jets. At the end of each period call `heard`, then `broken` with the action reached.
+    `oldest` is the largest allowed age of a driving command's pressures, in periods."""
 
     def __init__(self, config: Config) -> None:
         vehicle, self._e2e_window = config.vehicle, config.bus.e2e.window
@@ -133,13 +133,13 @@ class Jets:
         self._heard: deque[_Period] = deque(maxlen=self._decides_after + self._hold + 1)
         self._requested: deque[bool] = deque(maxlen=1 + self._late)
         self._gave_up: deque[bool] = deque([False], maxlen=1 + self._late)
-        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # periods surely under control
+        self._silent: deque[bool] = deque(maxlen=self._loss_window)  # in each period surely under control: no command
         self._counter: int | None = None
-        self._sound = 0  # periods in a row with exactly the next command
+        self._sound = 0  # consecutive periods with only the expected command
         self._action = 0.0
 
     def heard(self, commands: Sequence[HeardCommand | None], *, requested: bool) -> None:
-        """Record the commands of a period, None for a command with errors."""
+        """Record the commands of a period; a command with errors is None."""
         last = None
         for command in commands:
             if command is None:

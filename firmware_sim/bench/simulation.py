@@ -47,12 +47,12 @@ class Simulation:
     calibration is out of its limits.
 
     Args:
-        config: settings of the vehicle; its operating point and control period must be those of the bundle.
+        config: settings of the vehicle, with the bundle's operating point and control period.
         controller: computes the bundle's control step; if None, ONNX Runtime computes it.
         calibration: values that the ECU gets before its first step; if None, its default values.
         ecu: ECU that is used in place of the ECU in Python; `controller` is then unused.
-        drive: the vehicle's speeds from the request for control on; before, the first of these speeds. If None, the
-            speed is that of the operating point. With a drive, the log has totals of the drive instead of averages.
+        drive: the vehicle's speeds from the request for control on; before, the first speed holds. If None, the
+            operating point's speed holds. With a drive, the log has totals of the drive instead of averages.
 
     Attributes:
         periods: number of control periods without control, and total number of control periods.

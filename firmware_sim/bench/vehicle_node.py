@@ -42,8 +42,8 @@ _DRIVING: Final = (Mode.CONTROL, Mode.HOLD, Mode.DECAY)
 
 @dataclass(frozen=True, kw_only=True)
 class EchoTracker:
-    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; from
-    frame to frame the number increases by the counters' difference.
+    """An immutable record of sent Pressure frames and of the last echo. The first frame's number is its counter; each
+    later number adds the difference to the previous frame's counter.
 
     Attributes:
         kept: sending times in ns of the latest frames, newest last; at most `counter_period` frames.
@@ -91,8 +91,8 @@ class CommandLosses:
     """A count of missed commands while the ECU is in control. It latches at `limit` missed periods within `window`.
 
     Attributes:
-        missed: whether the command was missed in each of the latest periods in which the ECU was in control, at most
-            `window` periods, oldest first; empty while the ECU is not in control.
+        missed: whether the command was missed, for each of the latest periods with the ECU in control, oldest first, at
+            most `window` periods. Empty while the ECU is not in control.
     """
 
     window: int
@@ -147,7 +147,7 @@ class VehicleNode:
         read: function from (Cp at the S transducers, shape (S,), time in ns) to the transducers' readings.
 
     Attributes:
-        operating_point, action_limit: the vehicle's own values, initially those of `config`.
+        operating_point, action_limit: the vehicle's own values, initially as in `config`.
         stuck_at: action at which the actuator is stuck, in U_inf W; None for an actuator that moves.
         speed: speed of the vehicle in m/s, initially as in `config`; pressures and jets scale with `operating_point`.
         stated_speed, stated_density: values that the vehicle sends, in m/s and kg/m3; None, or a value outside the
@@ -195,8 +195,8 @@ class VehicleNode:
         self.frames_sent = 0
 
     def sample(self, cp: Array, *, enable_request: bool, now_ns: int, age_ns: int = 0) -> Frame:
-        """Return the Pressure frame of the instant `now_ns`, which states that its pressures are `age_ns` old. `cp` has
-        the wall pressures Cp of all n sensors of the plant, shape (n,).
+        """Return the Pressure frame of the instant `now_ns`. The frame states that its pressures are `age_ns` old. `cp`
+        has the wall pressures Cp of all n sensors of the plant, shape (n,).
 
         A pressure beyond the transducer's range saturates and is marked invalid; NaN is sent as 0. After the vehicle
         has given up control, its frames request no control until `enable_request` has been False once.
@@ -279,7 +279,7 @@ class VehicleNode:
         return float(np.clip(self._in_reach_of(self._action, wanted), -self.action_limit, self.action_limit))
 
     def _in_reach_of(self, action: float, wanted: float) -> float:
-        """Return the action after one period of moving from `action` to `wanted` by at most the driver's step."""
+        """Return the action that the jets reach in one period from `action` towards `wanted`, by the driver's step."""
         step = self._config.vehicle.action_step
         return float(np.clip(wanted, action - step, action + step))
 
@@ -302,12 +302,12 @@ class VehicleNode:
 
     @property
     def has_given_up(self) -> bool:
-        """Whether too many commands were missing, and the vehicle has requested control ever since."""
+        """Whether too many commands were missing. It stays true until the vehicle no longer wants control."""
         return self._losses.is_latched
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:
-        """Identifier of the jet commands, and the newest accepted freshness value; 0 without authentication."""
+        """Identifier of the jet commands, and their newest accepted freshness value (0 without authentication)."""
         return self._receiver.spec.frame_id, self._verifier.freshness
 
     @property

@@ -24,7 +24,7 @@ from wake.plant.sample import Sample
 
 
 class Disturbs(Protocol):
-    """The disturbances that act on the loop's parts; `firmware_sim.bench.disturbing.Disturbing` implements this."""
+    """The disturbances that act on the parts of a loop, implemented by `firmware_sim.bench.disturbing.Disturbing`."""
 
     @property
     def corrupts(self) -> Corrupts | None:

@@ -42,7 +42,7 @@ class Campaign:
     seed: int = 0
 
     def check(self) -> None:
-        """Check every scenario. Raises StillwakeError, which states the scenario, if no run of it is possible."""
+        """Check every scenario. Raises StillwakeError with the scenario's name if no run of it is possible."""
         period = self.config.flow.control_period
         lead_in, total = self.timing.periods(period)
         # The last sample of a run is taken at the start of its last period, one period before the end of the run.
@@ -89,7 +89,7 @@ def conduct(
     scheduler: str | None = None,
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> Result:
-    """Compute the missing runs of a campaign, and reuse those of an earlier call. Nothing is written before the first
+    """Compute the missing runs of a campaign, and reuse runs of an earlier call. Nothing is written before the first
     run has finished. Raises StillwakeError if the folder cannot be written, a starting state cannot be computed, or the
     workers (`contract.side_by_side.spread`) fail.
 

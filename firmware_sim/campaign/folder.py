@@ -1,7 +1,7 @@
 """The folder of a campaign: its label, the initial states and results of its runs, and its report.
 
 campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
-starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz: that of the runs in scenario NAME's plant
+starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz if scenario NAME has its own plant
 runs/NAME.phase0.json   the outcome of a finished run
 table.csv, figures/, report.html
 """
@@ -31,18 +31,18 @@ class CampaignFolder:
         self._label_file, self._runs = path / "campaign.json", path / "runs"
 
     def start(self, phase: int, scenario: str = "") -> Path:
-        """Return the file of a starting phase's flow state, for a scenario's own plant or for the common plant."""
+        """Return the file with the flow state at a starting phase; without `scenario`, the file of the common plant."""
         return self.path / "starts" / f"{scenario and scenario + '.'}phase_{phase}.npz"
 
     def check(self, label: Mapping[str, Any], *, overwrite: bool) -> None:
-        """Check without changes. Raises OutputError if the folder contains files that are not a campaign's, or, without
-        `overwrite`, a campaign with another label; StillwakeError if it cannot be written."""
+        """Check the folder, without changes. Raises OutputError if it contains foreign files or, without `overwrite`, a
+        campaign with another label; StillwakeError if the folder cannot be written."""
         check_writable(self.path, folder=True)
         if not self.path.exists() or not any(self.path.iterdir()):
             return
         present = _read(self._label_file, CAMPAIGN_SCHEMA)
         if present is None:
-            raise OutputError(f"{self.path}: holds files that are not a campaign's; name another folder")
+            raise OutputError(f"{self.path}: holds files that no campaign wrote; name another folder")
         if present != _plain(label) and not overwrite:
             names = ", ".join(sorted(n for n in present.keys() | label.keys() if present.get(n) != label.get(n)))
             raise OutputError(
@@ -50,7 +50,7 @@ class CampaignFolder:
             )
 
     def claim(self, label: Mapping[str, Any]) -> None:
-        """Write the label; delete the files of another campaign, whose replacement `check` has allowed."""
+        """Write the label. First delete the files of another campaign, because `check` has allowed its replacement."""
         if _read(self._label_file, CAMPAIGN_SCHEMA) != _plain(label):
             for folder in ("starts", "runs", "figures"):
                 shutil.rmtree(self.path / folder, ignore_errors=True)

@@ -57,7 +57,7 @@ class ScenarioRow:
     Attributes:
         safe: whether the runs from all starting phases finished without a violated invariant.
         reduction: reduction of wall drag in percent, relative to the run from the same starting phase without control.
-        lost: mean reduction of the undisturbed scenario minus that of this scenario, in percentage points.
+        lost: mean reduction in the undisturbed scenario minus mean reduction in this one, in percentage points.
     """
 
     scenario: Scenario
@@ -120,7 +120,7 @@ class ScenarioRow:
         }
 
     def spread(self, name: str, *, free: bool = False) -> Spread:
-        """Return the spread of one field of `MeanFigures` over the runs under control or, if `free`, without it."""
+        """Return the spread of a field of `MeanFigures` over the runs under control or, if `free`, without control."""
         found = [(phase.free if free else phase.under).figures for phase in self.phases]
         return Spread.of([nan if one is None else float(getattr(one, name)) for one in found])
 
@@ -150,8 +150,8 @@ def judged(scenarios: Sequence[Scenario], phases: Mapping[str, Sequence[PhaseOut
 
 
 def use_of(reduction: float, undisturbed: float, side_force: float, criteria: Criteria) -> Use:
-    """Judge an outcome. `reduction` and `undisturbed` are reductions of wall drag in percent, in this scenario and
-    without disturbance. `side_force` is mean |Cl| as a share of its value without control."""
+    """Judge an outcome. `reduction` and `undisturbed` are the reductions of wall drag in this and in the undisturbed
+    scenario, in percent. `side_force` is mean |Cl| as a share of its value without control."""
     share = reduction / undisturbed if undisturbed > 0 else nan
     # A comparison with NaN is false, so an unknown outcome is not useful.
     if share >= criteria.useful and side_force <= criteria.abs_Cl:

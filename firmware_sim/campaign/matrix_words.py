@@ -34,8 +34,8 @@ def listing(scenarios: Sequence[Scenario], *, phases: int) -> list[str]:
 def criteria_text(criteria: Criteria) -> str:
     """Describe when an outcome is useful, marginal or of no use."""
     return (
-        f"at least {criteria.useful:g} of the undisturbed drag reduction with mean |Cl| at most {criteria.abs_Cl:g} of "
-        f"that without control; marginal: more than {criteria.marginal:g} of it; otherwise none"
+        f"at least {criteria.useful:g} of the undisturbed drag reduction, and mean |Cl| at most {criteria.abs_Cl:g} of "
+        f"its value without control; marginal: more than {criteria.marginal:g} of that reduction; otherwise none"
     )
 
 
@@ -69,7 +69,7 @@ def number(value: float, style: str) -> str:
 def headline(rows: Sequence[ScenarioRow]) -> str:
     safe = sum(row.safe for row in rows)
     uses = Counter(str(row.use) for row in rows if row.scenario.name != UNDISTURBED)
-    look = " One start: an impression, not a figure." if rows and all(len(row.phases) == 1 for row in rows) else ""
+    look = " One start: no more than an impression." if rows and all(len(row.phases) == 1 for row in rows) else ""
     unsafe = ", ".join(row.scenario.name for row in rows if not row.safe)
     ending = f"; UNSAFE: {unsafe}" if unsafe else ""
     use = f"under disturbance {uses['useful']} useful, {uses['marginal']} marginal, {uses['none']} of no use"

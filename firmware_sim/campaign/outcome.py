@@ -11,7 +11,7 @@ from contract.arrays import Array
 COURSE: Final = ("t", "Cd", "Cl", "action")
 """Names of the stored series, which have one value per control period."""
 DECIMALS: Final = 6
-"""Number of decimals of the stored series. Its last decimal is a tenth of the resolution of actions on the bus."""
+"""Number of decimals of the stored series. The last decimal is a tenth of the resolution of actions on the bus."""
 MOST_KEPT: Final = 20
 """Largest number of violations that are stored as text; all violations are counted."""
 

@@ -63,7 +63,7 @@ class _PlanForm:
 
 
 def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
-    """Return the built-in, then the users' scenarios. Raises ConfigError, which states the file, for a wrong entry."""
+    """Return the built-in scenarios, then the users' scenarios. Raises ConfigError with the file for a wrong entry."""
     folder = files("firmware_sim.campaign").joinpath("plans")
     sources: list[Traversable] = [*(folder.joinpath(f"{name}.toml") for name in BUILT_IN), *users]
     scenarios = tuple(one for source in sources for one in read_plan(source, place))
@@ -74,7 +74,7 @@ def whole_plan(users: Sequence[Path], place: Place) -> tuple[Scenario, ...]:
 
 
 def read_plan(source: Traversable, place: Place) -> tuple[Scenario, ...]:
-    """Read the scenarios of one file, with the errors of `whole_plan`."""
+    """Read the scenarios of one file. Raises ConfigError as `whole_plan` does."""
     tree = read_toml(source, "plan")
     try:
         plan = typed(tree, _PlanForm)

@@ -16,18 +16,18 @@ from firmware_sim.campaign.scenario import Criteria
 from firmware_sim.runs import pages
 from firmware_sim.runs.metadata import leaves
 
-_BARS: Final = "Bars: least and most of the starts, where there are several."
+_BARS: Final = "Bars: smallest and largest value of several starts."
 _CURVES: Final = {
     "noise": (
         "Sensor noise",
-        f"{_BARS} Star: the paper's loop without noise; of noise it gives "
-        f"{PAPERS_NOISE!r}, and shows a picture without numbers.",
+        f"{_BARS} Star: the paper's loop without noise. For noise the paper states "
+        f"{PAPERS_NOISE!r} and shows a picture without numbers.",
     ),
     "delay": (
         "Actuator delay",
-        f"{_BARS} Stars: the paper's loop with compensation, mean Cd "
-        f"{PAPERS_DELAYED_CD[0]:.3f} without delay and {PAPERS_DELAYED_CD[12]:.3f} at 12 periods against "
-        f"{PAPERS_UNCONTROLLED_CD:.3f} without control (appendix B); it gives no side force in numbers.",
+        f"{_BARS} Stars: the paper's loop with compensation. Mean Cd is "
+        f"{PAPERS_DELAYED_CD[0]:.3f} without delay, {PAPERS_DELAYED_CD[12]:.3f} with 12 periods of delay, and "
+        f"{PAPERS_UNCONTROLLED_CD:.3f} without control (appendix B). The paper states no side force in numbers.",
     ),
     "overview": ("Overview", _BARS),
 }

@@ -1,7 +1,7 @@
 """Figures of a campaign: drag and side force against noise and delay, and an overview of all scenarios.
 
-The colours are those of Okabe and Ito, which colour-blind readers can distinguish; the marks differ as well. The
-paper's results under noise and delay are shown as far as its text states numbers (section 3.3, appendix B).
+Colour-blind readers can distinguish the colours, which are from Okabe and Ito, and the marks. The paper's results under
+noise and delay are shown as far as its text states numbers (section 3.3, appendix B).
 """
 
 import re
@@ -19,7 +19,7 @@ from firmware_sim.campaign.scenario import UNDISTURBED
 
 PAPERS_UNCONTROLLED_CD: Final = 1.051
 PAPERS_DELAYED_CD: Final = {0: 0.918, 12: 0.950}
-"""The paper's mean Cd under control by the compensated actuator delay in control periods (appendix B)."""
+"""The paper's mean Cd under control, by the actuator delay in control periods that is compensated (appendix B)."""
 PAPERS_NOISE: Final = "consistent drag reduction across all tested noise levels"
 """The paper's statement on noise of 10 to 90 % of the global deviation (appendix B), without numbers."""
 
@@ -40,7 +40,7 @@ class Curve:
 
 
 def curve(rows: Sequence[ScenarioRow], label: str, pattern: str) -> Curve:
-    """Collect the scenarios whose name matches `pattern`. Its group is the number; the undisturbed scenario has 0."""
+    """Collect the scenarios whose name matches `pattern`; its group is the number. The undisturbed scenario has 0."""
     found = []
     for row in rows:
         match = re.fullmatch(pattern, row.scenario.name)

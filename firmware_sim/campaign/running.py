@@ -41,7 +41,7 @@ MARGIN_PERIODS: Final = 2
 @dataclass(frozen=True, kw_only=True)
 class RunTask:
     """The data of one run, with the name of its file. If `controlled` is False, the flow runs without the loop. The
-    body in `config` is the plant's; the release's body may differ. `phase` is the index of the starting phase."""
+    plant has the body in `config`; the release's body may differ. `phase` is the index of the starting phase."""
 
     name: str
     disturb: tuple[str, ...]
@@ -77,8 +77,8 @@ def plant_of(config: Config) -> PlantKey:
 
 
 def settings_of(scenario: Scenario, config: Config) -> Config:
-    """Return the campaign's settings, changed by the scenario's settings and its plant's body. Raises ConfigError,
-    which states the scenario, if a setting is unknown, wrong, or not allowed in a scenario."""
+    """Return the campaign's settings, changed by the scenario's settings and its plant's body. Raises ConfigError
+    with the scenario's name if a setting is unknown, wrong, or not allowed in a scenario."""
     try:
         loaded = loading.load(None, scenario.settings, base=config)
         plant = Disturbances.parse(scenario.disturb).plant(loaded.config)
@@ -98,7 +98,7 @@ def seed_of(seed: int, name: str, phase: int) -> int:
 
 
 def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
-    """Run a task from a starting state. The outcome, which the caller gives its key, records any exception."""
+    """Run a task from a starting state. The outcome records any exception; the caller sets the outcome's key."""
     try:
         return _under_control(task, bundle, start) if task.controlled else _free(task, bundle, start)
     except StillwakeError as error:
@@ -110,7 +110,7 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
 def check_run(
     scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
 ) -> None:
-    """Raise ConfigError, which states the scenario, if no run of the scenario is possible."""
+    """Raise ConfigError with the scenario's name if no run of the scenario is possible."""
     try:
         disturbances = Disturbances.parse(scenario.disturb)
         Simulation(bundle, config, spans=timing, controller=controller, disturbances=disturbances)

@@ -20,9 +20,9 @@ LONGEST_NAME: Final = 80
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """Criteria for a useful outcome: the smallest drag reductions for "useful" and for "marginal", as shares of the
-    undisturbed scenario's reduction, and the largest mean |Cl| for "useful", as a share of its value without control.
-    Raises ConfigError for a share that is not finite, or in the wrong order."""
+    """Criteria for a useful outcome. `useful` and `marginal` are the smallest drag reductions, as shares of the drag
+    reduction in the undisturbed scenario. `abs_Cl` is the largest mean |Cl| if useful, as a share of its value
+    without control. Raises ConfigError for values that are not finite or contradict each other."""
 
     useful: float = 0.75
     marginal: float = 0.0

@@ -1,4 +1,4 @@
-"""Initial states of runs: the wake at several shedding phases, so that no result depends on a single one."""
+"""Initial states of runs: the wake at several shedding phases, so that no result depends on a single phase."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -15,7 +15,7 @@ from wake.truck.truck_wake import TruckWake
 
 
 def phases_apart(phases: int, config: Config) -> list[int]:
-    """Return the numbers of control periods from the developed wake to the starting phases, equal parts of a cycle."""
+    """Return the numbers of control periods from the developed wake to the starting phases, spread over a cycle."""
     cycle = 1.0 / config.forcing.base_frequency
     return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
 
@@ -28,7 +28,7 @@ def starting_states(
     progress: Callable[[float, float], None] = lambda t, total: None,
 ) -> tuple[State, ...]:
     """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder or
-    computed, which takes minutes for a body other than the truck: then `progress` is called with (time, total time) in
+    computed. For a body other than the truck this takes minutes, and `progress` is called with (time, total time) in
     t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own. Raises PlantError if
     there is no developed wake for the settings."""
     kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]

@@ -69,7 +69,7 @@ def binaries(sources: Mapping[str, bytes], kind: FmuKind) -> dict[str, bytes]:
     if kind.windows:
         zig = zig_compiler()
         if zig is None:
-            raise LibraryError("no FMU for Windows: ziglang compiles it; pip install '.[mcu]'")
+            raise LibraryError("no FMU for Windows without ziglang: pip install '.[mcu]'")
         made[WINDOWS_64] = zig, _FLAGS_WINDOWS, "dll"
     found = {}
     for name, (compiler, flags, ending) in made.items():

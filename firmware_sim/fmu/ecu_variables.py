@@ -35,33 +35,33 @@ _SIGNAL: Final = re.compile(r"^ SG_ (\w+) : (\d+)\|(\d+)@1([+-]) ", re.MULTILINE
 
 _VEHICLE: Final = """
 pressure.*     | pressure.Pressure      | Float64     | Pa     | 0  | Wall pressure, relative to the free stream
-valid.*        | pressure.Valid         | Boolean     |        | 1  | Whether the sensor finds itself sound
-enable_request | pressure.EnableRequest | Boolean     |        | 0  | Whether control is wanted; it has to rise
-pressure_age   | pressure.Age           | Float64     | s      | 0  | Of the pressures when they are sent
-vehicle_speed  | speed.Speed            | Float64     | m/s    | 25 | Through the air; below 0 where it is not known
-air_density    | speed.AirDensity       | Float64     | kg/m3  | 0  | 0 where it is not known
-send_pressures |                        | Boolean     |        | 1  | Whether this period's frame with pressures comes
-send_speed     |                        | Boolean     |        | 1  | Whether this period's frame with the speed comes
+valid.*        | pressure.Valid         | Boolean     |        | 1  | Whether the sensor reports itself as valid
+enable_request | pressure.EnableRequest | Boolean     |        | 0  | Request for control, which has to rise
+pressure_age   | pressure.Age           | Float64     | s      | 0  | Age of the pressures when they are sent
+vehicle_speed  | speed.Speed            | Float64     | m/s    | 25 | Speed through the air; negative if unknown
+air_density    | speed.AirDensity       | Float64     | kg/m3  | 0  | Density of the air; 0 if unknown
+send_pressures |                        | Boolean     |        | 1  | Whether a Pressure frame is sent this period
+send_speed     |                        | Boolean     |        | 1  | Whether a VehicleSpeed frame is sent this period
 """
 """Inputs: name, message and signal of a `MessageSet`, FMI 3.0 type, unit or enumeration, start value, description."""
 _BUS: Final = """
-bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and tells errors and lost arbitration
-step_offset       |  | Float64 | s | 0 | From the start to the ECU's first step; shorter than a control period
-compute_time      |  | Float64 | s | 0 | From a step to the ECU's frames; shorter than a control period
+bus_notifications |  | Boolean | | 0 | Whether the bus confirms frames and reports errors and lost arbitration
+step_offset       |  | Float64 | s | 0 | Time from the start to the ECU's first step, shorter than a control period
+compute_time      |  | Float64 | s | 0 | Time from a step to the ECU's frames, shorter than a control period
 """
-"""Parameters of an FMU with a bus terminal. The columns are those of the table of inputs."""
+"""Parameters of an FMU with a bus terminal. The columns are as in the table of inputs."""
 _OUTPUTS: Final = """
 flow_command   | command.Flow           | Float64     | m2/s   |    | Jet flow rate per unit span to be reached
-next_period    | command.NextPeriod     | Boolean     |        |    | Reached in the next control period, not in this
+next_period    | command.NextPeriod     | Boolean     |        |    | Whether the flow is for the next control period
 enable         | command.Enable         | Boolean     |        |    | Whether the jets may run
-mode           | command.Mode           | Enumeration | Mode   |    | What the ECU does
-reason         | status.Reason          | Enumeration | Reason |    | Why it does not control
+mode           | command.Mode           | Enumeration | Mode   |    | Mode of the ECU
+reason         | status.Reason          | Enumeration | Reason |    | Reason for which the ECU is not in control
 overruns       | status.Overruns        | UInt32      |        |    | Control periods left out
 missed         | status.Missed          | UInt32      |        |    | Control periods without usable pressures
 crc_errors     | status.CrcErrors       | UInt32      |        |    | Pressure frames with a wrong CRC
 refused        | status.Refused         | UInt32      |        |    | Pressure frames repeated or out of sequence
 bus_off        | status.BusOff          | UInt32      |        |    | Times that the CAN controller was off the bus
-set_aside.*    | status.SetAside        | Boolean     |        |    | Whether the ECU estimates it by the others
+set_aside.*    | status.SetAside        | Boolean     |        |    | Whether the ECU estimates this sensor's pressure
 """
 
 
@@ -129,7 +129,7 @@ def wrapper_settings(variables: Sequence[Variable], token: str, config: Config, 
 
 
 def _first_of_each(variables: Sequence[Variable]) -> dict[str, int]:
-    """Return the value references of inputs and parameters by name; a name common to all sensors has the first."""
+    """Return the value references of inputs and parameters by name. A name that all sensors share has the first one."""
     numbered = reversed([*enumerate(variables)])
     return {item.name.partition(".")[0]: i for i, item in numbered if item.causality in ("input", "parameter")}
 

@@ -11,9 +11,9 @@ FMU_SUFFIX: Final = ".fmu"
 
 @dataclass(frozen=True, kw_only=True)
 class FmuKind:
-    """A kind of FMU. It may have a CAN bus terminal (FMI-LS-BUS 1.0) instead of signals; for importers with fixed
-    steps, Tx_Clock may then be triggered instead of a countdown. It may be in FMI 2.0 instead of 3.0, and have a
-    library for Windows on x86-64."""
+    """A kind of FMU. bus: a CAN bus terminal (FMI-LS-BUS 1.0) replaces the signals. triggered: the terminal's Tx_Clock
+    is triggered, not a countdown clock, for importers with fixed steps. fmi2: FMI 2.0 instead of 3.0. windows: the FMU
+    also has a library for Windows on x86-64."""
 
     bus: bool = False
     triggered: bool = False

@@ -63,15 +63,15 @@ class StillwakePlant(Fmi3Slave):  # type: ignore[misc]
         given, gives = Fmi3Causality.input, Fmi3Causality.output
         self._add("time", "Time", "s", Fmi3Causality.independent, lambda: self.time)
         self._add("jet_flow", "Jet flow rate per unit span to be reached at the end of a step", "m2/s", given)
-        self._add("vehicle_speed", "Through the air, to be reached at the end of a step", "m/s", given)
+        self._add("vehicle_speed", "Speed through the air to be reached at the end of a step", "m/s", given)
         for i, name in enumerate(self._wake.layout.names):
             what = "Wall pressure, relative to the free stream"
             self._add(f"pressure.{name}", what, "Pa", gives, lambda i=i: self._sample.Cp[i] * pressure)
         for name, field, unit, what in (
             ("Cd", "Cd", None, "Drag coefficient of the wall, at the speed of the operating point"),
-            ("Cd_net", "Cd_net", None, "The same with the jets' force, momentum and power"),
+            ("Cd_net", "Cd_net", None, "Cd with the jets' force, momentum and power"),
             ("Cl", "Cl", None, "Lift coefficient, at the speed of the operating point"),
-            ("convective_time", "t", "t_c", "Time in widths over speed"),
+            ("convective_time", "t", "t_c", "Time in units of width / speed"),
         ):
             self._add(name, what, unit, gives, lambda field=field: getattr(self._sample, field))
 

@@ -47,7 +47,7 @@ class KeptLimit(NamedTuple):
 
 
 def read_budget(path: Path) -> dict[str, float]:
-    """Read the limits of figures such as `all.p99_ms`. Raises ConfigError for a file with an invalid or no limit."""
+    """Read the limits of figures such as `all.p99_ms`. Raises ConfigError for a wrong or missing limit."""
     tree = read_toml(path, "budget")
     try:
         form = typed(tree, _Form)

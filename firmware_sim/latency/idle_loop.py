@@ -1,5 +1,5 @@
-"""The idle loop for comparison: a process that wakes at the ECU's deadlines, with privileges like the ECU's, and does
-nothing.
+"""The idle loop for comparison: a process that wakes at the ECU's deadlines and does nothing. It asks for
+real-time privileges, like the ECU.
 
     python -m firmware_sim.latency.idle_loop FILE PERIOD_NS PERIODS
 

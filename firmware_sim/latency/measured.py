@@ -56,7 +56,7 @@ class MeasuredRun:
     def of(cls, recorded: Recorded, *, name: str, about: str, period_ns: int, counter_period: int) -> Self:
         """Evaluate a run; raises StillwakeError if its tables contain no usable periods."""
         periods = joined(recorded.vehicle, recorded.ecu, period_ns=period_ns, counter_period=counter_period)
-        # One more period on each side: the idle loop may sleep through the first or last instant.
+        # The rows include one more period on each side, as the idle loop may sleep through the first or last instant.
         begin, end = periods.origin_ns - period_ns, periods.origin_ns + int(periods.scheduled[-1]) + period_ns
         scheduled = recorded.idle[:, IdleStage.SCHEDULED]
         idle = recorded.idle[(scheduled >= begin) & (scheduled <= end)]

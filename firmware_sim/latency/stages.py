@@ -29,7 +29,7 @@ class Stage(StrEnum):
     BUS_TO_ECU = "bus_to_ecu"
     """The time from the sample to the receipt of the Pressure frame by the ECU's receive thread."""
     WAIT = "wait"
-    """The time from that receipt to the deadline of the step that uses the frame; it absorbs jitter of the bus."""
+    """The time from this receipt to the deadline of the step that uses the frame. This wait absorbs bus jitter."""
     RECEIVE = "receive"
     """The time from the deadline, or a later receipt of the frame, to the plan: wake-up, checks, window."""
     PLAN = "plan"
@@ -40,7 +40,7 @@ class Stage(StrEnum):
     """The time from the end of the step to the receipt of the JetCommand frame by the vehicle."""
     ALL = "all"
     """The time from the scheduled sampling instant to the arrival of the first command computed from these or newer
-    pressures. Of a period's commands only the newest counts, because the vehicle uses this command. It is due at the
+    pressures. Of a period's commands only the newest counts, because the vehicle uses it. The command is due at the
     next sampling instant. Without a plan, the time is recorded only if the command was late."""
     ACTUATE = "actuate"
     """The time from the next sampling instant to the use of the command by the jets' driver."""
@@ -48,7 +48,7 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Periods:
-    """Consecutive control periods, n in number, including periods that a node left out. Times are in ns from
+    """A sequence of n consecutive control periods, including periods that a node left out. Times are in ns from
     `origin_ns`.
 
     Attributes:
@@ -57,7 +57,7 @@ class Periods:
         scheduled: sampling instants, shape (n,).
         answered: arrival of the first command computed from these or newer pressures, shape (n,); infinite if none.
         stages: latencies of each stage, shape (n,); NaN for a period without the stage.
-        stalls: for a stage whose node left out m periods, the time from each to the next occurrence, shape (m,).
+        stalls: for each stage, the times from the m periods that its node left out to its next occurrences, shape (m,).
         planned: number of periods with a plan from the period's pressures.
     """
 
@@ -95,7 +95,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     sent = vehicle[vehicle[:, VehicleStage.SAMPLED] > 0]
     took = ecu[ecu[:, EcuStage.STEP_BEGAN] > 0]
     if len(sent) < 2 or not len(took):
-        raise StillwakeError("the tables of stage times hold no two periods: did vehicle and ECU run at the same time?")
+        raise StillwakeError("the tables of stage times hold too few periods: did vehicle and ECU run together?")
     received, answers = took[:, EcuStage.FRAME_ARRIVED], sent[:, VehicleStage.COMMAND_ARRIVED]
     frame_of = _rows_by_counter(sent, took[:, EcuStage.PRESSURE_COUNTER], received, counter_period)
     echo_of = _rows_by_counter(sent, sent[:, VehicleStage.ECHOED_COUNTER], answers, counter_period)
@@ -105,7 +105,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
     if planned[0] >= len(sent) - 1:
         raise StillwakeError("the ECU's first plan arrived in the vehicle's last period: measure for longer")
     first, last = int(sent[planned[0], VehicleStage.PERIOD]), int(sent[-1, VehicleStage.PERIOD]) - 1
-    # All periods, with or without a row in the vehicle's table. A period that was left out gets the next row.
+    # These are all periods, with or without a row of the vehicle. A period that was left out gets the next row.
     numbers, own_number = np.arange(first, last + 1), sent[:, VehicleStage.PERIOD]
     row = np.searchsorted(own_number, numbers)
     instants = sent[row, VehicleStage.SCHEDULED] - (own_number[row] - numbers) * period_ns
@@ -146,7 +146,7 @@ def joined(vehicle: Times, ecu: Times, *, period_ns: int, counter_period: int) -
 
 
 def _rows_by_counter(sent: Times, counters: Times, arrived: Times, counter_period: int) -> Index:
-    """Return, for each received counter, the index of the latest row sent with it before the receipt, or -1."""
+    """Return the index of the latest row that was sent with each received counter before its receipt, or -1."""
     own, sampled = sent[:, VehicleStage.PRESSURE_COUNTER], sent[:, VehicleStage.SAMPLED]
     newest = np.searchsorted(sampled, arrived, side="right") - 1
     back = newest - (own[newest] - counters) % counter_period
@@ -178,7 +178,7 @@ def _fill(
 
 
 def _ecu_stalls(took: Times, *, first_row: int, end_ns: int) -> Array:
-    """Return the time in ns from the deadline of each of the m periods that the ECU left out to its next step, (m,)."""
+    """Return times in ns, shape (m,): from the deadline of each period that the ECU left out to the ECU's next step."""
     rows = took[max(first_row, 0) :]
     rows = rows[rows[:, EcuStage.SCHEDULED] <= end_ns]
     stalls = []

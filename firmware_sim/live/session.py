@@ -1,5 +1,5 @@
 """The live loop, without socket, process or thread. Its caller calls it for each period, passes requests to it, and
-fetches messages. With unchanged settings its rows equal those of a run (`firmware_sim.bench.simulation`)."""
+fetches messages. With unchanged settings its rows equal a run's rows (`firmware_sim.bench.simulation`)."""
 
 import time
 from collections import deque
@@ -39,11 +39,11 @@ class LiveSession(NeverCopied):
     do not fit each other, the bundle or the vehicle.
 
     Args:
-        config: settings of the vehicle; its operating point and control period must be those of the bundle.
+        config: settings of the vehicle, with the bundle's operating point and control period.
         wake: function from the plant's name to a plant in its initial state.
         ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
         ahead: function from the controller's name to a function that prepares a slow ECU, or to None.
-        settings: initial settings, except that control is requested only after `lead_in`, in t_c, of each run.
+        settings: initial settings, but in each run control is requested only after `lead_in`, in t_c.
         kept: number of latest periods that a page should store; the session stores as many until `messages` is called.
         clock: wall clock in s.
     """
@@ -160,7 +160,7 @@ class LiveSession(NeverCopied):
                 answer["note"] = self._clear()
             case "power_cycle":
                 if self._settings.controller == OFF:
-                    raise ConfigError("power cycle: the ECU has no supply; choose a controller, and it starts")
+                    raise ConfigError("power cycle: the ECU has no supply; choose a controller to start it")
                 self._run.power_on()
                 self._note("set", "the ECU's supply is cut for a moment")
             case "pause":

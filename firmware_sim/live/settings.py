@@ -66,7 +66,7 @@ SLIDERS: Final = {
     "delay_ms": Slider(least=0.0, greatest=200.0, step=5.0, unit="ms longer to the jets"),
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
-"""Slider of every cost weight; its bounds are those of a weight in a calibration."""
+"""Slider of every cost weight; it has the bounds of a weight in a calibration."""
 _SENSORS: Final = ("dead", "biased")
 _CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
 _SWITCHES: Final = ("enable", "babble")
@@ -104,8 +104,8 @@ class LiveSettings:
         self, given: Mapping[str, Any], sensors: Sequence[str], own: Calibration, limits: CalibrationLimits
     ) -> Self:
         """Return settings with some values replaced. Weights are given by their names; None selects the release's
-        weights. `own` is the release's calibration. Raises ConfigError, which states an unknown, mistyped or
-        out-of-range value."""
+        weights. `own` is the release's calibration. Raises ConfigError for an unknown name, or a value of a
+        wrong type or range."""
         known = {item.name for item in fields(self)}
         if unknown := sorted(set(given) - known):
             raise ConfigError(f"live setting {unknown[0]!r}: must be one of {', '.join(sorted(known))}")
@@ -162,7 +162,7 @@ def _weights(given: Any, now: Calibration, limits: CalibrationLimits) -> CostWei
     if given is None:
         return None
     if not isinstance(given, Mapping) or (set(given) - set(TERMS)):
-        raise ConfigError(f"live setting weights = {given!r}: must be numbers by the names {', '.join(TERMS)}")
+        raise ConfigError(f"live setting weights = {given!r}: must be an object with the names {', '.join(TERMS)}")
     return limits.changed(now, given).weights
 
 

@@ -18,8 +18,8 @@ NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
 # C allows the contraction of operations within an expression. Contraction gives equal results on all targets that have
 # fused multiply-add.
 COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
-# The sources already unroll the loops that become faster; unrolling all loops would take 21 KiB more flash. zig's
-# defaults, with frame pointers and more inlining, would take 2 KiB and 3 % more time.
+# The sources already unroll the loops for which it saves time; unrolling all loops would take 21 KiB more flash. zig's
+# defaults, with frame pointers and more inlining, would take 2 KiB more flash and 3 % more time.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops", "-fomit-frame-pointer",
     "-mllvm", "-inline-threshold=50", "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
@@ -35,7 +35,7 @@ def compile_for_cortex_m7(
     sources: Mapping[str, bytes], board: Mapping[str, bytes] | None = None, *, core: Core = CORTEX_M7
 ) -> bytes:
     """Compile a library's control step, with start-up code and linker script, for a core with the memories of the
-    Cortex-M7; return an ELF file. Files of `board` replace those of the firmware with the same name. Raises McuError if
+    Cortex-M7; return an ELF file. Files of `board` replace firmware files with the same name. Raises McuError if
     the sources do not compile, or `ziglang` is not installed."""
     firmware = {item.name: item.read_bytes() for item in files("firmware_sim").joinpath("mcu/c").iterdir()}
     firmware["sw_board_libc.c"] = sources_in("board")["sw_board_libc.c"]
@@ -44,7 +44,7 @@ def compile_for_cortex_m7(
 
 def compile_board(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = None) -> bytes:
     """Compile the whole firmware of a board, including its vector table; return an ELF file. `sources` are the sources
-    of a library with ECU and board, by path in its folder; files of `own` replace those with the same name. Raises
+    of a library with ECU and board, by path in its folder; files of `own` replace sources with the same name. Raises
     LibraryError for a library without a board; McuError if the sources do not compile, or `ziglang` is not installed.
     """
     return _linked(board_files(sources, own), BOARD_SCRIPT, "sw_board_start", CORTEX_M7)

@@ -36,7 +36,7 @@ class Measurement:
         multiply_accumulates: number of products with weights, computed from the networks' sizes.
         instructions: executed instructions, exact and equal for all steps in which all iterations run.
         cycles: modelled cycles (`firmware_sim.mcu.pipeline`).
-        one_per_cycle_ms, modelled_ms: time of a step with one cycle per instruction, and with `cycles`, by MHz.
+        one_per_cycle_ms: time of a step with one cycle per instruction, by MHz; modelled_ms: time with `cycles`.
         steps: number of control steps compared with the host.
         identical: whether all outputs were equal bit for bit. If not, see the largest differences below.
     """
@@ -144,7 +144,7 @@ def _replay(machine: Machine, rows: ProgramRows, window: int, horizon: int) -> P
     answers = []
     for i, row in enumerate(rows, start=1):
         machine.write("mcu_row", row.astype("<f4").tobytes())
-        # The example program on the host gives no outputs before the window is full either.
+        # The example program on the host also gives no outputs before the window is full.
         if (status := machine.call("mcu_step" if i >= window else "mcu_push")) != 0:
             raise McuError(f"row {i}: {REFUSALS[status]}")
         if i >= window:

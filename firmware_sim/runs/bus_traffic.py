@@ -43,7 +43,7 @@ class BusTraffic:
 
 @dataclass(kw_only=True)
 class WaitingTimes:
-    """An observer of the simulated bus that records, for each message of a set, the longest wait of a frame."""
+    """An observer of the simulated bus that records the longest wait of a frame, for each message of a set."""
 
     messages: MessageSet
     _longest_ns: dict[int, int] = field(default_factory=dict)

@@ -13,7 +13,7 @@ from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.statistics import Flags, planned_steps
 
 SKIPPED: Final = "SKIPPED"
-"""Name of a period that the ECU skipped because it was still computing; used in place of a mode's name."""
+"""Name that stands for the mode of a period that the ECU skipped because it was still computing."""
 
 KEYS_DIFFER: Final = "Frames arrived, but none was authentic: do both nodes have the same key (bus.key)?"
 
@@ -104,7 +104,7 @@ def set_aside(log: RunLog) -> list[tuple[str, int]]:
 
 
 def trouble(log: RunLog) -> str | None:
-    """Return a sentence on why the controller was not always in control, or None. It is shown before all figures."""
+    """Return a sentence on why the controller was not always in control, or None. Pages show it before all figures."""
     found = control(log)
     if found.held:
         return None

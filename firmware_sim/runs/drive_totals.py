@@ -17,8 +17,8 @@ _SLOW: Final = 0.1
 @dataclass(frozen=True, kw_only=True)
 class DriveTotals:
     """Totals of a drive, from the end of the settling time after the request for control to the end of the drive.
-    Energies are in kJ per km of road for each metre of the vehicle's height, which equals the mean force along the road
-    in N per metre of height.
+    Energies are in kJ per km of road for each metre of the vehicle's height. Such an energy equals the mean force along
+    the road in N per metre of height.
 
     Attributes:
         drag_kJ_per_km, drag_kJ_per_km_without: energy to overcome the wall's drag, with and without control.

@@ -38,7 +38,7 @@ class RunOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """A disturbance and how often it acted: counts of a port's fault, attempts to send with bit errors, or periods."""
+    """A disturbance and how often it acted: effects of a port's fault, attempts to send with bit errors, or periods."""
 
     text: str
     acted: int
@@ -68,7 +68,7 @@ class RunMetadata:
     """The description of a run, which is stored with its series.
 
     Attributes:
-        controller, digest: name, precision and short digest of the bundle in one text; and its full digest.
+        controller: text with name, precision and short digest of the bundle; digest: the full digest.
         computed_by: runtime that computes the control step.
         signer: fingerprint of the key that signed the bundle; None for an unsigned bundle.
         sensors: names of the sensors, in the order of the Pressure message.
@@ -99,7 +99,7 @@ class RunMetadata:
 
     @classmethod
     def of(cls, bundle: Bundle, config: Config, *, calibration: Calibration, **others: Any) -> "RunMetadata":
-        """Create the metadata of a run in this process. `calibration` is that of the ECU after the run."""
+        """Create the metadata of a run in this process. `calibration` is the ECU's calibration after the run."""
         manifest = bundle.manifest
         mpc = replace(manifest.mpc, weights=calibration.weights)
         own = {"python": platform.python_version(), "machine": platform.machine()}
@@ -118,7 +118,7 @@ class RunMetadata:
 
     @property
     def changed_weights(self) -> dict[str, tuple[float, float]]:
-        """Cost weights that differ from the bundle's: (value in the run, value in the bundle) by the weight's name."""
+        """Cost weights that the run changed: (value in the run, value in the bundle) by the weight's name."""
         ours, bundles = asdict(self.weights), asdict(self.mpc.weights)
         return {name: (ours[name], bundles[name]) for name in ours if ours[name] != as_float32(bundles[name])}
 

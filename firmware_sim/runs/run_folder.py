@@ -30,6 +30,6 @@ class RunFolder:
         there = {item.name for item in self.path.iterdir()} if self.path.is_dir() else set()
         holds_a_run = {self.series.name, self.summary.name} & there
         if there - {"openfoam"} and not holds_a_run:
-            raise StillwakeError(f"{self.path}: holds files that are not a run's; name another folder")
+            raise StillwakeError(f"{self.path}: holds files that no run wrote; name another folder")
         if not overwrite and holds_a_run:
             raise StillwakeError(f"{self.path} holds a run: give another folder, or --overwrite to replace it")

@@ -87,8 +87,8 @@ class RunLog:
     """A finished run.
 
     Attributes:
-        series: arrays for the n periods of the run. They have the names in `COLUMNS`, shape (n,); also `WALL`, if the
-            sensors were recorded, and for a drive the names in `WITHOUT`.
+        series: arrays for the n periods of the run, by name. The names are those in `COLUMNS`, shape (n,), `WALL` if
+            the sensors were recorded, and those in `WITHOUT` for a drive.
         enabled_at: index of the first row in which control is requested.
     """
 

@@ -39,7 +39,7 @@ _STILL: Final = 0.01
 
 
 def drag_rows(log: RunLog) -> list[tuple[str, str, str]]:
-    """Return (quantity, value without control, value under control) as text, or a row on missing averages."""
+    """Return (quantity, value without control, value under control) as text, or the reason for missing averages."""
     if (drive := drive_totals(log)) is not None:
         return _drive_rows(drive)
     means = averages(log)
@@ -113,7 +113,7 @@ def service_rows(log: RunLog) -> list[tuple[str, str]]:
 
 
 def headline(log: RunLog) -> str:
-    """Summarise the run, problems first. A reduction gets a reservation unless control was held and side force fell."""
+    """Summarise the run, problems first. A reduction gets a warning unless control was held and side force fell."""
     warning, means = trouble(log), averages(log)
     text = means.why if isinstance(means, NoAverages) else _judged(log, means)
     if (drive := drive_totals(log)) is not None:

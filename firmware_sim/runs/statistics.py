@@ -1,7 +1,7 @@
 """Figures of a run: averages without and with control, and the computing time of the ECU's steps.
 
-Averages are over whole shedding cycles (`wake.truck.averages`): before control, those between zero crossings of the
-lift; under control, as many of their mean length as fit between the end of the settling time and the last sample.
+Averages are over whole shedding cycles (`wake.truck.averages`). Before control, the lift's zero crossings separate the
+cycles. Under control, as many cycles of this mean length count as fit between settling time and last sample.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Regime:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Averages:
-    """Averages of a run before and under control. `averaged`, (n,), marks which of the n periods count for `under`."""
+    """Averages of a run before and under control. `averaged`, shape (n,), marks the periods that count for `under`."""
 
     before: Regime
     under: Regime
@@ -98,7 +98,7 @@ def averages(log: RunLog) -> Averages | NoAverages:
 
 def planned_steps(log: RunLog) -> Flags:
     """Return whether the controller planned in each of the n periods, shape (n,)."""
-    # For a period that the ECU skipped, the step time is NaN, but the mode is that of the previous period.
+    # For a period that the ECU skipped, the step time is NaN, but the mode repeats the previous period's mode.
     return np.asarray((log.series["mode"] == Mode.CONTROL) & np.isfinite(log.series["step_ms"]))
 
 

@@ -1,5 +1,5 @@
-"""The recorded wake of a run: a still picture of the flow every few control periods, small enough to be stored with
-every run. Stills are lossy WebP pictures in grey, which every browser can decode."""
+"""The recorded wake of a run: still pictures of the flow, one every few control periods. They are small enough to be
+stored with every run. Stills are lossy WebP pictures in grey, which every browser can decode."""
 
 import io
 import json
@@ -33,7 +33,7 @@ _SAME_TIME: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """The common data of a run's stills: limits of x and y in W, pixels, and x and y in W of all sensors by name."""
+    """The common data of a run's stills: limits of x and y in W, size in pixels, and positions of the sensors in W."""
 
     view: View
     size: tuple[int, int]
@@ -98,7 +98,7 @@ def save(path: Path, wake: WakeStills) -> None:
 
 
 def load(path: Path, log: RunLog) -> WakeStills:
-    """Read a file written by `save`. Raises StillwakeError if it is damaged, or of another schema or run."""
+    """Read a file written by `save`. Raises StillwakeError if it is damaged, or belongs to another schema or run."""
     try:
         data = read_npz(path)
         header = strict_json.decode(data.text("header").encode())
@@ -126,9 +126,9 @@ def _check(wake: WakeStills, total: int, log: RunLog) -> None:
         raise ValueError("the stills have another size than their part of the file")
     times = log.series["t"]
     if wake.k[0] < 0 or wake.k[-1] >= len(times) or (np.diff(wake.k) <= 0).any():
-        raise ValueError(f"the periods of the stills must rise within 0 to {len(times) - 1}")
+        raise ValueError(f"the periods of the stills must increase and be in 0..{len(times) - 1}")
     if not np.allclose(wake.t, times[wake.k], rtol=0.0, atol=_SAME_TIME):
-        raise ValueError("the stills' times are not the series'")
+        raise ValueError("the times of the stills are not in the series")
     for still in wake.stills:
         try:
             size = Image.open(io.BytesIO(still), formats=("WEBP",)).size

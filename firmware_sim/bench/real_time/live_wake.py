@@ -1,8 +1,8 @@
 """The built-in solver in a separate process, one control period ahead of the bus.
 
 An ECU that plans ahead sends the action for a period one period early, so the solver has a whole period to compute the
-flow up to the next sampling instant. If it is late, the vehicle sends no pressures at that instant, and the flow's time
-falls behind the clock by a period.
+flow up to the next sampling instant. If the solver is late, the vehicle sends no pressures at that instant, and the
+flow's time falls behind the clock by a period.
 """
 
 import multiprocessing
@@ -41,7 +41,7 @@ class Speed(NamedTuple):
 
     @classmethod
     def of(cls, wake: TruckWake, periods: int = 20, clock: Callable[[], float] = time.perf_counter) -> "Speed":
-        """Measure control periods with the jets shut and their sampling; then restore the wake's state."""
+        """Measure control periods with the jets shut, including the sampling; then restore the wake's state."""
         begin, times = wake.state(), []
         for _ in range(periods):
             began = clock()
@@ -51,7 +51,7 @@ class Speed(NamedTuple):
         return cls(median(times), max(times))
 
     def check(self, period_ms: float, *, refinement: float, substeps: int) -> str | None:
-        """Return None, or a warning if the plant is barely fast enough. Raises PlantError with remedies otherwise."""
+        """Return a warning if the plant is barely fast enough, else None. Raises PlantError if it is too slow."""
         if self.typical_ms > period_ms:
             lacking = self.typical_ms / (_ROOM * period_ms)
             coarser = f" (--set flow.refinement={COARSE[0]:g} --set flow.substeps={COARSE[1]})"
@@ -119,7 +119,7 @@ class LiveWake(NeverCopied):
         return np.asarray(self._cp)
 
     def drive(self, action: float) -> None:
-        """Start the next control period with a ramp of the jets to `action`; do nothing while one is computed."""
+        """Start the next control period with a ramp of the jets to `action`, unless a period is being computed."""
         if not self._is_busy:
             try:
                 self._pipe.send(action)

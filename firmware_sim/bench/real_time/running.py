@@ -73,7 +73,7 @@ def run_vehicle(
     enable_from = None if course.enable_after_s is None else round(course.enable_after_s * 1e9 / config.period_ns)
     times = None if course.stage_times is None else StageTimes(VehicleStage, course.periods or USUAL_PERIODS)
     bus.receive_all()  # drops the frames that arrived before the run
-    # A frame arrives when the receive thread reads it, so its wait in the kernel counts as transmission time.
+    # A frame counts as arrived when the receive thread reads it, so its wait in the kernel is part of the transmission.
     inbox = Inbox(lambda frame: clock.now_ns(), room=_ROOM)
     with ExitStack() as stack:
         report(f"real time: {in_words(stack.enter_context(taken(course.wanted)))}")
@@ -94,8 +94,8 @@ def run_vehicle(
             if node.has_given_up and not has_given_up:
                 has_given_up = True
                 report(
-                    f"{config.vehicle.loss_limit} of {config.vehicle.loss_window} periods had no usable command: jets "
-                    "shut, and the request is withdrawn until the request falls (vehicle.loss_limit)"
+                    f"{config.vehicle.loss_limit} of {config.vehicle.loss_window} periods had no usable command: the "
+                    "jets are shut, and the vehicle requests no more control (vehicle.loss_limit)"
                 )
             receiving.check()
             if begun % per_second == 0:

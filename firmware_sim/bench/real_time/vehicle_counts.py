@@ -1,4 +1,4 @@
-"""Counts of a vehicle's run, whose memory does not grow with the length of the run."""
+"""Counts of a vehicle's run. Their memory does not grow with the length of the run."""
 
 from collections import Counter
 from dataclasses import dataclass, field

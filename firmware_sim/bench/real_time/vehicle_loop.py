@@ -29,7 +29,7 @@ UNSENT_LIMIT: Final = 50
 FAREWELL: Final = 3
 """Number of frames without a request at the end of a run: one more than the number of losses that the ECU tolerates."""
 LONGEST_FAREWELL: Final = 10
-"""Largest number of periods for these frames, because the live wake may have no pressures for some of the periods."""
+"""Largest number of periods in which these frames are sent. In some periods the live wake may have no pressures."""
 
 
 class VehicleLoop:
@@ -91,7 +91,7 @@ class VehicleLoop:
             due_ns = self._next_instant()
 
     def _next_instant(self) -> int:
-        """Wait for the next sampling instant for which this process is late by less than half a period."""
+        """Wait for the next sampling instant, and skip each instant for which this process is half a period late."""
         while True:
             due_ns, latest_ns = self._deadlines.due_ns, self._deadlines.period_ns // 2
             self._sleep_until(due_ns)
@@ -117,7 +117,7 @@ class VehicleLoop:
             return
         arrived_ns = actuation.command.timestamp_ns
         command = self._parse(actuation.command.data[: self._spec.protected])
-        assert command is not None  # the jets' driver has accepted it
+        assert command is not None  # the jets' driver has accepted this frame
         figures.commands += 1
         figures.modes[command.mode] += 1
         figures.latest_mode = command.mode

@@ -94,7 +94,7 @@ class ControlRequest:
 
 
 class DragMeans:
-    """The mean drag of one run of the loop, from the latest `kept` samples; `control_period`, in t_c, separates them.
+    """The mean drag in one run of the loop, from the latest `kept` samples, one per `control_period` (in t_c).
 
     Attributes:
         uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without one.
@@ -131,7 +131,7 @@ class DragMeans:
 
     @property
     def reduction_percent(self) -> float | None:
-        """Reduction of the mean drag relative to that without control; None if one of the two means is missing."""
+        """Reduction of the mean drag by control, in percent; None if a mean is missing."""
         if self.uncontrolled is None or self.now is None:
             return None
         return 100.0 * (1.0 - self.now / self.uncontrolled)
@@ -164,9 +164,9 @@ class LiveRun:
 
     Attributes:
         k: number of the next period; each period lasts `period_ns` in virtual time.
-        view, raster: limits of the pictures in W, width and height in pixels; empty for a plant without a flow field.
+        view, raster: limits of the pictures in W, and their size in pixels; empty for a plant without a flow field.
         picture: flow at the start of the latest period; None for a plant without a flow field.
-        latest, state: latest period, None before the first, and the ECU's state after it.
+        latest, state: the latest period and the ECU's state after it; `latest` is None before the first period.
     """
 
     def __init__(
@@ -234,9 +234,9 @@ class LiveRun:
         self.ecu = ecu
 
     def help(self) -> bool:
-        """Clear latched faults with a new request for control, now and in the next periods, in which earlier
-        disturbances may still latch faults. Restart an ECU that ignores a sensor. Return whether the request was
-        withdrawn for this."""
+        """Clear latched faults with a new request for control. Do the same in the next periods, because earlier
+        disturbances may still latch faults there. Restart an ECU that has excluded a sensor. Return whether the
+        request was withdrawn."""
         if self.state.sensors.set_aside is not None and not self.is_off:
             self.power_on()
         longest = max(self._config.ecu.loss_window, self._config.vehicle.loss_window)
@@ -269,7 +269,7 @@ class LiveRun:
         )
 
     def set_disturbances(self, texts: tuple[str, ...]) -> None:
-        """Apply only these disturbances from the next period on. A new one ends the repair that `help` began."""
+        """Apply only these disturbances from the next period on. A new disturbance ends the repair by `help`."""
         if self.disturbances.set(texts, self.k):
             self.request.helped_until = 0
 

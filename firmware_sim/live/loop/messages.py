@@ -48,7 +48,7 @@ def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMes
 
 
 class FieldPicture(NamedTuple):
-    """The flow at the start of period k, at t in t_c, as `wake.pictures.level_picture.field_levels` (height, width)."""
+    """The flow at the start of period k, at time t in t_c; `wake.pictures.level_picture` explains the levels."""
 
     k: int
     t: float

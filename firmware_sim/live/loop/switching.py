@@ -1,7 +1,7 @@
 """Disturbances that are switched on and off while the loop runs, each at the start of a control period.
 
 A disturbance acts as in a run that has it from the same time on. Each disturbance is an item with its own
-`firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after those of all earlier items. The
+`firmware_sim.bench.disturbing.Disturbing`, whose random sequences are numbered after all earlier items' sequences. The
 items of the transducers, and of each node's port, are in the order of the settings; when an item changes, all later
 items end and start again. An ended item in a port passes all new frames on unchanged. It is removed `LINGER_S` later,
 so that frames that it still delays reach the node in order.

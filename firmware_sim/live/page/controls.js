@@ -11,8 +11,8 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
     noise: {label: 'Noise on all sensors', help: 'Watch the action get rougher, and the drag rise.'},
     dead: {label: 'Dead sensor', help: 'It reads Cp 0. Watch the ECU set it aside and continue with the others.'},
     biased: {label: 'Biased sensor', help: 'Watch the ECU set it aside if it contradicts the others.'},
-    bias: {label: 'Bias', help: 'Of the biased sensor.'},
-    loss: {label: 'Lost pressure frames', help: 'Watch HOLD and DECAY flash up; FAULT when too many are lost.'},
+    bias: {label: 'Bias', help: 'Offset of the biased sensor.'},
+    loss: {label: 'Lost pressure frames', help: 'Watch HOLD and DECAY appear, and FAULT if too many are lost.'},
     delay_ms: {label: 'Late jet commands', help: 'Watch the drag rise; commands that are too late shut the jets.'},
     babble: {
       label: 'Babbling node',
@@ -23,7 +23,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
       help: 'The same release on another machine; “off” cuts the ECU’s supply. Watch the time of a step.',
     },
   };
-  const GOAL = 'Weights of its cost. More on side force costs drag; more on jet effort spares the jets.';
+  const GOAL = 'Weights of the cost. A larger weight on side force costs drag; one on jet effort spares the jets.';
 
   stillwake.Controls = class {
     /**
@@ -42,7 +42,7 @@ var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
           'Vehicle',
           this.switch('enable'),
           this.choice('plant', hello.plants),
-          this.button('restart', 'Restart the plant', 'From its start, with the settings as they are.'),
+          this.button('restart', 'Restart the plant', 'Begins from its initial state with the present settings.'),
         ),
         this.group(
           'ECU',

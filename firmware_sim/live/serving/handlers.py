@@ -40,7 +40,7 @@ class PageAccess:
         return cls(token=None if is_loopback(address) else token_urlsafe(TOKEN_BYTES))
 
     def refusal(self, *, host: str, origin: str | None, token: str | None) -> str | None:
-        """Return the reason why a request is refused, or None. `origin` is None if the program is no browser."""
+        """Return the reason why a request is refused, or None. `origin` is None if the client is no browser."""
         if self.token is None and not is_loopback(_name(host)):
             return "this server answers only to localhost"
         if origin is not None and origin.lower().partition("://")[2] != host.lower():

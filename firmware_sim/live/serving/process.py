@@ -89,7 +89,7 @@ class Requests:
         if work is None:
             self._answer(number, self._session.handle(request))
         elif self._waiting is not None:
-            self._answer(number, {"error": "a part is being built already: ask again when it is ready"})
+            self._answer(number, {"error": "another controller is being built: ask again when it is ready"})
         else:
             self._waiting = number, request
             Thread(target=self._make, args=(work,), name="making", daemon=True).start()
@@ -121,7 +121,7 @@ class Requests:
 
 
 class Outbox:
-    """A sender of messages, for any thread. It drops messages if the server has ended; the loop's pipe shows this."""
+    """A sender of messages, for any thread. It drops messages after the server has ended; `run` detects this end."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._lock = pipe, Lock()
@@ -160,7 +160,7 @@ class LoopProcess:
         make: function that creates the session in the other process; it must be picklable.
         hear: called with new messages, in a separate thread.
         answered: called with a request's number and its answer, in the thread of `hear`.
-        ended: called once, in the thread of `hear`, with the error, if the process ended without a call of `end`.
+        ended: called once with the error, in the thread of `hear`, if the process ended without a call of `end`.
     """
 
     def __init__(

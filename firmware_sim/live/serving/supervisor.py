@@ -83,7 +83,7 @@ class Viewer:
         the oldest `MOST_ROWS` periods or events that the hub still has."""
         message, self._counts[stream] = self._hub.after(stream, self._counts[stream])
         if stream == "hello" and message is not None:
-            # A page discards its data at a `hello`, so the new run's data that it already has are sent again.
+            # A page discards its data at a `hello`, so the stored data of the streams after `hello` are sent again.
             self._counts |= dict.fromkeys(STREAMS[STREAMS.index("hello") + 1 :], 0)
         return message
 

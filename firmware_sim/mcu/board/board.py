@@ -2,7 +2,7 @@
 
 The firmware runs from its reset vector until it sleeps (`wfi`); then the caller advances the board's time. No interrupt
 handler runs: the firmware masks interrupts, and a pending interrupt only ends its sleep. A `Board` exists for one power
-cycle; the next `Board` gets the contents of its flash. The memory map is that of an STM32H743, with the registers of
+cycle; the next `Board` gets the contents of its flash. The memory map is as in an STM32H743, with the registers of
 `flash_controller`, `can_controller` and `small_parts`.
 """
 
@@ -221,5 +221,5 @@ class Board(EmulatedCore):
 def _whole(offset: int, size: int) -> int:
     """Return the offset of a register; raises McuError unless the access covers exactly one register."""
     if size != 4 or offset % 4:
-        raise McuError(f"a register is accessed with {size} bytes at {offset:#x}: must be 4, aligned")
+        raise McuError(f"a register is accessed with {size} bytes at {offset:#x}: must be 4 aligned bytes")
     return offset

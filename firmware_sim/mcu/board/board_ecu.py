@@ -102,7 +102,7 @@ class BoardEcu(CEcuState):
     ) -> list[Frame]:
         """Run one control period like `Ecu.step`; `around` must be empty. Raises McuError if the core stopped."""
         if any(around.values()):
-            raise McuError("a fault or an update from outside: the board's firmware detects them itself")
+            raise McuError("no fault or update from outside is possible: the board's firmware detects them itself")
         self.board.blocks.start()
         self.board.counter.now_ns = max(c_time(now_ns), self.board.counter.now_ns)
         self.board.can.surround(health)
@@ -119,7 +119,7 @@ class BoardEcu(CEcuState):
         return left + self.board.can.handed_over()
 
     def advance(self, until_ns: int, frames: Sequence[Frame] = ()) -> list[Frame]:
-        """Receive frames, advance to `until_ns`, return sent frames. Raises McuError for a stopped core; PowerCut."""
+        """Receive frames, advance to `until_ns`, return sent frames. Raises McuError and PowerCut as `Board.run`."""
         self._bring(frames)
         while self.board.counter.compare_ns <= until_ns:
             self.board.counter.now_ns = max(self.board.counter.compare_ns, self.board.counter.now_ns)

@@ -77,8 +77,8 @@ class FlashBank:
 
 
 class FlashController:
-    """The registers of a flash bank's controller, with the bank, which they change in place. `counter` advances during
-    operations; `cut_at` and `seed` are as in `firmware_sim.mcu.board.board.Board`.
+    """The registers of a flash bank's controller, which change the bank in place. `counter` advances during operations;
+    `cut_at` and `seed` are explained at `firmware_sim.mcu.board.board.Board`.
 
     Args:
         changed: called with the offset and the number of changed bytes.
@@ -157,7 +157,7 @@ class FlashController:
         return self._counter.now_ns < self._until_ns
 
     def stall(self) -> None:
-        """Advance the time to the end of the present operation: the core reads the bank, so it waits."""
+        """Advance the time to the end of the present operation, for which a core that reads the bank waits."""
         self.stalled_ns += max(self._until_ns - self._counter.now_ns, 0)
         self._counter.now_ns = max(self._counter.now_ns, self._until_ns)
 

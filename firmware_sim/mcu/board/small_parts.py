@@ -42,7 +42,7 @@ class Counter:
 
 
 class RandomNumbers:
-    """The RNG of an STM32H743 (CR with RNGEN, SR with DRDY, DR); its random numbers follow from a seed."""
+    """The RNG of an STM32H743 (CR with RNGEN, SR with DRDY, DR); a seed determines its random numbers."""
 
     def __init__(self, seed: int) -> None:
         self._random, self._control = random.Random(seed), 0

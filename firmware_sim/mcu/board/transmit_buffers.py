@@ -21,10 +21,10 @@ class TransmitBuffers:
         duration_ns: function that returns the time in ns from the start of a frame until the next frame may start.
 
     Attributes:
-        pending, transmitted: bits of the elements that wait to be sent, and of those sent since their last request.
+        pending, transmitted: bits of the elements that wait to be sent, and of elements sent since their last request.
         put: number of the FIFO's next free element.
         is_on: whether the controller takes part in the bus; if False, it starts no frame.
-        left: sent frames in order, stamped with the times of their requests, each with its transmission's end in ns.
+        left: sent frames in order, stamped with the time of the request, each with the end of transmission in ns.
     """
 
     def __init__(self, element: Callable[[int], Frame], duration_ns: Callable[[Frame], int]) -> None:

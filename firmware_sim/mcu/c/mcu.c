@@ -22,7 +22,7 @@ extern unsigned char mcu_hot_start[], mcu_hot_end[], mcu_hot_load[];
 void mcu_reset(void)
 {
     memcpy(mcu_hot_start, mcu_hot_load, (size_t)(mcu_hot_end - mcu_hot_start));
-    (void)sw_input_reset(&mcu_input); /* every step repeats the check of arithmetic */
+    (void)sw_input_reset(&mcu_input); /* the status is not needed: every step checks the arithmetic */
 }
 
 int mcu_push(void)

@@ -45,14 +45,14 @@ _FIGURES: Final = (
 
 
 class Cell(NamedTuple):
-    """A figure of one run as text, and its difference from the first run's figure; empty if there is none."""
+    """A figure of one run and its difference from the first run's figure, as texts; the difference may be empty."""
 
     value: str
     difference: str
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return unique names of folders, with parents if needed. Raises StillwakeError for a wrong number or a repeat."""
+    """Return unique names, with parents if needed. Raises StillwakeError for too few, too many or equal folders."""
     places = [Path(os.path.realpath(folder)) for folder in folders]
     if not 2 <= len(places) <= _MOST:
         raise StillwakeError(f"{len(places)} runs: between 2 and {_MOST} can be compared on a page")

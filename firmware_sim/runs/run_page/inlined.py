@@ -26,7 +26,7 @@ _FORBIDDEN: Final = ("</script", "</style", "<!--")
 
 
 class Inlined(NamedTuple):
-    """A page's scripts and styles, and a content security policy that permits no other script and no address."""
+    """A page's scripts and styles, and a content security policy that forbids other scripts and all addresses."""
 
     policy: str
     styles: Markup

@@ -77,7 +77,7 @@ def _dated(folder: RunFolder, log: RunLog) -> Iterator[tuple[str, int, Any]]:
             picture = Image.fromarray(colours.astype(np.uint8)[wake.levels(index).astype(int) + TOP])
             ImageDraw.Draw(picture).polygon(body, fill=_BODY)
             buffer = io.BytesIO()
-            picture.save(buffer, format="JPEG", quality=90)  # which Foxglove and Rerun both show
+            picture.save(buffer, format="JPEG", quality=90)  # Foxglove and Rerun both show JPEG
             shown = CompressedImage(frame_id="wake", format="jpeg", data=buffer.getvalue())
             found.append((WAKE_TOPIC, k * period_ns, shown))
     for topic, time_ns, message in sorted(found, key=lambda one: one[1]):

@@ -79,10 +79,10 @@ def wake_of(folder: RunFolder, log: RunLog) -> WakeStills | None:
 
 
 def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
-    """Return a row per identifier in the log; none for a missing or too long log. Raises StillwakeError if damaged."""
+    """Return a row per identifier in the log, none if it is missing or too long. Raises StillwakeError if damaged."""
     if log.traffic.frames > _MOST_FRAMES or not folder.frames.is_file():
         return []
-    # These imports are inside the function, because they import all of python-can's readers, which takes a second.
+    # These imports take a second, because they import all readers of python-can. So they are inside the function.
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.raw_bus import id_text
     from can_bridge.tools.summary import Summary
@@ -99,13 +99,13 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
 
 
 def write_picture(folder: RunFolder, target: Path) -> None:
-    """Write the run as one picture, whose metadata contain the bundle's digest: the wake before and under control, and
-    drag and action over time. Raises ConfigError if the target's suffix is not a picture format; StillwakeError if the
-    folder contains no run, or the target cannot be written."""
+    """Write one picture of the run: the wake before and under control, and drag and action over time. Its metadata have
+    the bundle's digest. Raises ConfigError if the target's suffix is not a picture format; StillwakeError if the folder
+    contains no run, or the target cannot be written."""
     check_suffix(target)
     run = read_run(folder)
     kind = target.suffix[1:].lower()
-    # PDF has no metadata field for a description, so its field for the subject has the digest.
+    # PDF has no metadata field for a description, so the digest is in its field for the subject.
     described = {"Subject" if kind == "pdf" else "Description": f"stillwake bundle {run.log.metadata.digest}"}
     with replacing(target) as temporary:
         _overview_figure(run).savefig(temporary, format=kind, metadata=described)

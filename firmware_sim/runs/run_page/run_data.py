@@ -21,7 +21,7 @@ _SENSOR: Final = re.compile(r"^(\w+):(?:.*,)?sensor=([^,]+)")
 
 
 class Disturbed(NamedTuple):
-    """A disturbance of the periods from `first` to before `after`. Its text states no time."""
+    """A disturbance that acts from period `first` until just before period `after`. Its text states no time."""
 
     what: str
     first: int
@@ -29,7 +29,7 @@ class Disturbed(NamedTuple):
 
     @property
     def sensor(self) -> tuple[str, str] | None:
-        """Sensor and kind of a disturbance of one sensor; otherwise None."""
+        """Sensor and kind if the disturbance acts on one sensor; otherwise None."""
         match = _SENSOR.match(self.what)
         return None if match is None else (match[2], match[1])
 
@@ -105,7 +105,7 @@ _BINS: Final = 60
 
 
 def run_data(log: RunLog, wake: WakeStills | None, name: str) -> dict[str, Any]:
-    """Return the data for the scripts in `page/`, as JSON's values without NaN; `wake` is None without stills."""
+    """Return the data for the scripts in `page/` as JSON values without NaN. `wake` is None if there are no stills."""
     config, means = log.metadata.config, averages(log)
     return {
         "name": name,

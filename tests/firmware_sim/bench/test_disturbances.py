@@ -81,7 +81,7 @@ def test_each_is_read_from_its_text_and_what_makes_no_sense_or_could_not_act_is_
         ("wire_errors:bit_error_rate=2", r"bit_error_rate = 2\.0: must be in \[0, 1\]"),
         ("wire_errors:bit_error_rate=1,node=both", "node = 'both' must be all or vehicle or ecu"),
         ("reset@1..2", r"'1\.\.2' must be a time in seconds"),
-        ("body:length=1@2..", r"body\.start_s = 2\.0: must be left out, and its end, too: a body stays"),
+        ("body:length=1@2..", r"body\.start_s = 2\.0: must be left out, like the end: a body stays"),
         ("body:length=20", r"body\.length = 20\.0: must be in 0\.5\.\.15"),
         ("body:length=1,leading_edge_radius=0.6", r"body\.leading_edge_radius = 0\.6: must be in 0\.\.0\.5"),
         ("gust:amplitude=0.5,period=20", r"gust\.amplitude = 0\.5: must be above 0 and below 0\.5"),

@@ -40,7 +40,7 @@ def test_a_run_is_kept_by_its_key_and_another_campaign_refused_by_what_differs(t
 def test_a_folder_of_something_else_is_never_touched(tmp_path) -> None:
     (tmp_path / "mine").write_text("text")
     for overwrite in (False, True):
-        with pytest.raises(OutputError, match="not a campaign's"):
+        with pytest.raises(OutputError, match="no campaign wrote"):
             CampaignFolder(tmp_path).check(LABEL, overwrite=overwrite)
     with pytest.raises(StillwakeError, match="it is a file"):
         CampaignFolder(tmp_path / "mine").check(LABEL, overwrite=True)

@@ -106,6 +106,6 @@ def test_tables_that_are_of_no_run_are_refused():
     after[:] = (after + 7) % COUNTERS
     idle.ecu[:, [EcuStage.PLAN_BEGAN, EcuStage.PLAN_ENDED]] = 0
     empty.ecu = empty.ecu[:0]
-    for run, message in ((mixed, "different runs"), (idle, "no plan"), (empty, "no two periods")):
+    for run, message in ((mixed, "different runs"), (idle, "no plan"), (empty, "too few periods")):
         with pytest.raises(StillwakeError, match=message):
             run.join()

@@ -176,7 +176,7 @@ def test_what_cannot_be_had_is_one_line_and_changes_nothing():
         ({"noise": 0.5, "loss": 2}, "must be in 0..1"),
         ({"dead": "upper_0"}, "must be one of none, upper_39"),
         ({"plant": "recording", "babble": True}, "no recording"),
-        ({"weights": 3}, "must be numbers by the names"),
+        ({"weights": 3}, "must be an object with the names"),
     ):
         error = live.ask(set=values)["error"]
         assert message in error and "\n" not in error, values

@@ -66,9 +66,9 @@ def with_a_png(wake: WakeStills) -> WakeStills:
 
 
 WRONG = {
-    "not the series'": lambda wake: replace(wake, t=wake.t + 0.2),
-    "must rise within 0 to 5": lambda wake: replace(wake, k=wake.k + 1),
-    "stills must rise": lambda wake: replace(wake, k=wake.k[::-1]),
+    "not in the series": lambda wake: replace(wake, t=wake.t + 0.2),
+    r"must increase and be in 0\.\.5": lambda wake: replace(wake, k=wake.k + 1),
+    "stills must increase": lambda wake: replace(wake, k=wake.k[::-1]),
     r"6 stills at 5 periods": lambda wake: replace(wake, k=wake.k[:-1]),
     r"must have \(95, 36\)": lambda wake: replace(wake, scene=replace(wake.scene, size=(95, 36))),
     "not a WebP": with_a_png,

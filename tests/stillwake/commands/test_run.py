@@ -54,7 +54,7 @@ QUICK_ONES = {
     "400` makes a state, to be given with `--state start_re400.npz --set flow.reynolds=400`",
     "--state nowhere.npz": "nowhere.npz: not a flow state",
     # Faults on the bus.
-    "--disturb ecu:disconnect:kind=device_gone": "an open wire is `ecu:disconnect`",
+    "--disturb ecu:disconnect:kind=device_gone": "use `ecu:disconnect` for an open wire",
     "--disturb ecu:disconnect@5..10": "begins after the end of the run, at 0.22 s",
 }
 
