@@ -57,8 +57,8 @@ def optimise(
 ) -> None:
     """Minimise `loss(step)["total"]` over the module's parameters in place, with `steps` steps of Adam. The learning
     rate is constant or has one cycle (warm-up, then cosine to zero; Smith 2017). Call this function inside `seeded`:
-    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`; TrainingError
-    as soon as loss or weights are not finite, and then removes the checkpoints."""
+    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. Raises
+    TrainingError, after removing the checkpoints, as soon as loss or weights are not finite."""
     optimiser = torch.optim.Adam(module.parameters(), lr=settings.learning_rate)
     rate = _rate(optimiser, steps, settings)
     first = 0
@@ -78,7 +78,7 @@ def optimise(
             unfinished.clear(checkpoints.folder)
         raise TrainingError(
             f"{phase.label}: the loss is not finite after {after} of {steps} iterations with "
-            f"train.learning_rate = {settings.learning_rate:g}: choose a lower one, the paper's is 0.001"
+            f"train.learning_rate = {settings.learning_rate:g}: choose a lower value; the paper uses 0.001"
         )
 
     module.train()

@@ -1,7 +1,7 @@
 """The checkpoint folder of an unfinished training, which states the training's identity and progress.
 
-The folder can be read without torch, which takes seconds to load, so another training's checkpoints are refused without
-delay.
+The folder is read without torch, because torch takes seconds to load. So another training's checkpoints are refused
+without delay.
 """
 
 import json
@@ -113,7 +113,7 @@ def reached(folder: Path) -> Reached | None:
 
 
 def threads(folder: Path) -> tuple[int, ...]:
-    """Return every number of torch's threads that was used in this training; empty if none was stored."""
+    """Return all numbers of torch's threads that this training used; empty if no number is stored."""
     noted = (_label(folder) or {}).get("threads")
     return tuple(noted) if isinstance(noted, list) and all(isinstance(item, int) for item in noted) else ()
 

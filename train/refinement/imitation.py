@@ -1,5 +1,5 @@
-"""The imitation: a prior learns the actions of other priors at other speeds, and its own actions when it is told the
-right speed. At the design speed, it does not change.
+"""The imitation: a prior that gets a right or a wrong speed learns the actions of priors that get the right speed. At
+the design speed, the prior does not change.
 
 A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
 speeds run in closed loop at these speeds. The scheduled weights below or above the design speed are fitted to the
@@ -31,8 +31,8 @@ SLOWEST: Final = 0.5
 OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
-"""Cost of the mean squared change of the weights, relative to the mean squared error of action / limit. It determines
-the weights that the demonstrations do not determine."""
+"""Factor of the weights' mean squared change in the cost; the mean squared error of action / limit has the factor 1.
+The change determines the weights that the demonstrations do not determine."""
 RIGHT: Final = 10.0
 """Weight of a demonstration with the right speed, relative to a demonstration with a wrong speed."""
 
@@ -73,7 +73,7 @@ class Demonstration:
 def watch(
     flow: DifferentiableFlow, feedback: Feedback, start: FlowState, speeds: Array, goal: Goal, *, told: Array
 ) -> Watched:
-    """Run a feedback in closed loop from a wake without jets at the design speed.
+    """Run a feedback in closed loop. The run begins with a wake without jets at the design speed.
 
     Args:
         speeds: (n + 1,) true speeds at the samples of n periods, in units of the design speed; the first is 1.
@@ -108,7 +108,7 @@ def demonstration(
     run: Watched, expert: Feedback, goal: Goal, *, told: Array, expert_told: float = 1.0
 ) -> Demonstration:
     """Return an expert's actions in the states of a run, as a demonstration for a prior that is told another speed. The
-    first periods are left out, because their past is incomplete.
+    first periods are left out, because the memory is not full.
 
     Args:
         told: (n,) ratio of the speed that the prior is told to the true speed.
@@ -134,8 +134,7 @@ def demonstration(
 
 
 def _as_told(run: Watched, told: Array, kept: int, memory: int) -> list[tuple[Tensor, float]]:
-    """Return, for each period from number `kept` on, the (M, 2 p + 1) rows that a prior reads, and the speed it is
-    told."""
+    """Return the rows (M, 2 p + 1) that a prior reads in each period from number `kept` on, and the told speed."""
     scale = torch.from_numpy(1.0 / told**2)[:, None]
     rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()
     spans = [slice(last - kept, last) for last in range(kept, len(rows) + 1)]

@@ -53,8 +53,8 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
 
 
 def unit_steps(scaling: Scaling, chosen: Index) -> Array:
-    """Return the global deviation, the root mean square of all pressures' standard deviations (paper, appendix B), in
-    units of each chosen sensor's standard deviation, (N,) for N sensors."""
+    """Return the global deviation in units of the standard deviation of each of N chosen sensors, (N,). The global
+    deviation is the root mean square of all pressures' standard deviations (paper, appendix B)."""
     std = np.array(scaling.pressure_std)
     steps: Array = np.sqrt(np.square(std).mean()) / std[chosen]
     return steps
@@ -128,7 +128,7 @@ class Rows:
         deviations; zero at level 0. Raises ConfigError if these rows have no global deviation."""
         if self.unit is None:
             if level:
-                raise ConfigError(f"sensor noise {level}: these rows were made without a scaling, so it has no unit")
+                raise ConfigError(f"sensor noise {level}: its unit is unknown, because these rows have no scaling")
             return self.inputs.new_zeros(self.inputs.shape[1] - 1)
         return level * self.unit
 
