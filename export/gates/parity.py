@@ -30,8 +30,8 @@ range."""
 
 
 MOVE: Final = 5e-3
-"""Largest allowed difference of an action, as a share of iterations * learning rate, which is Adam's largest move. With
-the paper's settings the largest difference is 2.5e-5 U_inf W."""
+"""Largest allowed difference of an action, as a fraction of Adam's largest move (iterations * learning rate). With the
+paper's settings the largest difference is 2.5e-5 U_inf W."""
 FORCE: Final = 1e-4
 """Largest allowed difference of a predicted Cd or Cl."""
 COST: Final = 1e-4
@@ -69,9 +69,9 @@ class ControlCase:
 def control_cases(
     program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
-    """Yield the arguments of control steps, for each of these recorded windows (L, S+1) or for `count` random windows.
-    The previous plan is random. Up to a quarter of the plan is committed: these actions must not change. In every
-    second step the cost weights differ from their defaults and are all above zero."""
+    """Yield the arguments of control steps for recorded windows (L, S+1) or, without `windows`, for `count` random
+    windows. The previous plan is random. Up to a quarter of the plan is committed: these actions must not change. In
+    every second step the cost weights differ from their defaults and are all above zero."""
     rng = np.random.default_rng(seed)
     h, limit = program.mpc.horizon, program.action_limit
     for i in range(count if windows is None else len(windows)):

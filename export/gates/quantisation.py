@@ -92,8 +92,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Return weights, speed and limit for the window with this number; weights or a limit of None are the program's
-    own. If the program has a prior, every second window has weights and a limit in the middle of the prior's range."""
+    """Return weights, speed and limit for the window with this number; None stands for the program's weights or limit.
+    If the program has a prior, every second window has weights and a limit in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None

@@ -23,9 +23,9 @@ from export.to_c.library import replay, with_answer
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """The results of the ONNX graph in its gates; the manifest's provenance states them under `export`. They are the
-    size of `controller.onnx`, the differences between graph and reference, and `quantisation`, the differences between
-    int8 and float weights, which is None for a float release."""
+    """The results of the ONNX graph in its gates; the manifest's provenance states them under `export`.
+    `controller_bytes` is the size of `controller.onnx`, `parity` the differences between graph and reference.
+    `quantisation` has the differences between int8 and float weights; it is None for a float release."""
 
     controller_bytes: int
     parity: ParityReport

@@ -1,4 +1,4 @@
-"""Descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, all generated from one list of
+"""The descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, all generated from one list of
 sources."""
 
 import json
@@ -96,7 +96,7 @@ def build_files(files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def _cmake(found: tuple[LibraryPart, ...]) -> str:
     lines = [
-        "# Generated: the parts of the library, each behind those that it needs.",
+        "# Generated: the parts of the library; each part comes after the parts that it needs.",
         f'set(SW_VERSION "{_version()}")',
         f"set(SW_PARTS {' '.join(part.name for part in found)})",
     ]
@@ -116,8 +116,8 @@ def _kconfig(found: tuple[LibraryPart, ...]) -> str:
         text += f"\tdepends on {needed}\n" if needed else "\tdefault y\n"
     text += (
         '\nconfig STILLWAKE_KNOWN_ANSWER\n\tbool "Compare a control step with the exporter\'s at start-up"\n'
-        "\tdefault y\n\thelp\n\t  A build that computes otherwise keeps the jets shut. It takes as long as the\n"
-        "\t  longest control step.\n\nendif\n"
+        "\tdefault y\n\thelp\n\t  If the results differ, the jets stay shut. The comparison takes as long as\n"
+        "\t  the longest control step.\n\nendif\n"
     )
     return text
 

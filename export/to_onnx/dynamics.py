@@ -6,8 +6,8 @@ biases. Its recursion is
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
-The backward Scan has three products only. Both layer norms get centred inputs (`weights.centred`). So the adjoint of
-norm and ELU, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) r, is
+The backward Scan has three products only. Both layer norms get centred inputs (`centred`). For a norm of gain g, bias
+b, width n and normalised input xhat, with r = 1 / std and p = ELU'(g xhat + b) r, the adjoint of norm and ELU is
 
     v = d diag(g) diag(p) (I - xhat xhat^T / n).
 

@@ -149,8 +149,7 @@ class PutMatrix(Protocol):
 
 
 def store_for(program: Program) -> PutMatrix:
-    """Return the function that stores a program's matrices: rounded to float32, or the integers of a rounded
-    program."""
+    """Return the function that stores a program's matrices: as float32, or as integers for a rounded program."""
     whole = {} if isinstance(program, RoundedProgram) else matrices(program)
 
     def store(graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:

@@ -43,7 +43,7 @@ bundle = typer.Typer(
 )
 
 DIFFERENT: Final = 1
-"""Exit status of `stillwake bundle diff` for two bundles that differ, as that of diff(1)."""
+"""Exit status of `stillwake bundle diff` for two bundles that differ, as in diff(1)."""
 
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
@@ -153,7 +153,7 @@ def _speeds(text: str) -> SpeedRange:
 
 
 def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:
-    """Return, by name, the values that the user gave for a section of the settings."""
+    """Return the values that the user gave for a section of the settings, by name."""
     names = [name.removeprefix(section) for name in loaded.given if name.startswith(section)]
     return {name: getattr(values, name) for name in names}
 
@@ -297,7 +297,7 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
     optimiser = f"{mpc.iterations} iterations, learning rate {mpc.learning_rate:g}"
     positions = zip(manifest.sensors, manifest.sensor_positions or (), strict=manifest.sensor_positions is not None)
     speeds = manifest.speeds
-    served = "all, each treated as U_inf" if speeds is None else f"{speeds.slowest:g} to {speeds.fastest:g} U_inf"
+    served = "all; each is treated as U_inf" if speeds is None else f"{speeds.slowest:g} to {speeds.fastest:g} U_inf"
     ranges = zip(manifest.sensors, scaling.pressure_mean, scaling.pressure_std, strict=True)
     return [
         ("name", manifest.name),

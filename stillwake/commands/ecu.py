@@ -43,7 +43,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""The command that makes an option's file, as a text, by the name of the option."""
+"""A text on the command that makes an option's file, for each of these options."""
 
 
 class _RunsByDefault(TyperGroup):

@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 _LIBRARY: Final = "holds a C library already"
 _NO_BUNDLE: Final = (
-    "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, or --fmu or --image FILE, of the shipped bundle; "
-    "or --for-testers FOLDER, also of a BUNDLE in place of MODEL"
+    "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, --fmu, --image or --for-testers for the shipped "
+    "bundle; --for-testers also accepts another bundle in place of MODEL"
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
@@ -62,9 +62,7 @@ Fmu = Annotated[
         "triggered (its clock, for fixed steps), fmi2 (FMI 2.0), windows (for Windows too; needs ziglang).",
     ),
 ]
-ForTesters = Annotated[
-    Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and rule of seed and key here.")
-]
+ForTesters = Annotated[Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and seed-and-key rule here.")]
 Key = Annotated[Path | None, typer.Option(help="Private key file (PEM) to sign bundle and image with (`keygen`).")]
 
 

@@ -135,7 +135,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
 def measured(
     subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
 ) -> "list[MeasuredRun]":
-    """Measure the controllers one after another; write the tables of each into a folder of the controller's name."""
+    """Measure the controllers one after another. Write each controller's tables into a folder with its name."""
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
     from firmware_sim.latency.measured import MeasuredRun

@@ -33,7 +33,7 @@ Lengths = Annotated[
     list[str] | None,
     typer.Argument(metavar="KIND=STEPS", help="Number of control steps for a kind of episode.", show_default=False),
 ]
-FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake, to begin there instead.")]
+FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake, to begin with it instead.")]
 Amplitudes = Annotated[
     tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
 ]
@@ -43,7 +43,7 @@ Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on com
 
 def record(
     output: Annotated[
-        Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under or --from-steady, to add to.")
+        Path, typer.Argument(help="Data set (.h5 or .hdf5) to write, or to extend (--under, --from-steady).")
     ],
     lengths: Lengths = None,
     paper: Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")] = False,

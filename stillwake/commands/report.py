@@ -24,7 +24,7 @@ Outputs = Annotated[
 
 
 def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
-    """Write the HTML page of a finished run again, or one page on several runs, or a run in other formats.
+    """Write the HTML page of a finished run, a page that compares several runs, or a run in other formats.
 
     The page needs no other file and no network. A slider on the page moves through the recorded wake. Without --output
     the page is written into the run's folder. The ending of --output gives the format: .png, .pdf or .svg for one
@@ -51,7 +51,7 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
         if not outputs:
             raise ConfigError(f"{len(runs)} runs: name the page that compares them with --output FILE.html")
         if [one.suffix.lower() for one in outputs] != [".html"]:
-            raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats are of one run")
+            raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats need one run")
         console.print(f"wrote {write_comparison(runs, outputs[0])}")
         return
     for output, write in [(one, _writer(runs[0], one)) for one in outputs]:

@@ -1,5 +1,5 @@
-"""Options that several commands share, and the checks of their values. An option has the same name and meaning in each
-of these commands. An error states the option's name."""
+"""The options that several commands share, and the checks of their values. An option has the same name and meaning in
+all of its commands. An error states the option's name."""
 
 import os
 from math import isfinite

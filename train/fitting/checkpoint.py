@@ -1,5 +1,5 @@
-"""Checkpoint files of a training. A file is written completely or not at all. Only a training with equal settings loads
-it."""
+"""The checkpoint files of a training. They are written completely or not at all, and loaded only with equal
+settings."""
 
 import io
 import os

@@ -1,4 +1,4 @@
-"""Recorded episodes as standardised rows.
+"""The recorded episodes as standardised rows.
 
 Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column per sensor and one for the action. Each
 row also has the forces (Cd_k, Cl_k), and the input of the dynamics: a_k, the action commanded at t_k. A window that

@@ -1,4 +1,4 @@
-"""Batches of windows for training: contiguous segments of rows, drawn randomly from seed and step."""
+"""The batches of windows for training: contiguous segments of rows, chosen randomly from seed and step."""
 
 from dataclasses import dataclass, replace
 

@@ -66,7 +66,7 @@ class DriveOptions:
 
     @property
     def is_given(self) -> bool:
-        """Whether an option was given that has no effect without a log."""
+        """Whether the user gave an option that has no effect without a log."""
         options = (self.split, self.forces, self.clock, self.shift_s, self.channels, self.zone)
         return any(map(bool, options))
 
@@ -83,7 +83,7 @@ def zone_of(text: str) -> tzinfo | None:
         return ZoneInfo(text)
     except (ValueError, OSError, ZoneInfoNotFoundError):
         raise ConfigError(
-            f"--log-zone {text}: must be a name such as Europe/Berlin or UTC, or such as +02:00"
+            f"--log-zone {text}: must be a name such as Europe/Berlin or UTC, or an offset such as +02:00"
         ) from None
 
 
