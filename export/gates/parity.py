@@ -81,7 +81,7 @@ def control_cases(
         weights = rng.uniform(0.5, 2.0, 8) * [1.0, 0.1, 0.05, 0.2, 4.0, 1.0, 4.0, 2.0] if i % 2 else None
         if weights is not None and i % 4 == 3:
             weights[[TERMS.index("effort"), TERMS.index("lift")]] *= BEYOND
-        # The plan stays just inside the limit, because rounding to float32 may increase it.
+        # The actions stay slightly below the limit, because rounding to float32 may increase them.
         plan = 0.999 * limit * rng.uniform(-1.0, 1.0, h)
         yield ControlCase(
             window=_as_float32(window),
@@ -101,9 +101,9 @@ def case_speed(program: ControllerProgram, number: int) -> float:
 def check_lowering(
     program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]
 ) -> ParityReport:
-    """Compare a lowering with the reference. Raises ExportError, which states the difference, if a difference exceeds
-    its tolerance or is not a number. `program` is the program that the lowering should compute; for an int8 lowering,
-    it has the dequantised weights. `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
+    """Compare a lowering with the reference. Raises ExportError if a difference exceeds its tolerance or is NaN.
+    `program` is the program that the lowering should compute; for an int8 lowering, it has the dequantised weights.
+    `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
     differences = []
     for case in control_cases(program, windows):
         expected = control_step(program, *case.arguments)

@@ -92,7 +92,7 @@ def calibration_windows(
         raise ExportError(
             f"training episodes are too short to calibrate int8: the longest, {longest.name}, has {len(longest)} "
             f"steps, {LEAST_CALIBRATION} windows need {program.window - 1 + LEAST_CALIBRATION}; "
-            f"--precision float32 needs none"
+            f"--precision float32 needs no windows"
         )
     found: list[Array] = []
     for item in last:

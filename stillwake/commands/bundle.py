@@ -315,13 +315,13 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("limit", f"|a| <= {manifest.action_limit:g} U_inf W"),
         ("operating point", f"W {point.width:g} m, U_inf {point.speed:g} m/s, rho {point.density:g} kg/m3"),
         ("speeds", served),
-        ("timing", f"control period {manifest.control_period:g} t_c, {manifest.budget_ms:g} ms; of it "
+        ("timing", f"control period {manifest.control_period:g} t_c, {manifest.budget_ms:g} ms, with "
          f"{manifest.compute_time_ms:g} ms for the control step"),
         *((f"scaling {name}", f"Cp {mean:.4f} +- {std:.4f}") for name, mean, std in ranges),
         ("scaling action", f"{scaling.action_std:.4f}"),
         *((f"scaling {name}", f"{mean:.4f} +- {std:.4f}")
           for name, mean, std in zip(("Cd", "Cl"), scaling.force_mean, scaling.force_std, strict=True)),
-        *((f"sensor estimate {name}", f"Cp +- {manifest.sensor_estimator.fast[j][j]:.4f} by the others")
+        *((f"sensor estimate {name}", f"Cp +- {manifest.sensor_estimator.fast[j][j]:.4f} from the other sensors")
           for j, name in enumerate(manifest.sensors) if manifest.sensor_estimator is not None),
         ("data set SHA-256", manifest.dataset_sha256),
         ("weights SHA-256", manifest.weights_sha256),

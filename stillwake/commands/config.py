@@ -21,7 +21,7 @@ _WIDTH: Final = 80
 
 def config(
     prefix: Annotated[
-        str, typer.Argument(help="First part of names, e.g. ecu or train.finish: explain only these settings.")
+        str, typer.Argument(help="Only settings whose names begin with this text; also explains them.")
     ] = "",
     changed: Annotated[bool, typer.Option("--changed", help="Only settings that differ from the paper's.")] = False,
     toml: Annotated[bool, typer.Option("--toml", help="Print the settings as a TOML file for --set.")] = False,

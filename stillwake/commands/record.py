@@ -67,9 +67,9 @@ def record(
     uncontrolled steps, 10,000 steps of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The
     workers of a scheduler must find the output's folder at the path that this computer uses.
 
-    With --under, record the wake under a controller with exploration, and add the episodes, of controlled=1100 steps
-    each. With --from-steady, record the growth of small disturbances on the steady wake, with or without a controller,
-    in episodes of calm=350 steps each. If the file of --from-steady does not exist, the steady wake is computed and
+    With --under, record the wake under a controller with exploration, and add episodes of controlled=1100 steps each.
+    With --from-steady, record the growth of small disturbances on the steady wake, with or without a controller, in
+    episodes of calm=350 steps each. If the file of --from-steady does not exist, the steady wake is computed and
     written to it (see `develop --steady`). The rms of the random actions rises from episode to episode by a constant
     factor, from the first to the second number of --amplitudes. --role controlled or calm excludes the new episodes
     from training.

@@ -53,7 +53,7 @@ def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] 
 
 def explain(room: str, file: Path) -> str:
     """Return one line that tells the user how to remove the conflict between a package and a file."""
-    return f"{file} hides the package {room!r} of stillwake: rename it, or call `stillwake` from another folder"
+    return f"{file} hides the package {room!r} of stillwake: rename the file, or call `stillwake` from another folder"
 
 
 def shortage(command: str) -> str | None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from firmware_sim.live.settings import LiveSettings
     from wake.plant.protocol import LoopPlant
 
-MAKING: Final = "the C library of the shipped model is being built, once, which takes a minute; the loop continues"
+MAKING: Final = "the C library of the shipped model is being built (one minute); the loop continues"
 COMPILING: Final = {
     "c": "the ECU in C is being compiled; the loop continues",
     "mcu": "the ECU in C is being compiled for the emulated microcontroller; the loop continues",

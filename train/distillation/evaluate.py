@@ -128,7 +128,7 @@ def _force_error(decoded: Tensor, reference: Tensor) -> ForceError:
 def _sigma(values: Tensor) -> Tensor:
     sigma = values.std(dim=0, correction=0)
     if not bool((sigma > 0).all()):
-        raise DatasetError("test episodes: a force or latent is constant, errors cannot be normalised")
+        raise DatasetError("test episodes: a force or latent is constant, so errors cannot be normalised")
     return sigma
 
 

@@ -112,8 +112,8 @@ def optimise(
 def fit_joint(
     rows: Rows, config: Config, *, progress: Progress = silent, checkpoints: Checkpoints | None = None
 ) -> WakeModel:
-    """Train encoder, dynamics and decoder together on standardised rows, on their device; the result is in evaluation
-    mode. Raises DatasetError if an episode is too short for window and unroll."""
+    """Train encoder, dynamics and decoder together on standardised rows. The result is on the rows' device, in
+    evaluation mode. Raises DatasetError if an episode is too short for window and unroll."""
     settings, device = config.train, rows.inputs.device
     with seeded(settings.seed, device):
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)

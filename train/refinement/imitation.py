@@ -3,7 +3,7 @@ the design speed, the prior does not change.
 
 A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
 speeds run in closed loop at these speeds. The scheduled weights below or above the design speed are fitted to the
-priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect at this speed.
+priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect there.
 
 A vehicle knows its speed over the ground, but not the wind. The pressures that a prior reads indicate the true speed.
 So a prior that is told a wrong speed can be fitted to the actions of a prior that is told the right speed.
@@ -77,7 +77,7 @@ def watch(
 
     Args:
         speeds: (n + 1,) true speeds at the samples of n periods, in units of the design speed; the first is 1.
-        told: (n,) ratio of the speed that the feedback is told to the true speed.
+        told: (n,) speed that the feedback is told, divided by the true speed.
 
     Raises:
         PlantError: the flow diverged.
@@ -111,8 +111,8 @@ def demonstration(
     first periods are left out, because the memory is not full.
 
     Args:
-        told: (n,) ratio of the speed that the prior is told to the true speed.
-        expert_told: ratio of the speed that the expert is told to the true speed.
+        told: (n,) speed that the prior is told, divided by the true speed.
+        expert_told: speed that the expert is told, divided by the true speed.
     """
     limit = goal.share_of_limit() * expert.limit
     kept = ceil(expert.memory / SLOWEST) + 1
@@ -146,7 +146,7 @@ def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, f
 
     Args:
         feedback: changed in place.
-        given: demonstrations; only periods with told speeds on the fitted side are used.
+        given: demonstrations; only periods whose told speed is on the fitted side are used.
         goal: goal of the demonstrations.
         faster: whether the weights for speeds above the design speed are fitted.
 

@@ -81,7 +81,7 @@ _FLOW: list[DifferentiableFlow] = []
 
 def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
     torch.set_num_threads(1)
-    # Unlike in `without_denormals`, the setting stays for the life of the process.
+    # Unlike in `without_denormals`, the setting stays until the process ends.
     torch.set_flush_denormal(True)
     _FLOW.append(flow())
 
@@ -93,7 +93,7 @@ def _run(task: Task) -> Done:
 LARGEST_GRADIENT: Final = 0.5
 """Norm to which a stretch's gradient is clipped, because some stretches have ten times the usual norm."""
 MEAN_OVER: Final = 30
-"""Time constant, in updates, of the exponential mean of the weights: an update's share falls to 1 / e in this time."""
+"""Time constant of the weights' exponential mean, in updates: an update's share falls to 1 / e in this time."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
 """Change of speed in a stretch, as a fraction of the distance to a randomly drawn speed. The speed changes in a random

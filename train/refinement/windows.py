@@ -38,7 +38,7 @@ class StretchReadings:
 
     Attributes:
         noise: (n, 2 p), added to the sensors' Cp; columns 2 k and 2 k + 1 are for the two mirrored sensors of pair k.
-        told: ratio of the speed that the feedback receives to the flow's speed, (n,).
+        told: (n,) speed that the feedback receives, divided by the flow's speed.
         lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command does not
             change.
     """

@@ -26,8 +26,8 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
 
     The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. So statistics over the
     originals and the images are symmetric, and mirroring commutes with scaling. Without mirror images, Cl may have a
-    nonzero mean. The action is never shifted, so that zero action stays 0; its deviation is always its root mean
-    square. Raises DatasetError if a sensor, the action or a force is constant.
+    nonzero mean. The action is never shifted, so that zero action stays 0. The action's deviation is always its root
+    mean square. Raises DatasetError if a sensor, the action or a force is constant.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])

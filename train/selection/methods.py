@@ -48,7 +48,7 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
 
 
 def _sorted(wanted: Mask, by: Array) -> list[int]:
-    """Return the wanted columns in rising order of `by`."""
+    """Return the columns that are `wanted`, in rising order of their values in `by`."""
     columns = np.flatnonzero(wanted)
     return [int(column) for column in columns[np.argsort(by[columns], kind="stable")]]
 

@@ -258,7 +258,7 @@ def _speed_line(report: "LogReport") -> str:
     without = f"; {report.without_speed} rows without a speed" if report.without_speed else ""
     between = "; rows interpolated at equal distances travelled" if report.is_resampled else ""
     span = f" ({slow:g} to {fast:g})" if slow < fast else ""
-    return f"Cp by the {median:g} m/s{span} of its VehicleSpeed frames{without}{between}"
+    return f"Cp is computed with the log's vehicle speed, {median:g} m/s{span}{without}{between}"
 
 
 def _verifier(loaded: Loaded) -> "Verify | None":

@@ -76,8 +76,8 @@ def import_(
     the Cp of each sensor, under the sensor's name in --layout. A file of arrays may have one array Cp of shape (steps,
     sensors) instead. A column or array t is optional. The number initial_action, the action before the first row, is
     also optional (otherwise 0). Row k has the measurements at t_k and the action commanded at t_k. If the numbers of a
-    file have a unit, state the value of the data set's unit in the file's unit: --reference Cp=240Pa (rho U_inf^2 / 2),
-    t=5ms, Cd=40N, or Cd=-1 for the opposite sign.
+    file have a unit, state which number in the file means 1: --reference Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or
+    Cd=-1 for the opposite sign.
 
     A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also packed as .gz) has
     commands and the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from
