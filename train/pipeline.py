@@ -91,7 +91,7 @@ def train_all(
         used = sorted({*unfinished.threads(checkpoints.folder), threads})
         if len(used) > 1:
             notice(
-                f"torch used {_listed(n for n in used if n != threads)} threads, now {threads}: the bytes may differ"
+                f"torch used {_listed(n for n in used if n != threads)} threads, now {threads}: the model may differ"
             )
 
         rows = train_rows.to(where)

@@ -1,10 +1,9 @@
 """The controller as data: all inputs of a lowering, and nothing else.
 
-Rounding and lowerings refer to the weight matrices by name. They are the tensors' names: `lstm.weight_input`,
-`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small; only its two matrices for filtered rows
-have names. These are `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n,
-F p), for n units, F filters and p sensor pairs. All lowerings of a program state the same hash, which identifies the
-program.
+Rounding and lowerings refer to the weight matrices by their tensors' names, such as `lstm.weight_input`,
+`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small, so only its two matrices for filtered
+rows have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n, F p),
+for n units, F filters and p sensor pairs. All lowerings of a program state the same hash, which identifies the program.
 """
 
 import hashlib

@@ -134,7 +134,7 @@ def lower_adam(
     gradient: Callable[[Graph, str], str],
 ) -> str:
     """Add nodes that compute the optimised plan (1, H) from the starting plan (1, H), the mask of free actions (H,) and
-    the scalar bound on |a|. `gradient` adds to a given body the nodes for dJ/da (1, H) at a plan (1, H).
+    the scalar bound on |a|. `gradient` adds nodes to a body that compute dJ/da (1, H) at a plan (1, H).
     """
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS

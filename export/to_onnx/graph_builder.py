@@ -143,7 +143,7 @@ class PutMatrix(Protocol):
         """Store the matrix with this name (`export.program.controller_program`).
 
         Args:
-            rows: order of the outputs, if an operator needs an order other than that of PyTorch.
+            rows: order of the outputs, if an operator does not use PyTorch's order.
             leading: number of leading axes of length 1 that an operator needs.
         """
 

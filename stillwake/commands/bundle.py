@@ -168,9 +168,9 @@ def inspect(
 ) -> None:
     """Verify a bundle, an image or a key list, and show its contents and its signer.
 
-    For a bundle, the command prints one line for each check that loading a bundle makes, and one line for a control
-    step that it runs. If a check fails, nothing else is shown and the exit status is 1. A key list may have any signer,
-    unless --trust names the root key.
+    For a bundle, the command prints one line for each check of the loader, and one line for a control step. If a check
+    fails, nothing else is shown and the exit status is 1. A key list may have any signer, unless --trust names the root
+    key.
     """
     if path is not None and (key_list.is_list(path) or is_image(path)):
         if sbom is not None:
@@ -246,7 +246,7 @@ def diff(
 def keylist(
     path: Annotated[Path, typer.Argument(help="Key list to write; an existing file is never overwritten.")],
     key: shared.PrivateKey,
-    version: Annotated[int, typer.Option(help="Version of the list; an ECU accepts only greater ones.")],
+    version: Annotated[int, typer.Option(help="Version of the list; an ECU accepts only a greater version.")],
     allow: Annotated[list[Path], typer.Option("--allow", help="Public key that may sign (repeatable).", metavar="PUB")],
     revoke: Revoked = [],  # noqa: B006
 ) -> None:

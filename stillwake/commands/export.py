@@ -44,7 +44,7 @@ _NO_BUNDLE: Final = (
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
-"""Settings of a release that may differ from those stored in its model."""
+"""Settings that may differ between a release and its model."""
 USES_IN_C: Final = ("bus", "ecu")
 """Further settings, which are compiled into the ECU of a C library."""
 USES_FOR_TESTERS: Final = (
@@ -73,7 +73,7 @@ def export(
     output: Annotated[
         Path | None,
         typer.Argument(
-            metavar="BUNDLE", help="Bundle directory to write; without it the files are of the shipped bundle."
+            metavar="BUNDLE", help="Bundle directory to write; without it, files are for the shipped bundle."
         ),
     ] = None,
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
@@ -326,7 +326,7 @@ def mcu(
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Compile the C library for a Cortex-M7, replay the library's recorded rows on an emulated Cortex-M7, and compare
-    the results with those of this computer.
+    the results with this computer's results.
 
     The last lines report whether a control step fits into the control period of the operating point.
     """

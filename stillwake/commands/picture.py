@@ -42,7 +42,7 @@ Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="Actions of the j
 
 
 def picture(
-    output: Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")],
+    output: Annotated[Path, typer.Argument(help="Still picture (.png, .pdf, .svg) or animation (.gif, .webp).")],
     field: Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")] = "vorticity",
     state: shared.State = None,
     sensors: shared.Sensors = "",

@@ -44,7 +44,7 @@ def develop(
     if steady and duration is not None:
         raise ConfigError(f"--duration {duration:g}: does not go with --steady, which ends when the flow is steady")
     if json_file is not None and not steady:
-        raise ConfigError("--json: goes with --steady; a developed wake is a state and no figure")
+        raise ConfigError("--json: needs --steady; a developed wake is a state without figures")
     duration = _USUAL_DURATION if duration is None else duration
     shared.steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)

@@ -37,7 +37,7 @@ FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady 
 Amplitudes = Annotated[
     tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
 ]
-Episodes = Annotated[int | None, typer.Option(help="Number of episodes: --under (2), --from-steady (8).", min=1)]
+Episodes = Annotated[int | None, typer.Option(help="Episodes; default: 2 (--under), 8 (--from-steady).", min=1)]
 Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on commands, in action limits (0.15).")]
 
 

@@ -65,7 +65,7 @@ def _of_dataset(sources: list[Path], outputs: list[Path]) -> None:
     from contract.recording.netcdf import write_netcdf
 
     if len(sources) > 1 or [one.suffix.lower() for one in outputs] != [".nc"]:
-        raise ConfigError(f"{sources[0]}: is a data set; give one, and the file to write with --output FILE.nc")
+        raise ConfigError(f"{sources[0]}: is a data set; name one data set, and --output FILE.nc")
     found = read(sources[0])
     for episode in found.episodes:
         ending = "" if len(found.episodes) == 1 else f"_{quote(episode.name, safe=' ')}"
@@ -79,9 +79,7 @@ def _of_log(sources: list[Path], outputs: list[Path]) -> None:
     from can_bridge.tools.measurement import write_measurement
 
     if len(sources) > 1 or not outputs:
-        raise ConfigError(
-            f"{sources[0]}: is a log; give one, and the file to write with --output FILE.mf4 or FILE.mcap"
-        )
+        raise ConfigError(f"{sources[0]}: is a log; name one log, and --output FILE.mf4 or FILE.mcap")
     for output in outputs:
         if output.exists() and output.samefile(sources[0]):
             raise ConfigError(f"--output {output}: is the file to read; give another name")

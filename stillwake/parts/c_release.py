@@ -127,7 +127,7 @@ def write_image(
 
 @contextmanager
 def library_folder(given: Path | None) -> Iterator[Path]:
-    """Yield the given folder, or a temporary folder with the shipped bundle's library; delete the latter at the end."""
+    """Yield the given folder, or a temporary folder with the shipped bundle's library, which is deleted at the end."""
     if given is not None:
         yield given
         return
@@ -138,8 +138,8 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """Return the settings; switch the sensor check off if the ECU in C cannot run it. Without an estimator in the
-    release, the ECU in Python cannot run it either."""
+    """Return the settings, without the sensor check if the ECU in C cannot run it. Without an estimator in the release,
+    the ECU in Python cannot run the check either."""
     check, manifest = config.ecu.sensor_check, release.manifest
     if not check.enabled:
         return config

@@ -103,7 +103,7 @@ def note(folder: Path, identity: Identity, reached: Reached) -> None:
 
 
 def reached(folder: Path) -> Reached | None:
-    """Return the progress that was stored last; None if none was stored."""
+    """Return the progress that was stored last; None if no progress was stored."""
     noted = (_label(folder) or {}).get("reached", {})
     try:
         phase = next(phase for phase in Phase if phase == noted["phase"])

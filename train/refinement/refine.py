@@ -99,9 +99,9 @@ SPEED_CHANGE: Final = 0.25
 """Change of speed in a stretch, as a fraction of the distance to a randomly drawn speed. The speed changes in a random
 half of the stretches."""
 AT_DESIGN: Final = 3
-"""Every n-th stream stays at the design speed (n is this value): a release is tested first at that speed."""
+"""Every n-th stream (n is this value) stays at the design speed, because a release is tested first at this speed."""
 GOAL_OVER: Final = 3
-"""Number of stretches after which a stream draws a new goal; the wake takes about one stretch to respond."""
+"""Number of stretches after which a stream gets a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
 """Probability of each of three independent events: a stretch has the true speed, a stretch loses no frames, and a part
 of the goal is as configured."""

@@ -96,7 +96,7 @@ class RidgeStudent:
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
-        """Return the fraction of the test latents' mean square that chosen sensors and action leave unexplained."""
+        """Return the fraction of the test latents' mean square that chosen sensors and action do not explain."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)

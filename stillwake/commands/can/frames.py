@@ -37,7 +37,7 @@ BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_b
 Channel = Annotated[str | None, typer.Option(help="Name of a channel in the log.", metavar="NAME", show_default=False)]
 Trip = Annotated[
     int | None,
-    typer.Option(help="Power cycle to sign a secured message with.", min=1, max=0xFFFFFFFF, show_default=False),
+    typer.Option(help="Number of power cycles for secured messages.", min=1, max=0xFFFFFFFF, show_default=False),
 ]
 
 
@@ -107,8 +107,8 @@ def _frames(
             raise BusError(f"{name}: is sent with an authentication code; name its key with --set bus.key=FILE")
         if trip is None:
             raise ConfigError(
-                f"{name}: is signed with a freshness value; name its power cycle with --trip, a larger number "
-                "than any used with the key"
+                f"{name}: is signed with a freshness value; give --trip, a number of power cycles larger than "
+                "any number used with the key"
             )
     elif trip is not None:
         raise ConfigError(f"--trip {trip}: {name} has no freshness value; use a message ending in Secured")

@@ -280,7 +280,7 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
     if clock is None:
         raise DatasetError(
             f"{path}: state with --forces-clock how its times count: log (s on the log's clock), start (s since the "
-            f"log's first pressure) or t_c (W / U_inf since then)"
+            f"log's first pressure) or t_c (W / U_inf since that pressure)"
         )
     if clock == "t_c":
         return {name: one.at_times(series.travel.time(one.t) + options.shift_s) for name, one in table.forces.items()}

@@ -34,7 +34,7 @@ _FACTS: Final = {
 def diagnose(
     bus: shared.Bus = None,
     slots: shared.Slots = None,
-    clear: Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Clear the shown faults.")] = False,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
