@@ -295,8 +295,8 @@ class _Tensors:
 
 
 def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
-    """Round values to float32, the precision of every lowering. Raises ExportError, whose message states the name, if a
-    value has no finite float32."""
+    """Round values to float32, the precision of every lowering. Raises ExportError, with the name, if a value has no
+    finite float32."""
     with np.errstate(over="ignore"):
         array = np.asarray(values, dtype=np.float64).astype(np.float32)
     if not np.isfinite(array).all():

@@ -39,8 +39,7 @@ def judge(bundle: Bundle) -> None:
 
 
 def check_model(content: bytes) -> int:
-    """Return the number of nodes of a valid graph. Raises ValueError, whose message states the reason, for an invalid
-    graph."""
+    """Return the number of nodes of a valid graph. Raises ValueError, with the reason, for an invalid graph."""
     try:
         model = onnx.load_from_string(content)
         onnx.checker.check_model(model, full_check=True)

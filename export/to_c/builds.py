@@ -115,7 +115,7 @@ def _kconfig(found: tuple[LibraryPart, ...]) -> str:
         needed = " && ".join(f"STILLWAKE_{name.upper()}" for name in part.needs[1:])
         text += f"\tdepends on {needed}\n" if needed else "\tdefault y\n"
     text += (
-        '\nconfig STILLWAKE_KNOWN_ANSWER\n\tbool "Compare a control step with the exporter\'s at start-up"\n'
+        '\nconfig STILLWAKE_KNOWN_ANSWER\n\tbool "Compare a control step with the exporter\'s result at start-up"\n'
         "\tdefault y\n\thelp\n\t  If the results differ, the jets stay shut. The comparison takes as long as\n"
         "\t  the longest control step.\n\nendif\n"
     )

@@ -116,7 +116,7 @@ class DynamicsGraph:
 
         zero = graph.constant([[0.0] * self._latent])
         _, d1s = graph.scan(body, states=[zero], sequences=[d_b, b, a], reverse=True)
-        # The gradient dJ/da_k is v w, with v of the first layer and w the action's column of W_1.
+        # The gradient dJ/da_k is v w, where v is from the first layer, and w is the action's column of W_1.
         t = graph.op("Mul", d1s, p1)
         t_xhat1 = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
         v = graph.op("Sub", t, graph.op("Mul", t_xhat1, xhat1))

@@ -53,7 +53,7 @@ def picture(
     width: Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)] = 800,
     given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
-    """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or the mean flow with
+    """Draw the flow (vorticity or pressure, the jets, and wall pressure at the sensors), or the mean flow with
     streamlines.
 
     A still picture shows the state. For --field mean and for an animation, the wake is simulated from the state:

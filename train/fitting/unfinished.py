@@ -1,4 +1,4 @@
-"""The checkpoint folder of an unfinished training, which states the training's identity and progress.
+"""The checkpoint folder of an unfinished training. It states the training's identity and progress.
 
 The folder is read without torch, because torch takes seconds to load. So another training's checkpoints are refused
 without delay.

@@ -18,7 +18,7 @@ from train.networks.model import WakeModel
 from train.samples.sampler import Batch
 
 EPSILON = 1e-4
-"""Constant inside the square root of the variance term. Value from VICReg's authors; the paper states only "small"."""
+"""Constant inside the square root of the variance term. VICReg's authors use 1e-4; the paper states only "small"."""
 
 
 def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> dict[str, Tensor]:

@@ -295,7 +295,7 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
     """Return the speed at a stretch's end. In a stream's first stretch, it is a random speed. In later stretches, the
     speed stays, or changes by `SPEED_CHANGE` of the distance to a random speed."""
-    # The draw extends beyond the range and is then limited to it, so that the ends of the range are drawn often.
+    # The random speed may exceed the range and is then limited to it, so that the ends of the range are frequent.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)
     anywhere = float(np.clip(anywhere, settings.slowest, settings.fastest))

@@ -193,7 +193,7 @@ class _Import:
                 self.notes.extend(drives.notes_on(drive))
             if self.options.zone is not None and not any(drive.log.is_local for drive in read):
                 raise ConfigError(f"--log-zone {self.options.zone}: no log begins in local time")
-            # Of the columns in a log's files of forces, only t, Cd and Cl can be renamed.
+            # In a log's files of forces, only the columns t, Cd and Cl can be renamed.
             only_logs = all(path in forces for path, _ in self.roles)
             places = {source.path: number for number, source in enumerate(sources)}
             return assemble(
