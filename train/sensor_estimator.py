@@ -1,5 +1,5 @@
-"""The training of the network for the ECU's sensor check. It estimates each pressure of a controller from the other
-pressures.
+"""The training of the network for the ECU's sensor check. The network estimates each pressure of a controller from the
+other pressures.
 
 The network learns from the recording's "train" episodes and their mirror images, with noise on the readings and with
 rows that repeat the row before them, as on an ECU that loses frames.
@@ -26,8 +26,8 @@ EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Largest standard deviation of the noise, in global deviations of pressure. It is multiplied by the square of a
-uniform draw, so low noise is frequent."""
+"""Largest standard deviation of the noise, in global deviations of pressure. This value is multiplied by the square of
+a uniform draw, so low noise is frequent."""
 HELD: Final = 0.4
 """Largest fraction of rows that repeat the row before them."""
 GUST: Final = 0.15

@@ -22,9 +22,9 @@ class QuantisationLimits:
 
     Attributes:
         rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W; the default is a fifth of
-            a control step's largest move, iterations * learning rate (5e-3 with the paper's settings). The largest
-            error has no limit. If a gradient is close to zero, Adam may move an action in opposite directions in the
-            two programs, but the cost hardly changes.
+            the largest move in a control step. This move is iterations * learning rate (5e-3 with the paper's
+            settings). The largest error has no limit. If a gradient is close to zero, Adam may move an action in
+            opposite directions in the two programs, but the cost hardly changes.
         max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 
@@ -36,7 +36,7 @@ class QuantisationLimits:
 class QuantisationReport:
     """The differences between the quantised and the float program over `cases` control steps. Errors of the commanded
     action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) - J(float plan); the float
-    program computes both. It is positive if the quantised plan is worse."""
+    program computes both. The gap is positive if the quantised plan is worse."""
 
     cases: int
     max_action_error: float

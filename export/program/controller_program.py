@@ -121,7 +121,7 @@ def _check_scaling(scaling: Scaling, sensors: int) -> None:
 
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
     """Return a trained model's controller with these optimiser settings: the slim encoder, and the slim dynamics and
-    decoder if the model has them, but not the teacher. Raises ExportError for unfit tensors or inconsistent weights."""
+    decoder if the model has them, but not the teacher. Raises ExportError if tensors or weights do not fit."""
     about = model.description
     return ControllerProgram(
         encoder=EncoderWeights.from_state(model.network(SLIM)),
@@ -187,8 +187,8 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """Return a program's SHA-256 in hex. It covers every weight, as a little-endian float64 with its name, and every
-    setting."""
+    """Return a program's SHA-256 in hex. The hash covers every setting, and every weight by its name and little-endian
+    float64."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}

@@ -60,7 +60,7 @@ def prior_plan(
 
 
 def filtered_sums(prior: PriorWeights, window: Array) -> Array:
-    """Compute the filtered sums of the p pairs, (F, p) for F filters, over the newest M rows with the present row."""
+    """Compute the filtered sums of the p pairs, (F, p) for F filters, over M rows up to the present row."""
     newest = window[-prior.memory :]
     return np.asarray(prior.filters.T @ (newest[:, :-1:2] + newest[:, 1:-1:2]))
 

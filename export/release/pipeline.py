@@ -208,7 +208,7 @@ def export_library(
     lowered, windows = _lowered(program, episodes, manifest.precision, with_library=True, phase=phase)
     if lowered.program_sha256 != manifest.program_sha256:
         raise ExportError(
-            f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, its model gives "
+            f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, but its model gives "
             f"{lowered.program_sha256[:12]} here: export the model again, with a bundle"
         )
     gated = gate(lowered, windows, compiled=library.compiled)

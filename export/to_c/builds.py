@@ -154,7 +154,7 @@ def _pack(found: tuple[LibraryPart, ...]) -> str:
     for name, text in texts.items():
         Xml.SubElement(pack, name).text = text
     release = Xml.SubElement(Xml.SubElement(pack, "releases"), "release", version=_version())
-    release.text = f"written by stillwake {_version()}; another release is another folder"
+    release.text = f"written by stillwake {_version()}; each release has its own folder"
     conditions, components = Xml.SubElement(pack, "conditions"), Xml.SubElement(pack, "components")
     for part in found:
         component = Xml.SubElement(components, "component", Cclass=_CLASS, Cgroup=part.name, Cversion=_version())

@@ -42,7 +42,7 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 
 
 def _inverse_scale(largest: float, width: int) -> float:
-    """Return the factor that converts an activation to its integer; any factor, if the largest activation is zero."""
+    """Return the factor that converts an activation to its integer. It is arbitrary if the largest activation is 0."""
     return qmax(padded_size(width)) / (form.ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 

@@ -206,8 +206,8 @@ class NormNames:
         return graph.op("LayerNormalization", x, self.gain, self.offset, epsilon=LAYER_NORM_EPSILON)
 
     def normalise(self, graph: Graph, x: str) -> tuple[str, str]:
-        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps), which is the third output of the operator with
-        gain 1."""
+        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps). With gain 1, they are the first and the third
+        output of LayerNormalization."""
         one, zero = graph.constant(np.ones(self.width)), graph.constant(np.zeros(self.width))
         xhat, _, inverse_std = graph.ops("LayerNormalization", x, one, zero, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return xhat, inverse_std

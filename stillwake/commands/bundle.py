@@ -290,7 +290,7 @@ def _folded(head: str) -> Column:
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:
-    """Return the name and the text of each value that `inspect` shows of a bundle's manifest."""
+    """Return the name and the text of each value that `inspect` shows from a bundle's manifest."""
     manifest = release.manifest
     mpc, point, scaling = manifest.mpc, manifest.operating_point, manifest.scaling
     weights = ", ".join(f"{name} {value:g}" for name, value in vars(mpc.weights).items())

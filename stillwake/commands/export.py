@@ -257,12 +257,12 @@ def _print_remarks(done: "Gated", config: Config) -> None:
     point = config.operating_point
     console.print(
         f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "
-        f"--set operating_point.width and operating_point.speed change it"
+        f"change them with --set operating_point.width and operating_point.speed"
     )
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
-            f"{count} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
+            f"{count} sensors: this ECU needs the {SENSORS} of its Pressure message (train.sensors={SENSORS}); "
             f"the control step in C and the ONNX graph work with any number"
         )
 

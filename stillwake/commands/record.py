@@ -47,7 +47,7 @@ def record(
     ],
     lengths: Lengths = None,
     paper: Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")] = False,
-    under: Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets instead.")] = None,
+    under: Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets.")] = None,
     from_steady: FromSteady = None,
     amplitudes: Amplitudes = None,
     episodes: Episodes = None,
@@ -145,7 +145,7 @@ def _check_round(
         _refuse_given(options, ("amplitudes",), "give --from-steady FILE as well")
         return
     _refuse_given(options, ("exploration",), "does not go with --from-steady: give --amplitudes instead")
-    _refuse_given(options, ("state",), "does not go with --from-steady, which names where episodes begin")
+    _refuse_given(options, ("state",), "does not go with --from-steady, which sets the initial state")
 
 
 def _record_forced(

@@ -120,7 +120,7 @@ def _check_plant(*, live: bool, **given: object) -> None:
     """Raise ConfigError for a given option that has no effect with the chosen plant."""
     for name in ("dataset", "episode") if live else ("state", "drive"):
         if given[name] is not None:
-            why = "does not go with --plant wake" if live else "needs --plant wake: a recording has its own"
+            why = "does not go with --plant wake" if live else "needs --plant wake: a recording cannot be changed"
             raise ConfigError(f"--{name} {given[name]}: {why}")
 
 

@@ -57,7 +57,7 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write figure
 Settings = Annotated[
     list[str],
     typer.Option(
-        "--set", help="A setting (`stillwake config`), or a TOML file of them (repeatable).", metavar="KEY=VALUE|FILE"
+        "--set", help="Setting (`stillwake config`) or TOML file of settings (repeatable).", metavar="KEY=VALUE|FILE"
     ),
 ]
 Bus = Annotated[

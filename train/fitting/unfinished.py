@@ -74,8 +74,8 @@ def folder_of(output: Path) -> Path:
 
 
 def check(folder: Path, identity: Identity) -> Reached | None:
-    """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError for
-    checkpoints of other settings, with the first difference; DatasetError for checkpoints of another recording."""
+    """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError,
+    with the first difference, for checkpoints of other settings; DatasetError for checkpoints of another recording."""
     if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)

@@ -122,7 +122,7 @@ class Refined:
         feedback: feedback with averaged weights.
         stretches: an array (n, p + 1) for each of the newest stretches near the design speed, or at any speed if there
             is none. Each of n control periods has a row: p pressure differences and the action.
-        periods: number of control periods that the plant was run for.
+        periods: number of control periods that the plant simulated.
     """
 
     feedback: Feedback

@@ -170,8 +170,8 @@ def read_drive(
 
     if len(layout) != SENSORS:
         raise DatasetError(
-            f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(layout)}: list the sensors of the "
-            f"message, in its order"
+            f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(layout)}: list the sensors in the "
+            f"order of the message"
         )
     assert facts.control_period is not None and facts.action_limit is not None
     scales = Scales(
