@@ -218,7 +218,7 @@ def predictor(stretches: Sequence[Array], memory: int) -> Array:
     size = memory * columns
     steps = sum(max(0, len(rows) - memory) for rows in stretches)
     if steps < size:
-        raise StillwakeError(f"{steps} control steps are too few to fit {size} coefficients")
+        raise StillwakeError(f"{steps} control steps are too few to fit {size} coefficients: must be at least {size}")
     gram, moment = np.zeros((size, size)), np.zeros((size, columns - 1))
     for rows in stretches:
         for start in range(0, max(0, len(rows) - memory), _CHUNK):
