@@ -1,1 +1,1 @@
-"""The package of the command line, which is the only package that may import all other packages."""
+"""The command line. Only this package may import all other packages."""

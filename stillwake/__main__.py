@@ -43,10 +43,10 @@ from stillwake.console.stopping import ends_like_ctrl_c
 from stillwake.console.terminal import console
 
 EPILOG: Final = (
-    "Lengths are in W, the body's width; times in t_c = W / U_inf, the time in which the air passes one width. Cd and "
-    "Cl are the coefficients of drag and lift, Cp that of pressure; the base is the truck's rear face. An action is "
-    "the flow rate of the jets in U_inf W. A shedding cycle of the wake takes about 5 t_c, a control period 0.2 t_c: "
-    "20 ms for a truck on a motorway."
+    "Lengths are in W, the body's width. Times are in t_c = W / U_inf, the time in which the air passes one width. Cd, "
+    "Cl and Cp are the coefficients of drag, lift and pressure. The base is the truck's rear face. An action is the "
+    "flow rate of the jets in U_inf W. A shedding cycle of the wake takes about 5 t_c, and a control period 0.2 t_c, "
+    "or 20 ms for a truck on a motorway."
 )
 
 app = typer.Typer(

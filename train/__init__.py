@@ -1,1 +1,1 @@
-"""The offline training of a latent model, a sensor ranking and a slim encoder, and their errors on test episodes."""
+"""The offline training of the networks, the choice of the sensors, and the networks' errors on test episodes."""

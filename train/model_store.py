@@ -1,4 +1,4 @@
-"""A trained model's networks: how a model folder (`contract.model.model_folder`) is written and read."""
+"""A trained model's networks, and functions that write and read its folder (`contract.model.model_folder`)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class TrainedModel:
     Attributes:
         teacher: encoder on all sensors, dynamics and decoder.
         slim: encoder on `sensors`, in their order.
-        predictor: narrower dynamics and decoder for the vehicle; None if the vehicle uses those of the teacher.
+        predictor: narrower dynamics and decoder for the vehicle; None if it uses the teacher's networks.
         scaling: scaling of all pressures, the action and the forces.
         dataset_sha256, versions: SHA-256 and versions as in `contract.model.model_folder.Description`.
         layout: layout of all sensors, in the order of the scaling and of the teacher's inputs.
@@ -72,7 +72,7 @@ def save(path: Path, model: TrainedModel) -> None:
 
 def load(path: Path) -> TrainedModel:
     """Read and verify a model folder. Raises ModelError if the folder is invalid (`contract.model.model_folder.read`),
-    or if its weights do not fit the networks that the description configures; the message states the weight."""
+    or if its weights do not fit the networks that the description configures; the message names the weight."""
     folder = model_folder.read(path)
     about = folder.description
     config = about.config

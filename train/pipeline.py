@@ -49,8 +49,8 @@ def train_all(
     threads: int = 1,
     notice: Callable[[str], None] = lambda line: None,
 ) -> TrainedModel:
-    """Train on the recording's "train" episodes, and also their mirror images if its sensors have mirror images. Test
-    on the "test" episodes. Store the model at `output`, and return the model, on the CPU.
+    """Train on a recording's "train" episodes, and on their mirror images if the sensors have mirror images. Test on
+    the "test" episodes. Store the model at `output`, and return the model, on the CPU.
 
     The state is stored in `<output>.checkpoints` during the run. An existing model at `output` is replaced when the new
     model is complete.
@@ -91,7 +91,7 @@ def train_all(
         used = sorted({*unfinished.threads(checkpoints.folder), threads})
         if len(used) > 1:
             notice(
-                f"torch's threads were {_listed(n for n in used if n != threads)} and are {threads}: bytes may differ"
+                f"torch used {_listed(n for n in used if n != threads)} threads, now {threads}: the model may differ"
             )
 
         rows = train_rows.to(where)

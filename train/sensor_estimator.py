@@ -1,5 +1,5 @@
-"""The training of the network for the ECU's sensor check. It estimates each pressure of a controller from the other
-pressures.
+"""The training of the network for the ECU's sensor check. The network estimates each pressure of a controller from the
+other pressures.
 
 The network learns from the recording's "train" episodes and their mirror images, with noise on the readings and with
 rows that repeat the row before them, as on an ECU that loses frames.
@@ -26,12 +26,12 @@ EPOCHS: Final = 60.0
 BATCH: Final = 1024
 LEARNING_RATE: Final = 3e-3
 NOISE: Final = 0.5
-"""Largest standard deviation of the noise, in global deviations of pressure. It is multiplied by the square of a
-uniform draw, so low noise is frequent."""
+"""Largest standard deviation of the noise, in global deviations of pressure. This value is multiplied by the square of
+a uniform draw, so low noise is frequent."""
 HELD: Final = 0.4
 """Largest fraction of rows that repeat the row before them."""
 GUST: Final = 0.15
-"""Largest relative difference, in half of the windows, between the air speed and the speed that scales the pressures.
+"""Largest relative difference between air speed and the speed that scales the pressures, set in half of the windows.
 Without this difference in training, a gust of 10 % leaves mean residuals of 0.07 in Cp, four standard deviations of
 healthy sensors. With it, the gust leaves 0.009 (held-out episodes of the shipped recording, pressures times 1.21)."""
 WEIGHT_DECAY: Final = 1e-3
@@ -120,14 +120,14 @@ def _fit(
 
 def _inputs(seen: Tensor, hidden: Tensor) -> Tensor:
     """Return the network's input, (B, L (S+1) + S), from B windows of S sensors and the action, (B, L, S+1), and flags
-    (B, S)."""
+    (B, S). A flag of 1 hides a sensor."""
     kept = torch.cat([1.0 - hidden, torch.ones(len(hidden), 1)], dim=1)
     return torch.cat([(seen * kept[:, None]).flatten(1), hidden], dim=1)
 
 
 def _blown(seen: Tensor, middle: Tensor, generator: torch.Generator) -> Tensor:
-    """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed from that of the vehicle's
-    speed; `middle` (S,) is the sensors' mean."""
+    """Rescale B windows of S sensors, (B, L, S+1), as if the air's dynamic pressure differed from its value at the
+    vehicle's speed; `middle` (S,) is the sensors' mean."""
     share, is_blown = torch.rand(2, len(seen), 1, 1, generator=generator)
     factor = torch.square(1.0 + GUST * (2.0 * share - 1.0) * (is_blown < 0.5))
     return torch.cat([factor * (seen[:, :, :-1] + middle) - middle, seen[:, :, -1:]], dim=2)
@@ -140,7 +140,7 @@ def _disturbed(seen: Tensor, unit: Tensor, generator: torch.Generator) -> Tensor
     readings = seen[:, :, :-1] + level * unit * torch.randn(batch, length, columns - 1, generator=generator)
     share = HELD * torch.rand(batch, 1, generator=generator) * torch.randint(2, (batch, 1), generator=generator)
     held = torch.rand(batch, length, generator=generator) < share
-    held[:, 0] = held[:, -1] = False  # the newest readings are new: the ECU judges no period without readings
+    held[:, 0] = held[:, -1] = False  # never repeated: the ECU judges no period without readings
     source = torch.where(held, 0, torch.arange(length)).cummax(dim=1).values
     readings = torch.gather(readings, 1, source[:, :, None].expand(-1, -1, columns - 1))
     return torch.cat([readings, seen[:, :, -1:]], dim=2)

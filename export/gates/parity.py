@@ -30,8 +30,8 @@ range."""
 
 
 MOVE: Final = 5e-3
-"""Largest allowed difference of an action, as a share of iterations * learning rate, which is Adam's largest move. With
-the paper's settings the largest difference is 2.5e-5 U_inf W."""
+"""Largest allowed difference of an action, as a fraction of Adam's largest move (iterations * learning rate). With the
+paper's settings the largest difference is 2.5e-5 U_inf W."""
 FORCE: Final = 1e-4
 """Largest allowed difference of a predicted Cd or Cl."""
 COST: Final = 1e-4
@@ -69,9 +69,9 @@ class ControlCase:
 def control_cases(
     program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
 ) -> Iterator[ControlCase]:
-    """Yield the arguments of control steps, for each of these recorded windows (L, S+1) or for `count` random windows.
-    The previous plan is random. Up to a quarter of the plan is committed: these actions must not change. In every
-    second step the cost weights differ from their defaults and are all above zero."""
+    """Yield the arguments of control steps for recorded windows (L, S+1) or, without `windows`, for `count` random
+    windows. The previous plan is random. Up to a quarter of the plan is committed: these actions must not change. In
+    every second step the cost weights differ from their defaults and are all above zero."""
     rng = np.random.default_rng(seed)
     h, limit = program.mpc.horizon, program.action_limit
     for i in range(count if windows is None else len(windows)):
@@ -81,7 +81,7 @@ def control_cases(
         weights = rng.uniform(0.5, 2.0, 8) * [1.0, 0.1, 0.05, 0.2, 4.0, 1.0, 4.0, 2.0] if i % 2 else None
         if weights is not None and i % 4 == 3:
             weights[[TERMS.index("effort"), TERMS.index("lift")]] *= BEYOND
-        # The plan stays just inside the limit, because rounding to float32 may increase it.
+        # The actions stay slightly below the limit, because rounding to float32 may increase them.
         plan = 0.999 * limit * rng.uniform(-1.0, 1.0, h)
         yield ControlCase(
             window=_as_float32(window),
@@ -101,9 +101,9 @@ def case_speed(program: ControllerProgram, number: int) -> float:
 def check_lowering(
     program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]
 ) -> ParityReport:
-    """Compare a lowering with the reference. Raises ExportError, which states the difference, if a difference exceeds
-    its tolerance or is not a number. `program` is the program that the lowering should compute; for an int8 lowering,
-    it has the dequantised weights. `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
+    """Compare a lowering with the reference. Raises ExportError if a difference exceeds its tolerance or is NaN.
+    `program` is the program that the lowering should compute; for an int8 lowering, it has the dequantised weights.
+    `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
     differences = []
     for case in control_cases(program, windows):
         expected = control_step(program, *case.arguments)

@@ -22,9 +22,9 @@ class QuantisationLimits:
 
     Attributes:
         rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W; the default is a fifth of
-            a control step's largest move, iterations * learning rate (5e-3 with the paper's settings). The largest
-            error has no limit. If a gradient is close to zero, Adam may move an action in opposite directions in the
-            two programs, but the cost hardly changes.
+            the largest move in a control step. This move is iterations * learning rate (5e-3 with the paper's
+            settings). The largest error has no limit. If a gradient is close to zero, Adam may move an action in
+            opposite directions in the two programs, but the cost hardly changes.
         max_cost_gap: largest permitted increase of the cost J, in units of Cd.
     """
 
@@ -36,7 +36,7 @@ class QuantisationLimits:
 class QuantisationReport:
     """The differences between the quantised and the float program over `cases` control steps. Errors of the commanded
     action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) - J(float plan); the float
-    program computes both. It is positive if the quantised plan is worse."""
+    program computes both. The gap is positive if the quantised plan is worse."""
 
     cases: int
     max_action_error: float
@@ -92,8 +92,8 @@ def compare_answers(
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
-    """Return weights, speed and limit for the window with this number; weights or a limit of None are the program's
-    own. If the program has a prior, every second window has weights and a limit in the middle of the prior's range."""
+    """Return weights, speed and limit for the window with this number; None stands for the program's weights or limit.
+    If the program has a prior, every second window has weights and a limit in the middle of the prior's range."""
     speed, own = case_speed(program, number), program.mpc.weights
     if program.prior is None or number % 2 == 0:
         return None, speed, None

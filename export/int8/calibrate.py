@@ -1,6 +1,6 @@
 """The rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
 
-A bias is not corrected by the mean of the error that remains: after error feedback, such a correction gains nothing.
+Biases are not corrected by the mean of the remaining error, because after error feedback this would gain nothing.
 """
 
 from collections.abc import Sequence
@@ -19,15 +19,15 @@ directions in which the inputs do not vary."""
 
 
 def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
-    """Return the Int8Matrix whose products with n inputs (n, m) are close to the products of a matrix (outputs, m).
+    """Round a matrix (outputs, m) to an Int8Matrix, so that its products with n inputs (n, m) change little.
 
     Nearest rounding minimises the error of each weight alone. But the error that counts is |(W - W_q) X|^2, and inputs
-    are correlated: later columns can compensate the effect of one column's rounding on an output. With H = X^T X / n +
-    damping, and U the upper Cholesky factor of its inverse, H^-1 = U^T U, rounding column j by e changes every later
-    column k by -e U_jk / U_jj, the best compensation (optimal brain surgeon; Frantar et al., "GPTQ", ICLR 2023).
+    are correlated: later columns can compensate the effect of one column's rounding on an output. Let H = X^T X / n +
+    damping, with the upper Cholesky factor U of H^-1 = U^T U. If rounding changes column j by e, each later column k
+    changes by -e U_jk / U_jj, the best compensation (optimal brain surgeon; Frantar et al., "GPTQ", ICLR 2023).
 
-    The scales are those of `quantise_matrix`. The largest weight of a row, which sets the row's scale, has the integer
-    of nearest rounding, so rounding the result again changes no integer.
+    The scales are as in `quantise_matrix`. The largest weight of a row determines the row's scale and is rounded to the
+    nearest integer. So rounding the result a second time changes no integer.
     """
     nearest = quantise_matrix(weight)
     scales = nearest.scales.astype(np.float64)

@@ -31,7 +31,7 @@ class LayerInputs:
 
     Attributes:
         row, recurrent: scaled rows of the windows, and the LSTM's output before each row.
-        head, latent: inputs of the encoder's two linear layers; `head` follows the norm, `latent` the ELU.
+        head, latent: inputs of the encoder's two linear layers; `head` is after the norm, `latent` is after the ELU.
         state, hidden1, hidden2: inputs of the layers of the dynamics; `state` is [z, a / action_std], with latent state
             z and action a.
         z, blocks, forces: inputs of the decoder, of its blocks and of its last layer; `elus` are the outputs of the
@@ -110,8 +110,8 @@ def _rows(values: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class ActivationRanges:
-    """The largest magnitudes of the layers' inputs, as in `LayerInputs`. `state` is the largest over the inputs of
-    dynamics and decoder."""
+    """The largest magnitudes of the layers' inputs, as in `LayerInputs`. `state` is the largest magnitude in the inputs
+    of dynamics and decoder."""
 
     row: float
     head: float

@@ -1,10 +1,9 @@
 """The controller as data: all inputs of a lowering, and nothing else.
 
-Rounding and lowerings refer to the weight matrices by name. The names are those of the tensors: `lstm.weight_input`,
-`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small; only its two matrices for filtered rows
-have names. These are `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n,
-F p), for n units, F filters and p sensor pairs. All lowerings of a program state the same hash, which identifies the
-program.
+Rounding and lowerings refer to the weight matrices by their tensors' names, such as `lstm.weight_input`,
+`dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small, so only its two matrices for filtered
+rows have names: `prior.first` (6 n, F (p + 1)), with one row per schedule variable and unit, and `prior.sums` (n, F p),
+for n units, F filters and p sensor pairs. All lowerings of a program state the same hash, which identifies the program.
 """
 
 import hashlib
@@ -27,12 +26,12 @@ from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeigh
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerProgram:
-    """The encoder, the latent dynamics, the force decoder and the optimiser's settings. Raises ExportError, whose
-    message states the part, if parts are inconsistent.
+    """The encoder, the latent dynamics, the force decoder and the optimiser's settings. Raises ExportError if parts are
+    inconsistent; the message names the part.
 
     Attributes:
         encoder, dynamics, decoder: the networks (paper, table 1).
-        scaling: scaled = (value - mean) / std of pressures and forces; actions are scaled as a / action_std.
+        scaling: pressures and forces are scaled as (value - mean) / std, actions as a / action_std.
         mpc: horizon H, iterations, learning rate, default cost weights.
         action_limit: bound on the action's magnitude |a|, in U_inf W.
         sensors: names of the sensors, in the order of the window's columns.
@@ -56,7 +55,7 @@ class ControllerProgram:
         _check_scaling(self.scaling, len(self.sensors))
         for other, latent in (("dynamics", self.dynamics.latent), ("decoder", self.decoder.latent)):
             if latent != self.encoder.latent:
-                raise ExportError(f"{other}: latent size {latent}, but the encoder's is {self.encoder.latent}")
+                raise ExportError(f"{other}: latent size {latent}, but the encoder has {self.encoder.latent}")
         if self.encoder.inputs != len(self.sensors) + 1:
             raise ExportError(
                 f"encoder.lstm.weight_ih_l0: {self.encoder.inputs} inputs, must be {len(self.sensors) + 1} "
@@ -68,7 +67,7 @@ class ControllerProgram:
             raise ExportError(f"prior.filters: a memory of {self.prior.memory} rows, must be at least 2")
         if self.prior is not None and 2 * self.prior.pairs != len(self.sensors):
             raise ExportError(
-                f"prior.first: {self.prior.pairs} differences, must be {len(self.sensors)} / 2 (the sensors' pairs)"
+                f"prior.first: {self.prior.pairs} differences, must be {len(self.sensors)} / 2 (one per sensor pair)"
             )
         if not (np.isfinite(self.action_limit) and self.action_limit > 0):
             raise ExportError(f"action_limit = {self.action_limit}: must be positive and finite")
@@ -122,7 +121,7 @@ def _check_scaling(scaling: Scaling, sensors: int) -> None:
 
 def program_of(model: ModelFolder, mpc: MpcConfig) -> ControllerProgram:
     """Return a trained model's controller with these optimiser settings: the slim encoder, and the slim dynamics and
-    decoder if the model has them, but not the teacher. Raises ExportError for unfit tensors or inconsistent weights."""
+    decoder if the model has them, but not the teacher. Raises ExportError if tensors or weights do not fit."""
     about = model.description
     return ControllerProgram(
         encoder=EncoderWeights.from_state(model.network(SLIM)),
@@ -188,8 +187,8 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
 
 
 def program_sha256(program: ControllerProgram) -> str:
-    """Return a program's SHA-256 in hex. It covers every weight, as a little-endian float64 with its name, and every
-    setting."""
+    """Return a program's SHA-256 in hex. The hash covers every setting, and every weight by its name and little-endian
+    float64."""
     digest = hashlib.sha256()
     parts = ("scaling", "mpc", "encoder", "dynamics", "decoder")
     settings: dict[str, Any] = {name: asdict(getattr(program, name)) for name in parts}

@@ -1,8 +1,8 @@
 """The weights of the three networks as float64 arrays (paper, table 1), and the checks of the tensors that are read.
 
 Matrices are (outputs, inputs), as PyTorch stores them. Widths, window and number of decoder blocks follow from the
-arrays' shapes. Each `from_state` reads tensors by the names of a network's state dict, and raises ExportError, which
-states the tensor, if a tensor is missing, unknown, not finite or of the wrong shape.
+arrays' shapes. Each `from_state` reads tensors by the names of a network's state dict, and raises ExportError, with the
+tensor's name, if a tensor is missing, unknown, not finite or of the wrong shape.
 """
 
 from collections.abc import Mapping
@@ -206,7 +206,7 @@ class PriorWeights:
         else:
             scheduled, units, count, columns = tensors.shape("first", 4)
             if scheduled not in (len(SCHEDULED), len(SCHEDULED) - 1):
-                raise ExportError(f"prior.first: {scheduled} parts, must be {len(SCHEDULED)}: {', '.join(SCHEDULED)}")
+                raise ExportError(f"prior.first: {scheduled} variables, need {len(SCHEDULED)}: {', '.join(SCHEDULED)}")
             first = of_two_speeds(tensors.take("first", (scheduled, units, count, columns)))
             gate = of_two_speeds(tensors.take("gate", (units, scheduled)).T).T
             sums = tensors.take("sums", (units, count, columns - 1))
@@ -277,7 +277,7 @@ class _Tensors:
         return array
 
     def linear(self, name: str, inputs: int, outputs: int | None = None) -> Linear:
-        """Take a layer. If the number of outputs is not given, the weight determines it."""
+        """Read a linear layer. If `outputs` is not given, the weight's shape determines it."""
         outputs = self.size(f"{name}.weight", axis=0) if outputs is None else outputs
         return Linear(weight=self.take(f"{name}.weight", (outputs, inputs)), bias=self.take(f"{name}.bias", (outputs,)))
 
@@ -286,7 +286,7 @@ class _Tensors:
 
     def refuse_leftovers(self) -> None:
         if self._left:
-            raise ExportError(f"{self._network}.{min(self._left)}: unknown tensor, this version cannot lower it")
+            raise ExportError(f"{self._network}.{min(self._left)}: unknown tensor, which this version cannot lower")
 
     def _find(self, name: str) -> npt.NDArray[Any]:
         if name not in self._state:
@@ -295,8 +295,8 @@ class _Tensors:
 
 
 def as_float32(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float32]:
-    """Round values to float32, the precision of every lowering. Raises ExportError, whose message states the name, if a
-    value has no finite float32."""
+    """Round values to float32, the precision of every lowering. Raises ExportError, with the name, if a value has no
+    finite float32."""
     with np.errstate(over="ignore"):
         array = np.asarray(values, dtype=np.float64).astype(np.float32)
     if not np.isfinite(array).all():

@@ -1,8 +1,8 @@
 """The MPC's cost as separate, named terms with hand-written gradients (paper, equations 12-15), in float64.
 
-J = sum over terms of weight * term, everything in physical units. The terms depend on the predicted forces (Cd_k, Cl_k)
-at t+1 .. t+H, shape (..., H, 2), on the plan a_0 .. a_{H-1}, shape (..., H), on the plan p from which the optimiser
-started, and on the previous action a_{-1}, shape (...,) or a single number:
+J = sum over terms of weight * term, in physical units. The terms depend on the predicted forces (Cd_k, Cl_k) at t+1 ..
+t+H, shape (..., H, 2), on the plan a_0 .. a_{H-1}, shape (..., H), on the plan p from which the optimiser started, and
+on the previous action a_{-1}, shape (...,) or a single number:
 
 ================  =======================================================
 drag_mean         mean Cd - Cd_ref

@@ -4,7 +4,7 @@ every lowering with this specification.
 All functions act on the last axes of their arrays, with any leading axes: windows are (..., L, S+1), latent states z
 (..., n_z), actions a (...,) in U_inf W, and forces (..., 2) are the physical (Cd, Cl). The `*_layers` functions return
 the inputs of every layer of a network, for the adjoints and int8 calibration. A layer's adjoint (vector-Jacobian
-product) takes its input and the gradient dJ/d(output), and returns dJ/d(input); that of y = W x + b is dx = W^T dy.
+product) takes its input and the gradient dJ/d(output), and returns dJ/d(input); for y = W x + b, dx = W^T dy.
 """
 
 from dataclasses import dataclass
@@ -115,7 +115,7 @@ def encode(program: ControllerProgram, window: Array) -> Array:
 
 
 def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
-    """Return the inputs of the encoder's layers for a window; the arguments are those of `encode`."""
+    """Return the inputs of the encoder's layers for a window; the arguments are as in `encode`."""
     weights, scaling = program.encoder, program.scaling
     rows = np.asarray((window[..., -program.encoder_rows :, :] - scaling.window_mean) / scaling.window_std)
     h = _lstm(weights.lstm, rows)
@@ -142,7 +142,7 @@ def step_adjoint(program: ControllerProgram, z: Array, a: Array, dz_next: Array)
 
 
 def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> DynamicsLayers:
-    """Return the inputs of the layers of the dynamics; the arguments are those of `step`."""
+    """Return the inputs of the layers of the dynamics; the arguments are as in `step`."""
     weights = program.dynamics
     state = np.concatenate([z, np.asarray(a)[..., None] / program.scaling.action_std], axis=-1)
     product1 = linear(weights.input, state)

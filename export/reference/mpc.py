@@ -1,4 +1,4 @@
-"""One control step in NumPy float64 (paper, section 2.4): starting plan, prediction, adjoint, projected Adam.
+"""A control step in NumPy float64 (paper, section 2.4): starting plan, prediction, adjoint, projected Adam.
 
 The plan is a_t .. a_{t+H-1}. Adam runs a fixed number of iterations, and its moments start at zero, so a control step
 depends on the window and the previous plan only.
@@ -39,7 +39,7 @@ def control_step(
     """Compute the outputs of `controller.onnx`. The arguments are described in `contract.controller.interface`. The
     program's weights and limit replace None, and the program's limit replaces a larger limit. If the plan starts at a
     prior, the optimiser uses only the terms that the prior does not take into account (`unknown_to_prior`). The
-    returned terms and cost are those of the given weights."""
+    returned terms and cost are for the weights of the call."""
     previous_action = float(window[-1, -1])
     z = encode(program, window)
     start = starting_plan(program, window, plan, free, weights, speed, limit)
@@ -155,7 +155,7 @@ def adam(
     weights: Array | None = None,
     limit: float | None = None,
 ) -> Iterator[Array]:
-    """Run projected Adam on the free actions, starting from `plan`; yields the plan after each iteration.
+    """Run projected Adam on the free actions, starting from `plan`, and yield the plan after each iteration.
 
     With gradient g, moments m and v, and constants b1 and b2, for i = 1, 2, ..:
     m <- b1 m + (1 - b1) g, v <- b2 v + (1 - b2) g^2,

@@ -12,8 +12,8 @@ lift, limit) of the present speed and goal (`contract.controller.goal`),
 where A is the program's bound on |a|, r A the bound that the goal allows, and clip the limit of this control step.
 Committed actions do not change. The present schedule and gates apply over the whole horizon, because the distance of
 the wake from the steady wake changes over many shedding cycles. The feedback does not read the row of its own step: on
-the vehicle, and in training, the command computed from the pressures of t acts in period t+1. So the action of the next
-period needs no predicted row. Later actions need predicted rows. With a delayed actuator, every action needs them.
+the vehicle, and in training, the command computed from the pressures of t acts in period t+1. So only the next period's
+action needs no predicted row. With a delayed actuator, every action needs predicted rows.
 """
 
 import numpy as np
@@ -60,7 +60,7 @@ def prior_plan(
 
 
 def filtered_sums(prior: PriorWeights, window: Array) -> Array:
-    """Compute the filtered sums of the p pairs, (F, p) for F filters, over the newest M rows with the present row."""
+    """Compute the filtered sums of the p pairs, (F, p) for F filters, over M rows up to the present row."""
     newest = window[-prior.memory :]
     return np.asarray(prior.filters.T @ (newest[:, :-1:2] + newest[:, 1:-1:2]))
 

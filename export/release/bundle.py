@@ -1,4 +1,4 @@
-"""The writer of a release bundle from lowerings that passed the gates, with a manifest of their assumptions and
+"""The writer of release bundles. A bundle has lowerings that passed the gates, and a manifest of their assumptions and
 origin."""
 
 from dataclasses import asdict

@@ -23,9 +23,9 @@ from export.to_c.library import replay, with_answer
 
 @dataclass(frozen=True, kw_only=True)
 class GraphReport:
-    """The results of the ONNX graph in its gates; the manifest's provenance states them under `export`. They are the
-    size of `controller.onnx`, the differences between graph and reference, and `quantisation`, the differences between
-    int8 and float weights, which is None for a float release."""
+    """The results of the ONNX graph in its gates; the manifest's provenance states them under `export`.
+    `controller_bytes` is the size of `controller.onnx`, `parity` the differences between graph and reference.
+    `quantisation` has the differences between int8 and float weights; it is None for a float release."""
 
     controller_bytes: int
     parity: ParityReport
@@ -68,9 +68,9 @@ def gate(
     compiled: CompileLibrary | None = None,
 ) -> Gated:
     """Run every lowering through its gates, with consecutive recorded windows (L, S+1) of L rows and S sensors;
-    `compiled` compiles the library and is required if there is one. Raises ExportError, with difference and limit, if a
-    lowering differs from the reference by more than its gate allows; LibraryError if no C compiler compiles the
-    library."""
+    `compiled` compiles the C library and is required if there is a C library. Raises ExportError, with difference and
+    limit, if a lowering differs from the reference by more than its gate allows; LibraryError if no C compiler compiles
+    the library."""
     limits = QuantisationLimits() if limits is None else limits
     # The exact control steps, which take longest to compute, are computed once for both lowerings.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []

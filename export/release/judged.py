@@ -1,4 +1,4 @@
-"""The check of a graph before it is signed: onnx checks it, and it may have only operators that the export writes."""
+"""The check of a graph before signing. It must pass onnx's checker and have only operators that the export writes."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -39,15 +39,14 @@ def judge(bundle: Bundle) -> None:
 
 
 def check_model(content: bytes) -> int:
-    """Return the number of nodes of a valid graph. Raises ValueError, whose message states the reason, for an invalid
-    graph."""
+    """Return the number of nodes of a valid graph. Raises ValueError, with the reason, for an invalid graph."""
     try:
         model = onnx.load_from_string(content)
         onnx.checker.check_model(model, full_check=True)
     except Exception as error:  # from protobuf, from the checker, or from the inference of shapes
         raise ValueError(f"onnx refuses it: {error}") from error
     if model.functions or model.training_info:
-        raise ValueError("it has its own functions, or training information")
+        raise ValueError("the graph has its own functions, or training information")
     nodes = list(_nodes(model.graph))
     constants = {one.name for one in model.graph.initializer}
     for node in nodes:

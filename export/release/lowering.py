@@ -45,12 +45,12 @@ def lower(program: Program, *, calibration: Sequence[Array], with_library: bool)
 
 
 def library_of(program: Program, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """Return the C library's files by name; arguments and errors are those of `lower`."""
+    """Return the C library's files by name; arguments and errors are as in `lower`."""
     if isinstance(program, RoundedProgram):
         return c_library(program, activation_ranges(program.program, calibration))
     return c_library(program)
 
 
 def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> dict[str, bytes]:
-    """Round a program on these windows, and return its int8 C library."""
+    """Round a program on recorded windows (L, S+1), and return its int8 C library."""
     return library_of(rounded_on(program, calibration), calibration)

@@ -50,8 +50,8 @@ class CLibrary:
 
     Attributes:
         compiled: compiles the library for its gate.
-        ecu: returns the files of the ECU around the control step, from the written release and the rows (n, S+1) of the
-            folder; None for a folder without ECU.
+        ecu: returns the files of the ECU around the control step. Its arguments are the written release and the
+            folder's recorded rows (n, S+1). None for a folder without ECU.
         bill: returns the bill of materials, from all files of the folder and the release.
     """
 
@@ -77,10 +77,10 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
 def calibration_windows(
     program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK
 ) -> list[Array]:
-    """Return windows (L, S+1) of the last episode of every kind of forcing, because the networks' inputs differ between
-    kinds. There are about `CALIBRATION_WINDOWS` windows, or fewer if the episodes have fewer. Episodes with fewer than
-    `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a separate kind.
-    Raises ExportError, with the longest episode, if all episodes are too short."""
+    """Return calibration windows (L, S+1). Every kind of forcing gives windows of its last episode, because the
+    networks' inputs differ between kinds. Altogether there are about `CALIBRATION_WINDOWS` windows, or fewer. Episodes
+    with fewer than `LEAST_CALIBRATION` windows are left out. An episode whose provenance states no forcing counts as a
+    separate kind. Raises ExportError, with the longest episode, if all episodes are too short."""
     held = {item.name: windows_in(len(item), program.window) for item in episodes}
     last = {
         item.provenance.get("forcing_signal", f"of {item.name}"): item
@@ -92,7 +92,7 @@ def calibration_windows(
         raise ExportError(
             f"training episodes are too short to calibrate int8: the longest, {longest.name}, has {len(longest)} "
             f"steps, {LEAST_CALIBRATION} windows need {program.window - 1 + LEAST_CALIBRATION}; "
-            f"--precision float32 needs none"
+            f"--precision float32 needs no windows"
         )
     found: list[Array] = []
     for item in last:
@@ -143,8 +143,8 @@ def export_all(
     Raises:
         ModelError: the model directory is not valid.
         DatasetError: the recording is not valid.
-        ExportError: the recording or its sensors are not those of the model, the settings have another control period
-            or action limit, the model's weights are inconsistent, or a lowering does not pass its gates.
+        ExportError: the recording or its sensors do not fit the model, the settings have another control period or
+            action limit, the model's weights are inconsistent, or a lowering does not pass its gates.
         LibraryError: there is no C compiler for a requested library.
         StillwakeError: a file cannot be read or written.
     """
@@ -199,7 +199,7 @@ def export_library(
     trained = model_folder.read(model)
     if trained.weights_sha256 != manifest.weights_sha256:
         raise ExportError(
-            f"bundle {manifest.name} is of the model {manifest.weights_sha256[:12]}, {model} is "
+            f"bundle {manifest.name} is of the model {manifest.weights_sha256[:12]}, but {model} is "
             f"{trained.weights_sha256[:12]}: name the model of the release"
         )
     about = trained.description
@@ -208,7 +208,7 @@ def export_library(
     lowered, windows = _lowered(program, episodes, manifest.precision, with_library=True, phase=phase)
     if lowered.program_sha256 != manifest.program_sha256:
         raise ExportError(
-            f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, its model gives "
+            f"bundle {manifest.name} has the program {manifest.program_sha256[:12]}, but its model gives "
             f"{lowered.program_sha256[:12]} here: export the model again, with a bundle"
         )
     gated = gate(lowered, windows, compiled=library.compiled)
@@ -252,7 +252,7 @@ def check_settings(own: Config, config: Config) -> None:
         if trained != here:
             raise ExportError(
                 f"flow.{name} = {here:g} in the settings, the model was trained with {trained:g}: "
-                f"a controller has its model's value"
+                f"a controller must have its model's value"
             )
 
 
@@ -269,7 +269,7 @@ def _recording_of(
             raise ExportError(f"{other}: name the model's recording with --dataset")
         difference = layout.difference(recording.layout)
         if difference is not None:
-            raise ExportError(f"{other}, and of other sensors, in {difference}")
+            raise ExportError(f"{other}, and the sensors differ: {difference}")
         notice(f"gates and calibration: {other}")
     return recording
 

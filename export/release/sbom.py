@@ -1,4 +1,4 @@
-"""Bills of materials in CycloneDX 1.6 for a release bundle, for the folder of its C library, and for a wheel.
+"""The bills of materials in CycloneDX 1.6 for a release bundle, for the folder of its C library, and for a wheel.
 
     python -m export.release.sbom 2026-11-26 WHEEL...
 

@@ -1,4 +1,4 @@
-"""Descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, all generated from one list of
+"""The descriptions of a library's folder for CMake, Zephyr, PlatformIO and CMSIS-Pack, all generated from one list of
 sources."""
 
 import json
@@ -96,7 +96,7 @@ def build_files(files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def _cmake(found: tuple[LibraryPart, ...]) -> str:
     lines = [
-        "# Generated: the parts of the library, each behind those that it needs.",
+        "# Generated: the parts of the library; each part comes after the parts that it needs.",
         f'set(SW_VERSION "{_version()}")',
         f"set(SW_PARTS {' '.join(part.name for part in found)})",
     ]
@@ -115,9 +115,9 @@ def _kconfig(found: tuple[LibraryPart, ...]) -> str:
         needed = " && ".join(f"STILLWAKE_{name.upper()}" for name in part.needs[1:])
         text += f"\tdepends on {needed}\n" if needed else "\tdefault y\n"
     text += (
-        '\nconfig STILLWAKE_KNOWN_ANSWER\n\tbool "Compare a control step with the exporter\'s at start-up"\n'
-        "\tdefault y\n\thelp\n\t  A build that computes otherwise keeps the jets shut. It takes as long as the\n"
-        "\t  longest control step.\n\nendif\n"
+        '\nconfig STILLWAKE_KNOWN_ANSWER\n\tbool "Compare a control step with the exporter\'s result at start-up"\n'
+        "\tdefault y\n\thelp\n\t  If the results differ, the jets stay shut. The comparison takes as long as\n"
+        "\t  the longest control step.\n\nendif\n"
     )
     return text
 
@@ -154,7 +154,7 @@ def _pack(found: tuple[LibraryPart, ...]) -> str:
     for name, text in texts.items():
         Xml.SubElement(pack, name).text = text
     release = Xml.SubElement(Xml.SubElement(pack, "releases"), "release", version=_version())
-    release.text = f"written by stillwake {_version()}; another release is another folder"
+    release.text = f"written by stillwake {_version()}; each release has its own folder"
     conditions, components = Xml.SubElement(pack, "conditions"), Xml.SubElement(pack, "components")
     for part in found:
         component = Xml.SubElement(components, "component", Cclass=_CLASS, Cgroup=part.name, Cversion=_version())

@@ -1,6 +1,6 @@
 """The sensor estimator of a release as C: its sizes and its weights, for `ecu/c/sw_estimator.h`.
 
-Integers and scales are those of the bundle's `sensors.onnx`. The matrices are int8 with one scale per output; biases,
+Integers and scales are from the bundle's `sensors.onnx`. The matrices are int8 with one scale per output; biases,
 standardisation and the small last layer are float32.
 """
 

@@ -193,8 +193,8 @@ def prior_settings(prior: PriorWeights) -> dict[str, int | np.float32]:
 
 
 def _filter_ranges(prior: PriorWeights) -> Integers:
-    """Return, for each of the F filters, its first nonzero row, and the number of rows from there to its last nonzero
-    row, (F, 2). A filter of zeros has one row."""
+    """Return two numbers for each of F filters, (F, 2): its first nonzero row, and the number of rows from this row to
+    its last nonzero row. A filter of zeros has one row."""
     ranges = []
     for column in prior.filters.T:
         read = np.flatnonzero(column) if column.any() else np.zeros(1, int)

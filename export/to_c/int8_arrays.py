@@ -1,7 +1,6 @@
 """A program's parameters in the layout of the int8 C sources (`export/to_c/sources/int8/sw_weights.h`).
 
-Integers and scales are those of the rounded program, as in the int8 ONNX graph. Biases are those of the program,
-unchanged.
+Integers and scales are from the rounded program, as in the int8 ONNX graph. Biases are not rounded.
 """
 
 from collections.abc import Mapping
@@ -43,7 +42,7 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 
 
 def _inverse_scale(largest: float, width: int) -> float:
-    """Return the factor that converts an activation to its integer; any factor, if the largest activation is zero."""
+    """Return the factor that converts an activation to its integer. It is arbitrary if the largest activation is 0."""
     return qmax(padded_size(width)) / (form.ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
 
 
@@ -217,5 +216,5 @@ def _residual_unit(first: Int8Matrix, weights: DecoderWeights, latent: float, fi
     reach = np.max(sums + np.abs(weights.input.bias)) + len(weights.blocks) * form.ELU_RANGE
     unit = max(1.0 / finest / 512.0, 1.01 * float(reach) / 2**31)
     _stay_below(0.5, np.array(unit * finest), "sums of the decoder's residuals, in integers of its finest layer,")
-    _stay_below(2.0**16, np.array(1.0 / form.ELU_ONE / unit), "an ELU's integer in those of the decoder's residuals,")
+    _stay_below(2.0**16, np.array(1.0 / form.ELU_ONE / unit), "an ELU's integer in units of the decoder's residuals,")
     return unit

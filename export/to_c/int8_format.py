@@ -19,7 +19,7 @@ INT8_LANES: Final = 2 * _WORD
 stored in groups of this number of outputs."""
 
 ACTIVATION_MARGIN: Final = 1.5
-"""Ratio of two activations: the activation at which the integer saturates, and the largest one in the calibration."""
+"""Ratio of the activation at which the integer saturates to the largest activation in the calibration."""
 
 AHEAD: Final = 16
 """Number of zeros after every matrix, because the C code loads weights ahead of their use."""

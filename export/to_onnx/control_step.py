@@ -74,7 +74,7 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
 
 
 def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
-    """Add the previous action a_{-1}, which is the last column of the window's last row, as (1,)."""
+    """Add the previous action a_{-1}, (1,), from the last column of the window's last row."""
     last, column = sizes.window - 1, sizes.sensors
     corner = graph.op(
         "Slice", window, graph.index([last, column]), graph.index([last + 1, column + 1]), graph.index([0, 1])
@@ -83,7 +83,7 @@ def previous_action(graph: Graph, sizes: Sizes, window: str) -> str:
 
 
 def shifted(graph: Graph, plan: str, horizon: int) -> str:
-    """Add the previous plan, shifted by one step with its last action repeated, as a row (1, H)."""
+    """Add the previous plan as a row (1, H), shifted by one step, with its last action repeated."""
     rest, last = graph.slice(plan, 1, horizon), graph.slice(plan, horizon - 1, horizon)
     return graph.op("Unsqueeze", graph.op("Concat", rest, last, axis=0), graph.index([0]))
 
@@ -134,7 +134,7 @@ def lower_adam(
     gradient: Callable[[Graph, str], str],
 ) -> str:
     """Add nodes that compute the optimised plan (1, H) from the starting plan (1, H), the mask of free actions (H,) and
-    the scalar bound on |a|. `gradient` adds to a given body the nodes for dJ/da (1, H) at a plan (1, H).
+    the scalar bound on |a|. `gradient` adds nodes to a body that compute dJ/da (1, H) at a plan (1, H).
     """
     h, mpc = program.mpc.horizon, program.mpc
     beta1, beta2 = ADAM_BETAS

@@ -1,6 +1,6 @@
 """The force decoder and its adjoint as ONNX nodes; all H steps of the horizon are one batch of rows.
 
-The forces' scaling is folded into the last matrix and bias. In a block ELU(y) = max(y, 0) + exp(min(y, 0)) - 1. The
+The forces' scaling is folded into the last matrix and bias. In a block, ELU(y) = max(y, 0) + exp(min(y, 0)) - 1. The
 term -1 is left out of the rows that pass from block to block; the biases of the following layers compensate for this.
 """
 

@@ -6,8 +6,8 @@ biases. Its recursion is
 
     s_{k+1} = s_k + W_3 h_k,    z_k = s_k + k b_3.
 
-The backward Scan has three products only. Both layer norms get centred inputs (`weights.centred`). So the adjoint of
-norm and ELU, with xhat, r, and gain g of the norm, n its width, and p = ELU'(g xhat + b) r, is
+The backward Scan has three products only. Both layer norms get centred inputs (`centred`). For a norm of gain g, bias
+b, width n and normalised input xhat, with r = 1 / std and p = ELU'(g xhat + b) r, the adjoint of norm and ELU is
 
     v = d diag(g) diag(p) (I - xhat xhat^T / n).
 
@@ -116,7 +116,7 @@ class DynamicsGraph:
 
         zero = graph.constant([[0.0] * self._latent])
         _, d1s = graph.scan(body, states=[zero], sequences=[d_b, b, a], reverse=True)
-        # The gradient dJ/da_k is v w, with v of the first layer and w the action's column of W_1.
+        # The gradient dJ/da_k is v w, where v is from the first layer, and w is the action's column of W_1.
         t = graph.op("Mul", d1s, p1)
         t_xhat1 = graph.op("ReduceMean", graph.op("Mul", t, xhat1), graph.index([2]), keepdims=1)
         v = graph.op("Sub", t, graph.op("Mul", t_xhat1, xhat1))

@@ -143,14 +143,13 @@ class PutMatrix(Protocol):
         """Store the matrix with this name (`export.program.controller_program`).
 
         Args:
-            rows: order of the outputs, if an operator needs an order other than that of PyTorch.
+            rows: order of the outputs, if an operator does not use PyTorch's order.
             leading: number of leading axes of length 1 that an operator needs.
         """
 
 
 def store_for(program: Program) -> PutMatrix:
-    """Return the function that stores a program's matrices: rounded to float32, or the integers of a rounded
-    program."""
+    """Return the function that stores a program's matrices: as float32, or as integers for a rounded program."""
     whole = {} if isinstance(program, RoundedProgram) else matrices(program)
 
     def store(graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
@@ -207,8 +206,8 @@ class NormNames:
         return graph.op("LayerNormalization", x, self.gain, self.offset, epsilon=LAYER_NORM_EPSILON)
 
     def normalise(self, graph: Graph, x: str) -> tuple[str, str]:
-        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps), which is the third output of the operator with
-        gain 1."""
+        """Add nodes that compute xhat and r = 1 / sqrt(var x + eps). With gain 1, they are the first and the third
+        output of LayerNormalization."""
         one, zero = graph.constant(np.ones(self.width)), graph.constant(np.zeros(self.width))
         xhat, _, inverse_std = graph.ops("LayerNormalization", x, one, zero, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return xhat, inverse_std

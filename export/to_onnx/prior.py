@@ -1,8 +1,8 @@
 """The prior of the plan as ONNX nodes: one Scan over the horizon (`export.reference.prior`), and the goal
 (`contract.controller.goal`). The goal schedules a prior and determines which part of the cost the iterations minimise.
 
-The past is one row, oldest differences first. Once per control step, the graph computes the gates, and the units'
-matrix on that row, which combines schedule and filters.
+The past is one row, oldest differences first. Once per control step, the graph computes the gates and the units' matrix
+for this row. The matrix combines schedule and filters.
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ from export.to_onnx.graph_builder import Graph, PutMatrix, transposed
 
 def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) -> tuple[str, str]:
     """Add nodes that compute the schedule (6, 1), and the bound on |a| that the goal allows, a scalar. The inputs are
-    weights (8,), the ratio of the vehicle's speed to the design speed, if the prior depends on it, and a bound on |a|,
-    at most 1. Both bounds are shares of the program's limit."""
+    weights (8,), a bound on |a| of at most 1 and, if the prior depends on the speed, the ratio of the vehicle's speed
+    to the design speed. Both bounds are shares of the program's limit."""
     row = graph.index([1])
     drag, effort, lift = (
         graph.slice(weights, place, place + 1) for place in map(TERMS.index, ("drag_mean", "effort", "lift"))
@@ -42,7 +42,7 @@ def lower_schedule(graph: Graph, weights: str, speed: str | None, share: str) ->
 
 def lower_unknown(graph: Graph, weights: str, *, knows_goal: bool) -> str:
     """Add nodes that compute the weights (8,) for iterations that start from a prior's plan. The terms that the prior
-    takes into account have weight zero: drag, effort and lift, or drag alone."""
+    takes into account have weight zero: drag, effort and lift, or only drag."""
     known = {"drag_mean", "effort", "lift"} if knows_goal else {"drag_mean"}
     return graph.op("Mul", weights, graph.constant([float(name not in known) for name in TERMS], "unknown"))
 

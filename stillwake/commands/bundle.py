@@ -43,7 +43,7 @@ bundle = typer.Typer(
 )
 
 DIFFERENT: Final = 1
-"""Exit status of `stillwake bundle diff` for two bundles that differ, as that of diff(1)."""
+"""Exit status of `stillwake bundle diff` for two bundles that differ, as in diff(1)."""
 
 DataSet = Annotated[Path | None, typer.Option("--dataset", help="Data set for a new sensor estimator; takes minutes.")]
 SecurityVersion = Annotated[
@@ -153,7 +153,7 @@ def _speeds(text: str) -> SpeedRange:
 
 
 def _given(loaded: Loaded, section: str, values: object) -> dict[str, float]:
-    """Return, by name, the values that the user gave for a section of the settings."""
+    """Return the values that the user gave for a section of the settings, by name."""
     names = [name.removeprefix(section) for name in loaded.given if name.startswith(section)]
     return {name: getattr(values, name) for name in names}
 
@@ -168,9 +168,9 @@ def inspect(
 ) -> None:
     """Verify a bundle, an image or a key list, and show its contents and its signer.
 
-    For a bundle, the command prints one line for each check that loading a bundle makes, and one line for a control
-    step that it runs. If a check fails, nothing else is shown and the exit status is 1. A key list may have any signer,
-    unless --trust names the root key.
+    For a bundle, the command prints one line for each check of the loader, and one line for a control step. If a check
+    fails, nothing else is shown and the exit status is 1. A key list may have any signer, unless --trust names the root
+    key.
     """
     if path is not None and (key_list.is_list(path) or is_image(path)):
         if sbom is not None:
@@ -246,7 +246,7 @@ def diff(
 def keylist(
     path: Annotated[Path, typer.Argument(help="Key list to write; an existing file is never overwritten.")],
     key: shared.PrivateKey,
-    version: Annotated[int, typer.Option(help="Version of the list; an ECU accepts only greater ones.")],
+    version: Annotated[int, typer.Option(help="Version of the list; an ECU accepts only a greater version.")],
     allow: Annotated[list[Path], typer.Option("--allow", help="Public key that may sign (repeatable).", metavar="PUB")],
     revoke: Revoked = [],  # noqa: B006
 ) -> None:
@@ -290,14 +290,14 @@ def _folded(head: str) -> Column:
 
 
 def rows(release: Bundle) -> list[tuple[str, str]]:
-    """Return the name and the text of each value that `inspect` shows of a bundle's manifest."""
+    """Return the name and the text of each value that `inspect` shows from a bundle's manifest."""
     manifest = release.manifest
     mpc, point, scaling = manifest.mpc, manifest.operating_point, manifest.scaling
     weights = ", ".join(f"{name} {value:g}" for name, value in vars(mpc.weights).items())
     optimiser = f"{mpc.iterations} iterations, learning rate {mpc.learning_rate:g}"
     positions = zip(manifest.sensors, manifest.sensor_positions or (), strict=manifest.sensor_positions is not None)
     speeds = manifest.speeds
-    served = "all, each treated as U_inf" if speeds is None else f"{speeds.slowest:g} to {speeds.fastest:g} U_inf"
+    served = "all; each is treated as U_inf" if speeds is None else f"{speeds.slowest:g} to {speeds.fastest:g} U_inf"
     ranges = zip(manifest.sensors, scaling.pressure_mean, scaling.pressure_std, strict=True)
     return [
         ("name", manifest.name),
@@ -315,13 +315,13 @@ def rows(release: Bundle) -> list[tuple[str, str]]:
         ("limit", f"|a| <= {manifest.action_limit:g} U_inf W"),
         ("operating point", f"W {point.width:g} m, U_inf {point.speed:g} m/s, rho {point.density:g} kg/m3"),
         ("speeds", served),
-        ("timing", f"control period {manifest.control_period:g} t_c, {manifest.budget_ms:g} ms; of it "
+        ("timing", f"control period {manifest.control_period:g} t_c, {manifest.budget_ms:g} ms, with "
          f"{manifest.compute_time_ms:g} ms for the control step"),
         *((f"scaling {name}", f"Cp {mean:.4f} +- {std:.4f}") for name, mean, std in ranges),
         ("scaling action", f"{scaling.action_std:.4f}"),
         *((f"scaling {name}", f"{mean:.4f} +- {std:.4f}")
           for name, mean, std in zip(("Cd", "Cl"), scaling.force_mean, scaling.force_std, strict=True)),
-        *((f"sensor estimate {name}", f"Cp +- {manifest.sensor_estimator.fast[j][j]:.4f} by the others")
+        *((f"sensor estimate {name}", f"Cp +- {manifest.sensor_estimator.fast[j][j]:.4f} from the other sensors")
           for j, name in enumerate(manifest.sensors) if manifest.sensor_estimator is not None),
         ("data set SHA-256", manifest.dataset_sha256),
         ("weights SHA-256", manifest.weights_sha256),

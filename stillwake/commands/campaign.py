@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from firmware_sim.campaign.folder import CampaignFolder
 
 NOT_SAFE: Final = 3
-"""Exit status of a complete campaign in which an invariant was violated (a condition for safe frames and jet flows)."""
+"""Exit status of a complete campaign that violated an invariant, a condition for safe frames and jet flows."""
 _USES: Final = ("operating_point", "flow", "bus", "ecu", "vehicle")
 _LONGEST: Final = 1e6
 """Longest time in t_c that an option accepts, about a day on the road."""
@@ -64,7 +64,7 @@ def campaign(
     stored, and the same command continues the campaign. A call with another seed, bundle, duration or setting is
     another campaign. With --phases 1 --controlled 40 the command is a quick trial, whose figures are not significant.
 
-    Exit status 3: in a scenario an invariant, a condition for safe frames and jet flows, was violated. A scenario
+    Exit status 3: a scenario violated an invariant, which is a condition for safe frames and jet flows. A scenario
     without drag reduction is no failure.
     """
     from firmware_sim.campaign.folder import CampaignFolder
@@ -159,7 +159,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 
 def _print(result: "Result") -> None:
-    """Print the table of the scenarios, and last the headline: on a terminal the end of the output stays visible."""
+    """Print the table of the scenarios, then the headline, because a terminal shows the end of the output."""
     from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
 
     table = Table(*MATRIX_HEADS)

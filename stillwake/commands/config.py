@@ -21,9 +21,9 @@ _WIDTH: Final = 80
 
 def config(
     prefix: Annotated[
-        str, typer.Argument(help="Only settings whose names begin so, e.g. ecu or train.finish; also explains them.")
+        str, typer.Argument(help="Only settings whose names begin with this text; also explains them.")
     ] = "",
-    changed: Annotated[bool, typer.Option("--changed", help="Only settings that differ from the paper's.")] = False,
+    changed: Annotated[bool, typer.Option("--changed", help="Only settings that differ from the paper.")] = False,
     toml: Annotated[bool, typer.Option("--toml", help="Print the settings as a TOML file for --set.")] = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -46,7 +46,7 @@ def config(
 
 def chosen(listed: Sequence[Section], prefix: str, *, only_changed: bool) -> tuple[Section, ...]:
     """Return the sections, each with its settings whose names begin with the prefix. With `only_changed`, only settings
-    whose values differ from the paper's are returned. Raises ConfigError if no setting begins with the prefix."""
+    whose values differ from the paper are returned. Raises ConfigError if no setting begins with the prefix."""
     if not any(one.name.startswith(prefix) for section in listed for one in section.settings):
         raise ConfigError(
             f"no setting begins with {prefix!r}; the sections are {', '.join(one.name for one in listed)}"

@@ -43,7 +43,7 @@ _MAKES: Final = {
     "root": "`stillwake keygen` makes a pair",
     "library": "`stillwake export --c` writes one",
 }
-"""The command that makes an option's file, as a text, by the name of the option."""
+"""A text on the command that makes an option's file, for each of these options."""
 
 
 class _RunsByDefault(TyperGroup):
@@ -75,7 +75,7 @@ def run(
     mcu: Board = None,
     access: shared.Access = None,
     root: shared.Root = None,
-    hardware: Annotated[str | None, typer.Option(help="Name of the hardware; default: the folder's, or mcu.")] = None,
+    hardware: Annotated[str | None, typer.Option(help="Hardware's name; default: as in the folder, or mcu.")] = None,
     periods: shared.Periods = None,
     log: Annotated[Literal["plain", "json"], typer.Option("--log", help="Format of the log, on stderr.")] = "plain",
     metrics: Annotated[Path | None, typer.Option(help="Write counters for Prometheus here.", metavar="FILE")] = None,

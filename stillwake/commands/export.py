@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 
 _LIBRARY: Final = "holds a C library already"
 _NO_BUNDLE: Final = (
-    "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, or --fmu or --image FILE, of the shipped bundle; "
-    "or --for-testers FOLDER, also of a BUNDLE in place of MODEL"
+    "no BUNDLE to write: name MODEL and BUNDLE, or --c FOLDER alone, --fmu, --image or --for-testers for the shipped "
+    "bundle; --for-testers also accepts another bundle in place of MODEL"
 )
 
 USES: Final = ("mpc", "operating_point", "ecu.compute_time_ms")
-"""Settings of a release that may differ from those stored in its model."""
+"""Settings that may differ between a release and its model."""
 USES_IN_C: Final = ("bus", "ecu")
 """Further settings, which are compiled into the ECU of a C library."""
 USES_FOR_TESTERS: Final = (
@@ -62,9 +62,7 @@ Fmu = Annotated[
         "triggered (its clock, for fixed steps), fmi2 (FMI 2.0), windows (for Windows too; needs ziglang).",
     ),
 ]
-ForTesters = Annotated[
-    Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and rule of seed and key here.")
-]
+ForTesters = Annotated[Path | None, typer.Option(help="Also write the ECU's DBC, A2L, PDX and seed-and-key rule here.")]
 Key = Annotated[Path | None, typer.Option(help="Private key file (PEM) to sign bundle and image with (`keygen`).")]
 
 
@@ -75,7 +73,7 @@ def export(
     output: Annotated[
         Path | None,
         typer.Argument(
-            metavar="BUNDLE", help="Bundle directory to write; without it the files are of the shipped bundle."
+            metavar="BUNDLE", help="Bundle directory to write; without it, files are for the shipped bundle."
         ),
     ] = None,
     precision: Annotated[str, typer.Option(help="int8 (weights) or float32.")] = "int8",
@@ -259,12 +257,12 @@ def _print_remarks(done: "Gated", config: Config) -> None:
     point = config.operating_point
     console.print(
         f"for a body {point.width:g} m wide at {point.speed:g} m/s, a control period of {config.period_ns / 1e6:g} ms: "
-        f"--set operating_point.width and operating_point.speed change it"
+        f"change them with --set operating_point.width and operating_point.speed"
     )
     count = len(done.lowered.effective.sensors)
     if count != SENSORS:
         console.print(
-            f"{count} sensors: the ECU here takes {SENSORS}, as its Pressure message does (train.sensors={SENSORS}); "
+            f"{count} sensors: this ECU needs the {SENSORS} of its Pressure message (train.sensors={SENSORS}); "
             f"the control step in C and the ONNX graph work with any number"
         )
 
@@ -328,7 +326,7 @@ def mcu(
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
     """Compile the C library for a Cortex-M7, replay the library's recorded rows on an emulated Cortex-M7, and compare
-    the results with those of this computer.
+    the results with this computer's results.
 
     The last lines report whether a control step fits into the control period of the operating point.
     """

@@ -68,9 +68,9 @@ def latency(
     """Measure the latency of the control loop in real time, from the sampling instant to the command, and the latency
     of an idle loop for comparison.
 
-    `stillwake ecu` and `stillwake vehicle`, which replays recorded pressures, run as two processes on a bus of this
-    machine. A third process with the same deadlines and privileges is idle, and shows the delays of the machine itself.
-    Every delay is measured from the instant that the schedule prescribes.
+    `stillwake ecu` and `stillwake vehicle` run as two processes on a bus of this machine. The vehicle replays recorded
+    pressures. A third process with the same deadlines and privileges is idle, and shows the delays of the machine
+    itself. Every delay is measured from the instant that the schedule prescribes.
 
     Without --set bus.interface the bus is udp_multicast, with a multicast group of its own. With --both and no
     --library the C library is made from the shipped model; for another bundle, --library is required.
@@ -135,7 +135,7 @@ def in_real_time(loaded: Loaded) -> Loaded:
 def measured(
     subjects: Sequence[Subject], loaded: Loaded, folder: Path, *, periods: int, window: int
 ) -> "list[MeasuredRun]":
-    """Measure the controllers one after another; write the tables of each into a folder of the controller's name."""
+    """Measure the controllers one after another. Write each controller's tables into a folder with its name."""
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.wire.message_sets import message_set
     from firmware_sim.latency.measured import MeasuredRun

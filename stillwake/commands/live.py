@@ -13,7 +13,7 @@ from stillwake.console.terminal import console
 from stillwake.parts.releases import asked_calibration, describe, open_release
 
 USES: Final = ("body", "operating_point", "flow", *VIRTUAL_BUS, "ecu", "vehicle", COST_WEIGHTS)
-"""The settings of `run`. Of the section `mpc` only the weights are used, because a release accepts no other changes in
+"""The settings of `run`. Only the weights of the section `mpc` are used, because a release accepts no other changes in
 this section."""
 
 Host = Annotated[str, typer.Option(help="Address to listen at; only localhost needs no token in the link.")]

@@ -42,7 +42,7 @@ Forcing = Annotated[str, typer.Option(metavar="TEXT|RUN", help="Actions of the j
 
 
 def picture(
-    output: Annotated[Path, typer.Argument(help="Still (.png, .pdf, .svg), or moving (.gif, .webp).")],
+    output: Annotated[Path, typer.Argument(help="Still picture (.png, .pdf, .svg) or animation (.gif, .webp).")],
     field: Annotated[Literal["vorticity", "pressure", "mean"], typer.Option(help="Quantity to draw.")] = "vorticity",
     state: shared.State = None,
     sensors: shared.Sensors = "",
@@ -53,7 +53,7 @@ def picture(
     width: Annotated[int, typer.Option(help="Pixels of a moving picture.", min=400, max=4000)] = 800,
     given: shared.Settings = [],  # noqa: B006  (typer reads it, nothing writes it)
 ) -> None:
-    """Draw the flow: vorticity or pressure with the jets, and wall pressure at the sensors; or the mean flow with
+    """Draw the flow (vorticity or pressure, the jets, and wall pressure at the sensors), or the mean flow with
     streamlines.
 
     A still picture shows the state. For --field mean and for an animation, the wake is simulated from the state:

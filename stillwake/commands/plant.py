@@ -33,8 +33,8 @@ def develop(
     """Start the flow from rest, run it until the wake sheds vortices, and write its state, for the option --state of
     other commands.
 
-    The shipped state was made in this way. Another Reynolds number or body needs its own state; give this command and
-    the command that uses the state the same settings, for example --set flow.reynolds=1000.
+    The shipped state was made in this way. Another Reynolds number or body needs its own state. Use the same settings
+    here and in the command that uses the state, for example --set flow.reynolds=1000.
 
     With --steady, the flow is kept symmetric about its midline until it is steady, so that no vortices are shed. The
     drag of the steady flow is the lowest that a controller can reach by suppressing the shedding only; --json writes
@@ -44,7 +44,7 @@ def develop(
     if steady and duration is not None:
         raise ConfigError(f"--duration {duration:g}: does not go with --steady, which ends when the flow is steady")
     if json_file is not None and not steady:
-        raise ConfigError("--json: goes with --steady; a developed wake is a state and no figure")
+        raise ConfigError("--json: needs --steady; a developed wake is a state without figures")
     duration = _USUAL_DURATION if duration is None else duration
     shared.steps_of("--duration", duration, config.flow.control_period)
     check_output(output, overwrite=overwrite)
@@ -77,8 +77,8 @@ def plant_fmu(
     overwrite: shared.Overwrite = False,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
-    """Write the wake of `run` as an FMU for co-simulation. Its inputs are the jet flow and the vehicle's speed, its
-    outputs the pressures.
+    """Write the wake of `run` as an FMU for co-simulation. The inputs are the jet flow and the vehicle's speed. The
+    outputs are the pressures.
 
     The FMU runs in the importing tool's Python, where stillwake[sim] has to be installed. `export --fmu` writes an FMU
     of the ECU that can control this wake. Writing the FMU needs a C compiler.

@@ -33,21 +33,21 @@ Lengths = Annotated[
     list[str] | None,
     typer.Argument(metavar="KIND=STEPS", help="Number of control steps for a kind of episode.", show_default=False),
 ]
-FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake, to begin there instead.")]
+FromSteady = Annotated[Path | None, typer.Option(help="State file of the steady wake, to begin with it instead.")]
 Amplitudes = Annotated[
     tuple[float, float] | None, typer.Option(help="Least and greatest rms of random actions, U_inf W (0.0005 0.02).")
 ]
-Episodes = Annotated[int | None, typer.Option(help="Number of episodes: --under (2), --from-steady (8).", min=1)]
+Episodes = Annotated[int | None, typer.Option(help="Episodes; default: 2 (--under), 8 (--from-steady).", min=1)]
 Exploration = Annotated[float | None, typer.Option(help="Rms of the noise on commands, in action limits (0.15).")]
 
 
 def record(
     output: Annotated[
-        Path, typer.Argument(help="Data set to write (.h5 or .hdf5); with --under or --from-steady, to add to.")
+        Path, typer.Argument(help="Data set (.h5 or .hdf5) to write, or to extend (--under, --from-steady).")
     ],
     lengths: Lengths = None,
     paper: Annotated[bool, typer.Option("--paper", help="The paper's data set instead; see above.")] = False,
-    under: Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets instead.")] = None,
+    under: Annotated[Path | None, typer.Option(help="Bundle whose controller drives the jets.")] = None,
     from_steady: FromSteady = None,
     amplitudes: Amplitudes = None,
     episodes: Episodes = None,
@@ -67,9 +67,9 @@ def record(
     uncontrolled steps, 10,000 steps of the chirp, and 10,000 steps of the extended chirp of the paper's appendix A. The
     workers of a scheduler must find the output's folder at the path that this computer uses.
 
-    With --under, record the wake under a controller with exploration, and add the episodes, of controlled=1100 steps
-    each. With --from-steady, record the growth of small disturbances on the steady wake, with or without a controller,
-    in episodes of calm=350 steps each. If the file of --from-steady does not exist, the steady wake is computed and
+    With --under, record the wake under a controller with exploration, and add episodes of controlled=1100 steps each.
+    With --from-steady, record the growth of small disturbances on the steady wake, with or without a controller, in
+    episodes of calm=350 steps each. If the file of --from-steady does not exist, the steady wake is computed and
     written to it (see `develop --steady`). The rms of the random actions rises from episode to episode by a constant
     factor, from the first to the second number of --amplitudes. --role controlled or calm excludes the new episodes
     from training.
@@ -145,7 +145,7 @@ def _check_round(
         _refuse_given(options, ("amplitudes",), "give --from-steady FILE as well")
         return
     _refuse_given(options, ("exploration",), "does not go with --from-steady: give --amplitudes instead")
-    _refuse_given(options, ("state",), "does not go with --from-steady, which names where episodes begin")
+    _refuse_given(options, ("state",), "does not go with --from-steady, which sets the initial state")
 
 
 def _record_forced(

@@ -40,11 +40,11 @@ def refine(
 ) -> None:
     """Train a model's prior with gradients through the flow solver.
 
-    The prior is a small feedback that gives the plan from which the controller's optimiser starts. It runs in closed
-    loop with the flow solver, and learns by the exact gradient of the drag. The command can be stopped at any time; the
-    same command continues. docs/explanation/through-the-flow.md describes the method. --sensors must name pairs of
-    mirror images. The default is the model's sensors if they are such pairs, otherwise two pairs next to the rear
-    edges. --dataset is the model's training data; --state must be on the default grid.
+    The prior is a small feedback that gives the plan from which the controller's optimiser starts. The prior runs in
+    closed loop with the flow solver, and learns from the exact gradient of the drag. The command can be stopped at any
+    time; the same command continues. docs/explanation/through-the-flow.md describes the method. --sensors must name
+    pairs of mirror images. The default is the model's sensors if they are such pairs, otherwise two pairs next to the
+    rear edges. --dataset is the model's training data; --state must be on the default grid.
     """
     from train import model_store
     from train.refinement.pipeline import are_pairs, refine_model
@@ -63,7 +63,7 @@ def refine(
     config = settings("refine", given, uses=USES, base=own).config
     if (config.body, config.flow) != (own.body, own.flow):
         raise ConfigError(
-            f"--set: body or flow differ from those of model {folder_read}: name a model of that body with --model"
+            f"--set: body or flow differ from the model {folder_read}: name a model of that body with --model"
         )
 
     from stillwake.parts.differentiable_wake import differentiable_wake, wake_of

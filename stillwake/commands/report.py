@@ -24,7 +24,7 @@ Outputs = Annotated[
 
 
 def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
-    """Write the HTML page of a finished run again, or one page on several runs, or a run in other formats.
+    """Write the HTML page of a finished run, a page that compares several runs, or a run in other formats.
 
     The page needs no other file and no network. A slider on the page moves through the recorded wake. Without --output
     the page is written into the run's folder. The ending of --output gives the format: .png, .pdf or .svg for one
@@ -51,7 +51,7 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
         if not outputs:
             raise ConfigError(f"{len(runs)} runs: name the page that compares them with --output FILE.html")
         if [one.suffix.lower() for one in outputs] != [".html"]:
-            raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats are of one run")
+            raise ConfigError(f"--output {outputs[-1]}: must be one file ending in .html; other formats need one run")
         console.print(f"wrote {write_comparison(runs, outputs[0])}")
         return
     for output, write in [(one, _writer(runs[0], one)) for one in outputs]:
@@ -65,7 +65,7 @@ def _of_dataset(sources: list[Path], outputs: list[Path]) -> None:
     from contract.recording.netcdf import write_netcdf
 
     if len(sources) > 1 or [one.suffix.lower() for one in outputs] != [".nc"]:
-        raise ConfigError(f"{sources[0]}: is a data set; give one, and the file to write with --output FILE.nc")
+        raise ConfigError(f"{sources[0]}: is a data set; name one data set, and --output FILE.nc")
     found = read(sources[0])
     for episode in found.episodes:
         ending = "" if len(found.episodes) == 1 else f"_{quote(episode.name, safe=' ')}"
@@ -79,9 +79,7 @@ def _of_log(sources: list[Path], outputs: list[Path]) -> None:
     from can_bridge.tools.measurement import write_measurement
 
     if len(sources) > 1 or not outputs:
-        raise ConfigError(
-            f"{sources[0]}: is a log; give one, and the file to write with --output FILE.mf4 or FILE.mcap"
-        )
+        raise ConfigError(f"{sources[0]}: is a log; name one log, and --output FILE.mf4 or FILE.mcap")
     for output in outputs:
         if output.exists() and output.samefile(sources[0]):
             raise ConfigError(f"--output {output}: is the file to read; give another name")

@@ -154,7 +154,7 @@ def _check_reduction(percent: float | None, *, averages: bool) -> None:
 def _spans(
     config: Config, drive: "Drive | None", lead_in: float, controlled: float | None, settle: float, *, averages: bool
 ) -> dict[str, Any]:
-    """Return the fields of the run's `Spans`. An error in these times is raised before a C library is made."""
+    """Return the fields of the run's `Spans`. Invalid times raise an error here, before a C library is made."""
     from firmware_sim.bench.spans import Spans
 
     if controlled is None:
@@ -243,7 +243,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
 
 
 def _print(log: "RunLog") -> None:
-    """Print a failure and the tables, and last the headline: on a terminal the end of the output stays visible."""
+    """Print a failure, the tables, and then the headline, because a terminal shows the end of the output."""
     from firmware_sim.runs.control import trouble
     from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
 

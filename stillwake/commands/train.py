@@ -48,7 +48,7 @@ def train(
     and `export` starts from them. If --sensors names sensors, the method does not choose them. docs/how-to/train.md
     describes the steps.
     """
-    # If an extra is missing, this is reported before a missing file; a vehicle's computer has no HDF5.
+    # A missing extra is reported before a missing file, because a vehicle's computer has no HDF5.
     from contract.recording.dataset import read
     from contract.recording.findings import findings, refuse_unfit
 

@@ -56,11 +56,11 @@ def vehicle(
     """Simulate an ECU's vehicle on a bus in real time: send pressures in every control period, and follow the ECU's
     commands.
 
-    By default the pressures are those of a recorded episode; an episode with shut jets is preferred. Recorded pressures
-    do not respond to the jets: the run shows whether bus and ECU meet their deadlines, but no drag reduction. With
-    --plant wake the pressures come from a wake that is computed during the run, on a grid that is coarse enough for
-    this computer, for example --set flow.refinement=0.75 --set flow.substeps=15. --state and --drive need --plant wake,
-    and the drive begins when control is requested.
+    By default the pressures come from a recorded episode; an episode with shut jets is preferred. Recorded pressures do
+    not respond to the jets: the run shows whether bus and ECU meet their deadlines, but no drag reduction. With --plant
+    wake the pressures come from a wake that is computed during the run, on a grid that is coarse enough for this
+    computer, for example --set flow.refinement=0.75 --set flow.substeps=15. --state and --drive need --plant wake, and
+    the drive begins when control is requested.
 
     At a quarter of the design speed, --set operating_point.speed=6.25, the wake is four times as slow and the control
     period is four times as long. The ECU then needs a bundle for this operating point (`bundle renew --set
@@ -120,15 +120,15 @@ def _check_plant(*, live: bool, **given: object) -> None:
     """Raise ConfigError for a given option that has no effect with the chosen plant."""
     for name in ("dataset", "episode") if live else ("state", "drive"):
         if given[name] is not None:
-            why = "does not go with --plant wake" if live else "needs --plant wake: a recording has its own"
+            why = "does not go with --plant wake" if live else "needs --plant wake: a recording cannot be changed"
             raise ConfigError(f"--{name} {given[name]}: {why}")
 
 
 def _run(
     release: Bundle, config: Config, course: "Course", made: "Callable[[ExitStack], Pressures]"
 ) -> "tuple[VehicleFigures, str, bool]":
-    """Simulate the vehicle until the course ends or the command is stopped. Return the figures, a description of the
-    pressures, and whether the command was stopped."""
+    """Simulate the vehicle until the last period or until the command is stopped. Return the figures, a description of
+    the pressures, and whether the command was stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
     from can_bridge.tools.live_log import live_log
     from ecu.fit import check_sensors
@@ -226,11 +226,11 @@ def _print_figures(figures: "VehicleFigures", pressures: str) -> None:
         ("of these without pressures: the live wake was late", str(figures.unsampled)),
         ("pressure frames that the bus refused", str(figures.unsent)),
         ("usable commands received", str(figures.commands)),
-        ("misses: periods without one, after the first", str(figures.misses)),
+        ("misses: periods without a command, after the first", str(figures.misses)),
         ("commands for the period in which they arrived", str(figures.at_once)),
         ("age of the pressures at the command's arrival, p50 / p99 / max", quantiles(figures.ages)),
         ("lateness of the sampling, p50 / p99 / max", quantiles(figures.lateness)),
         ("action, rms / largest", f"{figures.rms_action:.4f} / {figures.largest:.4f} U_inf W"),
-        ("modes of the ECU in them", modes),
+        ("modes of the ECU in the commands", modes),
     )
     print_table("vehicle", "", rows=rows)

@@ -32,7 +32,7 @@ EXTRAS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """The packages that each extra of `pyproject.toml` installs, by their import names."""
 _FIRST: Final = {"train": "train", "export": "c", "mcu": "c"}
-"""The extra that an error message recommends if several extras install the missing package, by command."""
+"""The extra that an error message of a command recommends if several extras install the missing package."""
 REPORT: Final = "this is an error in stillwake: please report it with the lines above"
 
 errors = make_console(stderr=True)
@@ -52,7 +52,7 @@ def status_of(command: Callable[[], object]) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()
     except OSError as error:
-        # At its end Python would write the rest of the buffer again, and fail again. So the output is redirected.
+        # When Python exits, it would try to write the rest of the buffer and fail, too. So the output is redirected.
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1 if error.errno == errno.EPIPE else _fail(f"cannot write to standard output: {_reason(error)}")

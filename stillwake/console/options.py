@@ -1,5 +1,5 @@
-"""Options that several commands share, and the checks of their values. An option has the same name and meaning in each
-of these commands. An error states the option's name."""
+"""The options that several commands share, and the checks of their values. An option has the same name and meaning in
+all of its commands. An error states the option's name."""
 
 import os
 from math import isfinite
@@ -57,7 +57,7 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write figure
 Settings = Annotated[
     list[str],
     typer.Option(
-        "--set", help="A setting (`stillwake config`), or a TOML file of them (repeatable).", metavar="KEY=VALUE|FILE"
+        "--set", help="Setting (`stillwake config`) or TOML file of settings (repeatable).", metavar="KEY=VALUE|FILE"
     ),
 ]
 Bus = Annotated[
@@ -81,8 +81,8 @@ def names_in(text: str) -> tuple[str, ...] | None:
 
 
 def pairs(texts: list[str], example: str, names: tuple[str, ...] = ()) -> list[tuple[str, str]]:
-    """Split each text NAME=VALUE. Raises ConfigError for a text of another form, or for a name outside `names`, if
-    given."""
+    """Split each text NAME=VALUE. Raises ConfigError for a text of another form or, if `names` are given, for another
+    name."""
     found = []
     for text in texts:
         name, separator, value = (part.strip() for part in text.partition("="))
@@ -128,7 +128,7 @@ def cores() -> int:
 
 
 def positive(option: str, value: float) -> float:
-    """Return the number; raises ConfigError with the option's name unless it is above 0 and at most 1e7."""
+    """Return the number. Raises ConfigError, with the option's name, if the number is not in (0, 1e7]."""
     if not (isfinite(value) and 0.0 < value <= _LONGEST_S):
         raise ConfigError(f"{option} {value:g}: must be a number above 0, up to {_LONGEST_S:g}")
     return value

@@ -1,4 +1,4 @@
-"""Outputs of a command. Before its work a command locks and checks the paths that it will write, and a file is replaced
+"""The outputs of a command. Before its work a command locks and checks the paths that it will write. A file is replaced
 only on request.
 
 A second command that would write to a locked path is refused before it begins its work, so no work is lost. A lock is

@@ -264,7 +264,7 @@ class _Line:
 
 
 class _Note(ProgressColumn):
-    """A column with the task's note, which is cut off at its end if the terminal is narrow."""
+    """A column with the task's note. On a narrow terminal, the end of the note is cut off."""
 
     def render(self, task: Task) -> Text:
         return Text(task.fields["note"], no_wrap=True, overflow="ellipsis")

@@ -4,9 +4,9 @@ memory. `__main__` imports this module first.
 The packages have everyday names, and `python -m stillwake` searches the working folder before the installed packages.
 So a user's `train.py` in the working folder would run in place of the package `train`.
 
-If the address space is too small for its buffers, OpenBLAS requests them again and again without end, and LLVM ends the
-process without a message. Both occur only with a limit set by `ulimit -v` or `-d`. If the machine itself has too little
-memory, the kernel ends a process.
+If the address space is too small, OpenBLAS requests its buffers without end, and LLVM ends the process without a
+message. Both occur only with a limit set by `ulimit -v` or `-d`. If the machine itself has too little memory, the
+kernel ends a process.
 """
 
 import os
@@ -32,7 +32,7 @@ NEEDS_MB: Final = {
 _A_THREAD_MB: Final = 80
 """Address space in MB for each further thread of BLAS; numpy and scipy each load their own BLAS."""
 _DATA: Final = 0.5
-"""Private data, which `ulimit -d` limits, as a share of a process's address space."""
+"""Share of a process's address space that is private data, which `ulimit -d` limits."""
 _SIGNS: Final = ("failed to map segment", "annot allocate memory", "can't start new thread", "bad_alloc", "to allocate")
 """Parts of the error messages with which the loader, the system, Python, C++ and numpy report that memory is short."""
 
@@ -53,7 +53,7 @@ def hidden(rooms: Sequence[str] = ROOMS, home: Path = HOME) -> tuple[str, Path] 
 
 def explain(room: str, file: Path) -> str:
     """Return one line that tells the user how to remove the conflict between a package and a file."""
-    return f"{file} hides the package {room!r} of stillwake: rename it, or call `stillwake` from another folder"
+    return f"{file} hides the package {room!r} of stillwake: rename the file, or call `stillwake` from another folder"
 
 
 def shortage(command: str) -> str | None:

@@ -1,1 +1,1 @@
-"""Functions that combine several packages and that several commands use."""
+"""The functions that combine several packages and that several commands use."""

@@ -75,11 +75,11 @@ def write_shipped_library(
     notice: Callable[[str], None] = lambda line: None,
     phase: Callable[[str], None] = lambda name: None,
 ) -> "Gated":
-    """Write the C library and the ECU of the shipped bundle, made from the shipped model; the library's program must be
-    the bundle's. `billed` and `notice` are as in `c_library`, and `phase` is as in `export.release.pipeline`. Raises
-    BundleError or ConfigError, before the work, if the ECU in C does not support the bundle or these settings;
-    ExportError if model and bundle do not belong together; StillwakeError if the data are not installed, or the folder
-    cannot be written."""
+    """Write the C library and the ECU of the shipped bundle, made from the shipped model. The library's program must
+    equal the bundle's program. `billed` and `notice` are as in `c_library`, and `phase` is as in
+    `export.release.pipeline`. Raises BundleError or ConfigError, before the work, if the ECU in C does not support the
+    bundle or these settings; ExportError if model and bundle do not belong together; StillwakeError if the data are not
+    installed, or the folder cannot be written."""
     from ecu.in_c.c_settings import ecu_settings
     from export.release.pipeline import export_library
 
@@ -99,7 +99,7 @@ def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, confi
 
     Raises:
         ConfigError: the kind does not support the settings.
-        LibraryError: the library has the control step alone, or does not compile.
+        LibraryError: the library has only the control step, or does not compile.
         StillwakeError: the file cannot be written.
     """
     from ecu.c.sources import fmu_sources
@@ -127,7 +127,7 @@ def write_image(
 
 @contextmanager
 def library_folder(given: Path | None) -> Iterator[Path]:
-    """Yield the given folder, or a temporary folder with the shipped bundle's library; delete the latter at the end."""
+    """Yield the given folder, or a temporary folder with the shipped bundle's library, which is deleted at the end."""
     if given is not None:
         yield given
         return
@@ -138,8 +138,8 @@ def library_folder(given: Path | None) -> Iterator[Path]:
 
 
 def _without_check(release: Bundle, config: Config, notice: Callable[[str], None]) -> Config:
-    """Return the settings; switch the sensor check off if the ECU in C cannot run it. Without an estimator in the
-    release, the ECU in Python cannot run it either."""
+    """Return the settings, without the sensor check if the ECU in C cannot run it. Without an estimator in the release,
+    the ECU in Python cannot run the check either."""
     check, manifest = config.ecu.sensor_check, release.manifest
     if not check.enabled:
         return config

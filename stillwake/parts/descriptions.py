@@ -1,4 +1,4 @@
-"""Descriptions of a release's ECU for other tools: its messages, its calibration and its diagnosis."""
+"""The descriptions of a release's ECU for other tools: its messages, its calibration and its diagnosis."""
 
 from typing import Final
 

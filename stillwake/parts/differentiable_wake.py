@@ -25,8 +25,8 @@ def differentiable_wake(
     number or mesh, or if the flow diverges.
 
     Args:
-        start: file with a developed wake on the default mesh. If None, the truck's shipped wake is used; for another
-            body, a wake started from rest.
+        start: file with a developed wake on the default mesh. If None, the wake is the truck's shipped wake or, for
+            another body, a wake that was started from rest.
         progress: called with the simulated time and the duration, both in t_c, while the wake settles on the
             refinement's mesh.
     """

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from firmware_sim.live.settings import LiveSettings
     from wake.plant.protocol import LoopPlant
 
-MAKING: Final = "the C library of the shipped model is being built, once, which takes a minute; the loop continues"
+MAKING: Final = "the C library of the shipped model is being built (one minute); the loop continues"
 COMPILING: Final = {
     "c": "the ECU in C is being compiled; the loop continues",
     "mcu": "the ECU in C is being compiled for the emulated microcontroller; the loop continues",
@@ -99,8 +99,8 @@ class Ecus:
         self._in_c: dict[str, LoopEcu] = {}
 
     def __call__(self, name: str) -> "LoopEcu":
-        """Return an ECU that was just powered on. An ECU in C is always the same object, which the session stores too.
-        Raises StillwakeError if the ECU is not available."""
+        """Return an ECU that was just powered on. An ECU in C is always the same object. The session stores this
+        object, too. Raises StillwakeError if the ECU is not available."""
         from can_bridge.secoc.node import authentication_in_virtual_time
         from ecu.ecu import Ecu
         from ecu.stepped import LoopEcu

@@ -103,7 +103,7 @@ BEFORE_THE_WORK = {
     "picture a.xyz": "a.xyz: must be a file ending in .png, .pdf, .svg, .gif, .webp",
     "picture a.png --duration 1": "--forcing go with --field mean or a moving picture",
     "develop a.npz --steady --duration 3": "--duration 3: does not go with --steady",
-    "develop a.npz --json f": "--json: goes with --steady",
+    "develop a.npz --json f": "--json: needs --steady",
     "picture a.png --field mean --duration 1 --settle 1": "--settle 1.0: must be shorter",
     "record a.csv": "a.csv: a data set is an HDF5 file; its name must end in .h5 or .hdf5",
     "record a.h5 --under b --overwrite": "--overwrite does not go with --under",

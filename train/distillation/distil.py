@@ -2,7 +2,7 @@
 
     L_distil = 1/(B N_z) sum || z_target - z_slim ||^2
 
-over B windows and N_z latent dimensions. The teacher is frozen, so its latents of every window are computed once.
+over B windows and N_z latent dimensions. The teacher does not change, so its latents are computed only once.
 """
 
 import torch
@@ -20,11 +20,11 @@ from train.samples.rows import Rows
 from train.samples.sampler import SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
-"""Number of windows that are encoded together; at this number the LSTM's gates fit into the processor's cache."""
+"""Number of windows that are encoded together. For this number, the LSTM's gates fit into the processor's cache."""
 
 
 def encode_all(encoder: Encoder, rows: Rows) -> Tensor:
-    """Compute the latents of every full window, one per row, (n, N_z); NaN for the first L - 1 rows of an episode."""
+    """Compute latents (n, N_z): row k is for the window that ends at k. An episode's first L - 1 rows are NaN."""
     window = encoder.window
     with torch.no_grad():
         parts = []
@@ -47,16 +47,16 @@ def distil(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> Encoder:
-    """Train an encoder on the chosen sensors (N,), in the order of its inputs, to reproduce the teacher's latents, from
-    rows with all sensors' columns. The first passes read the recording as a stream, where 64 latents take little more
+    """Train an encoder to reproduce the teacher's latents. `chosen` (N,) are the sensors that it reads, in order;
+    `rows` have all sensors' columns. The first passes read the recording as a stream, where 64 latents take little more
     time than the latent of one window. The later passes read windows, as on the vehicle. Returns the slim encoder in
     evaluation mode, on the device of `rows`."""
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
     noise = slim_rows.noise(settings.sensor_noise)
-    # Windows are drawn one by one. Overlapping windows could share computations, but without an unroll and with few
-    # inputs this would save nothing.
+    # Windows are drawn independently. Overlapping windows could share computations, but would save no time here,
+    # because there is no unroll and there are few inputs.
     sampler = SegmentSampler(
         slim_rows, window=config.model.window, ahead=0, segment=1, batch_size=settings.batch_size, seed=settings.seed
     )
@@ -75,8 +75,8 @@ def distil(
 
 
 _MORE = 8
-"""Ratio of the batch size to the batch size of windowed training. It is larger than 1 because neighbouring latents are
-similar, and additional latents of a stream cost little."""
+"""Ratio of the batch size on a stream to the batch size on windows. It is larger than 1 because neighbouring latents
+are similar, and additional latents of a stream cost little."""
 
 
 def fit_stream(
@@ -88,14 +88,14 @@ def fit_stream(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
 ) -> None:
-    """Train an encoder in place, over `config.train.stream_epochs`, to reproduce the n latents `target` (n, N_z) from
-    rows of the encoder's sensors, read as a stream (this project's method). Call this function inside
+    """Train an encoder in place to reproduce the latents `target` (n, N_z) (this project's method). `rows` have the
+    encoder's sensors and are read as a stream, `config.train.stream_epochs` times. Call this function inside
     `train.fitting.fit.seeded`. Raises DatasetError if an episode is too short for a window and a sequence of `STRETCH`
     rows.
 
     A stream has one LSTM step for each sample instead of L steps, because the LSTM's state is not reset. Training reads
-    sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents. Such an encoder also
-    reads windows well, so training on a stream is a cheap preparation of a windowed encoder.
+    sequences of L - 1 + `STRETCH` rows from a zero state and uses the last `STRETCH` latents. The encoder then also
+    reads windows well, so this cheap training prepares the training on windows.
     """
     settings, window = config.train, config.model.window
     sampler = SegmentSampler(

@@ -29,8 +29,8 @@ class ForceError:
 @dataclass(frozen=True, kw_only=True)
 class RolloutError:
     """The values of L1/sigma after `horizon` steps of the dynamics with the recorded actions. Predicted latents are
-    compared with the encoder's latents at that time; `latent` is the mean over dimensions, each with its own sigma.
-    Decoded forces are compared with the recorded forces."""
+    compared with the encoder's latents at the same time. `latent` is the mean over the dimensions; each dimension has
+    its own sigma. Decoded forces are compared with the recorded forces."""
 
     horizon: int
     latent: float
@@ -49,9 +49,9 @@ class EncoderMetrics:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMetrics:
-    """The errors of a trained model on the test episodes. `slim` is the slim encoder with the teacher's dynamics and
-    decoder, `deployed` the slim encoder with the narrower dynamics and decoder, if the model has them. `slim_latent` is
-    L1/sigma of the slim encoder's latents against the teacher's latents."""
+    """The errors of a trained model on the test episodes. `slim` is for the slim encoder with the teacher's dynamics
+    and decoder. `deployed` is for the slim encoder with the narrower networks, if the model has them. `slim_latent` is
+    L1/sigma of the slim encoder's latents, compared with the teacher's latents."""
 
     teacher: EncoderMetrics
     slim: EncoderMetrics
@@ -84,8 +84,8 @@ def evaluate(
 def evaluate_latents(
     latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
-    """Compute the errors of n latents (n, N_z), one for each row; rows before an episode's first full window are NaN.
-    Every window of every episode counts; a roll-out starts from every window that is followed by the longest horizon.
+    """Compute the errors of the latents (n, N_z) of n rows. Rows before an episode's first full window are NaN. All
+    windows are evaluated. Roll-outs start from all windows that are followed by enough rows for the longest horizon.
     Raises DatasetError as `evaluate` does."""
     dynamics, decoder = predictor.dynamics, predictor.decoder
     longest = max(horizons)
@@ -109,8 +109,8 @@ def evaluate_latents(
 
 
 def latent_error(latents: Tensor, reference: Tensor) -> float:
-    """Compute L1/sigma of an encoder's n latents (n, N_z) against another encoder's latents, averaged over dimensions;
-    NaN is skipped."""
+    """Compute L1/sigma of an encoder's latents (n, N_z), compared with the latents of a reference encoder. The result
+    is the mean over dimensions; rows with NaN are skipped."""
     full = ~reference[:, 0].isnan()
     error = (latents[full] - reference[full]).abs().mean(dim=0) / _sigma(reference[full])
     return error.mean().item()
@@ -128,7 +128,7 @@ def _force_error(decoded: Tensor, reference: Tensor) -> ForceError:
 def _sigma(values: Tensor) -> Tensor:
     sigma = values.std(dim=0, correction=0)
     if not bool((sigma > 0).all()):
-        raise DatasetError("test episodes: a force or latent is constant, errors cannot be normalised")
+        raise DatasetError("test episodes: a force or latent is constant, so errors cannot be normalised")
     return sigma
 
 

@@ -1,10 +1,10 @@
 """The narrower dynamics and decoder for small ECUs, distilled on roll-outs of trained networks (this project's method).
 
-The paper slims only the encoder, but nearly all computation of a control step is in the other two networks: the
+The paper makes only the encoder smaller. But the other two networks need nearly all computation of a control step: the
 optimiser rolls them out over `horizon` steps, forwards and backwards, in every iteration. So the student learns from
-lessons. A lesson is a whole roll-out of that length from a latent of the vehicle's encoder, its forces, and the
-gradient of the controller's cost with respect to the plan. The optimiser uses this gradient only (Sobolev training,
-Czarnecki et al. 2017).
+lessons. A lesson has a roll-out of `horizon` steps from a latent of the vehicle's encoder, the forces, and the gradient
+of the controller's cost with respect to the plan. The optimiser uses only this gradient (Sobolev training, Czarnecki et
+al. 2017).
 
 The trained predictor, the teacher, gives a roll-out for any actions. A quarter of the lessons use the actions that were
 recorded after the lesson's first state, and a quarter use actions from other places in the recording. The other half
@@ -36,7 +36,7 @@ from train.samples.rows import Rows
 
 
 class Predicts(Protocol):
-    """The interface of dynamics and decoder, which `train.networks.model.Predictor` and `WakeModel` have."""
+    """The interface to dynamics and decoder. `train.networks.model.Predictor` and `WakeModel` implement it."""
 
     dynamics: Dynamics
     decoder: Decoder
@@ -74,9 +74,9 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
 
 
 def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
-    """Compute the gradient of a cost with respect to the plans' actions, (B, H), from the gradient with respect to the
-    forces at t+1 .. t+H, (H, B, 2), and the roll-out of the actions, with its autograd graph. If `differentiable`, the
-    result can be differentiated with respect to the networks' weights."""
+    """Compute the gradient of a cost with respect to the plans' actions, (B, H). `by_force` (H, B, 2) is the gradient
+    with respect to the forces at t+1 .. t+H. `prediction` is the actions' roll-out with its autograd graph. If
+    `differentiable`, the result can be differentiated with respect to the networks' weights."""
     (slope,) = torch.autograd.grad(
         prediction.forces[1:], actions, by_force, create_graph=differentiable, retain_graph=True
     )
@@ -86,9 +86,9 @@ def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, dif
 _TOGETHER = 256
 """Number of roll-outs of the teacher that are computed together."""
 _STEPS_DOWN = 16
-"""Number of lessons from one plan while gradient steps lower the plan's cost."""
+"""Number of gradient steps that lower a plan's cost. There is a lesson before each step."""
 _LONGEST_STEP = 4e-3
-"""Largest change of an action in a gradient step, in U_inf W. The mean is half as large, so 16 steps cover 0.032."""
+"""Largest change of an action in a gradient step, in U_inf W. Its mean is half as large: 16 steps cover 0.032."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,9 +120,9 @@ class Lessons:
 def teach(
     teacher: WakeModel, latents: Tensor, rows: Rows, scaling: Scaling, config: Config, *, progress: Progress = silent
 ) -> Lessons:
-    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) has
-    the latent of the vehicle's encoder for each of n rows. Raises DatasetError if no episode is long enough for a
-    window and the horizon."""
+    """Compute about `config.train.predictor_lessons` lessons; equal seeds give equal lessons. `latents` (n, N_z) are
+    the latents of n rows by the vehicle's encoder. Raises DatasetError if no episode is long enough for a window and
+    the horizon."""
     starts = rollout_starts(rows, config.model.window, config.mpc.horizon)
     ahead = torch.arange(config.mpc.horizon, device=starts.device)
     generator = np.random.default_rng(config.train.seed)
@@ -171,7 +171,7 @@ def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scalin
 
 
 _FEWER = 4
-"""Ratio of the batch size of windows to the batch size of roll-outs. It is above 1: each roll-out has H predictions."""
+"""Ratio of the windows' batch size to the roll-outs' batch size. It is above 1 because a roll-out has H predictions."""
 
 
 def distil_predictor(
@@ -184,11 +184,11 @@ def distil_predictor(
 ) -> Predictor:
     """Train dynamics and decoder of the slim widths to reproduce the teacher's roll-outs.
 
-    The loss is the sum of three terms. The first is the mean square of the latents' difference over h = 1 .. H, the
-    second the forces' Smooth L1 over h = 0 .. H; latents and forces are in standard deviations. The third compares the
-    cost's gradients of student and teacher: the mean square of their difference, divided by the mean square of the
-    teacher's gradient, times `slope_weight`. Returns the student in evaluation mode, with the slim widths of `model`,
-    on the lessons' device.
+    The loss is the sum of three terms. The first term is the mean square of the latents' difference over h = 1 .. H.
+    The second term is the Smooth L1 of the forces' difference over h = 0 .. H. Latents and forces are in standard
+    deviations. The third term is `slope_weight` times the mean square difference of the cost's gradients by student and
+    teacher, divided by the mean square of the teacher's gradient. Returns the student in evaluation mode, with the slim
+    widths of `model`, on the lessons' device.
     """
     device = lessons.actions.device
     batch_size = max(2, settings.batch_size // _FEWER)

@@ -1,5 +1,5 @@
-"""Checkpoint files of a training. They are written completely or not at all; only a training with equal settings loads
-them."""
+"""The checkpoint files of a training. They are written completely or not at all, and loaded only with equal
+settings."""
 
 import io
 import os
@@ -38,8 +38,8 @@ class Checkpoints:
 
     @classmethod
     def of(cls, output: Path, identity: Identity, resume: bool) -> "Checkpoints":
-        """Return the checkpoints of the model `output`. A training continues from these; without `resume`, they are
-        removed first. Raises as `train.fitting.unfinished.check` does."""
+        """Return the checkpoints of the model `output`. With `resume`, the training continues from existing
+        checkpoints; otherwise they are removed. Raises as `train.fitting.unfinished.check` does."""
         folder = unfinished.folder_of(output)
         if not resume:
             unfinished.clear(folder)
@@ -69,7 +69,7 @@ class Checkpoints:
             unfinished.note(self.folder, self.identity, reached)
 
     def load(self, phase: Phase) -> dict[str, Any] | None:
-        """Load a phase's state, on the CPU; None if no state is stored, or if the phase starts over. Raises
+        """Return a phase's state, on the CPU; None if no state is stored, or if the phase starts over. Raises
         StillwakeError for a file that is damaged or of another schema, ConfigError for a file of other settings,
         DatasetError for a file of another recording."""
         path = self.path(phase)

@@ -57,8 +57,8 @@ def optimise(
 ) -> None:
     """Minimise `loss(step)["total"]` over the module's parameters in place, with `steps` steps of Adam. The learning
     rate is constant or has one cycle (warm-up, then cosine to zero; Smith 2017). Call this function inside `seeded`:
-    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`; TrainingError
-    as soon as loss or weights are not finite, and then removes the checkpoints."""
+    the generator's state is saved and restored with the checkpoint. Raises the errors of `Checkpoints`. Raises
+    TrainingError, after removing the checkpoints, as soon as loss or weights are not finite."""
     optimiser = torch.optim.Adam(module.parameters(), lr=settings.learning_rate)
     rate = _rate(optimiser, steps, settings)
     first = 0
@@ -78,7 +78,7 @@ def optimise(
             unfinished.clear(checkpoints.folder)
         raise TrainingError(
             f"{phase.label}: the loss is not finite after {after} of {steps} iterations with "
-            f"train.learning_rate = {settings.learning_rate:g}: choose a lower one, the paper's is 0.001"
+            f"train.learning_rate = {settings.learning_rate:g}: choose a lower value; the paper uses 0.001"
         )
 
     module.train()
@@ -112,8 +112,8 @@ def optimise(
 def fit_joint(
     rows: Rows, config: Config, *, progress: Progress = silent, checkpoints: Checkpoints | None = None
 ) -> WakeModel:
-    """Train encoder, dynamics and decoder together on standardised rows, on their device; the result is in evaluation
-    mode. Raises DatasetError if an episode is too short for window and unroll."""
+    """Train encoder, dynamics and decoder together on standardised rows. The result is on the rows' device, in
+    evaluation mode. Raises DatasetError if an episode is too short for window and unroll."""
     settings, device = config.train, rows.inputs.device
     with seeded(settings.seed, device):
         model = WakeModel(rows.inputs.shape[1] - 1, config.model).to(device)

@@ -1,7 +1,7 @@
-"""The number of torch's threads, and its treatment of denormal numbers.
+"""The settings of torch for the number of threads and for denormal numbers.
 
-The default is one thread. With other work on the machine, a step with two threads was measured to use ten times the CPU
-time. The number of threads changes the order of sums, and so the bytes of a trained model.
+The default is one thread. On a machine with other work, a step with two threads used ten times the CPU time of one
+thread (measured). The number of threads changes the order of sums, and so the bytes of a trained model.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
-"""The checkpoint folder of an unfinished training, which states the training's identity and progress.
+"""The checkpoint folder of an unfinished training. It states the training's identity and progress.
 
-The folder can be read without torch, which takes seconds to load, so another training's checkpoints are refused without
-delay.
+The folder is read without torch, because torch takes seconds to load. So another training's checkpoints are refused
+without delay.
 """
 
 import json
@@ -74,8 +74,8 @@ def folder_of(output: Path) -> Path:
 
 
 def check(folder: Path, identity: Identity) -> Reached | None:
-    """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError for
-    checkpoints of other settings, with the first difference; DatasetError for checkpoints of another recording."""
+    """Return the progress of the training in this folder; None if the folder has no checkpoints. Raises ConfigError,
+    with the first difference, for checkpoints of other settings; DatasetError for checkpoints of another recording."""
     if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)
@@ -103,7 +103,7 @@ def note(folder: Path, identity: Identity, reached: Reached) -> None:
 
 
 def reached(folder: Path) -> Reached | None:
-    """Return the progress that was stored last; None if none was stored."""
+    """Return the progress that was stored last; None if no progress was stored."""
     noted = (_label(folder) or {}).get("reached", {})
     try:
         phase = next(phase for phase in Phase if phase == noted["phase"])
@@ -113,7 +113,7 @@ def reached(folder: Path) -> Reached | None:
 
 
 def threads(folder: Path) -> tuple[int, ...]:
-    """Return every number of torch's threads that was used in this training; empty if none was stored."""
+    """Return all numbers of torch's threads that this training used; empty if no number is stored."""
     noted = (_label(folder) or {}).get("threads")
     return tuple(noted) if isinstance(noted, list) and all(isinstance(item, int) for item in noted) else ()
 

@@ -6,7 +6,7 @@ The dynamics are unrolled k steps from the encoded z_t to predict latents. The t
 t+1 .. t+k; gradients flow through targets and predictions, so the encoder learns a predictable state. The VICReg terms
 act on the predictions and prevent a collapse of the latents.
 
-L_decode, which the paper does not have, is L_force at h = 0, on the encoded latent itself. Without it, an unroll of 20
+The paper has no L_decode. This term is L_force at h = 0, for the encoded latent. Without this term, an unroll of 20
 steps would train the decoder mostly on latents with the accumulated errors of many steps.
 """
 
@@ -18,12 +18,12 @@ from train.networks.model import WakeModel
 from train.samples.sampler import Batch
 
 EPSILON = 1e-4
-"""Constant inside the square root of the variance term, from VICReg's authors; the paper only calls it "small"."""
+"""Constant inside the square root of the variance term. VICReg's authors use 1e-4; the paper states only "small"."""
 
 
 def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> dict[str, Tensor]:
-    """Compute the loss of a batch whose segments hold W windows, and so W - k samples of k = `config.unroll` steps
-    each. Returns scalars by name: the weighted sum, "total", and its unweighted terms."""
+    """Compute the loss of a batch. A segment of W windows has W - k samples, with k = `config.unroll` steps each.
+    Returns scalars by name: the weighted sum "total", and the terms without weights."""
     steps = config.unroll
     encode = model.encoder.encode_stream if config.streamed else model.encoder.encode_segments
     encoded = encode(batch.inputs)
@@ -57,7 +57,7 @@ def joint_loss(model: WakeModel, batch: Batch, config: TrainConfig) -> dict[str,
 def prediction_loss(predicted: Tensor, target: Tensor) -> Tensor:
     """Compute the mean square error over samples, steps and dimensions of latents (..., N_z). The paper has the squared
     L2 norm, a sum over the N_z = 8 dimensions. With a variance weight of 0.02, this sum collapses the latent space of a
-    test oscillator. The mean gives a fit with R2 0.99 in equally many steps."""
+    test oscillator. With the mean, equally many steps give a fit with R2 = 0.99."""
     return (predicted - target).square().mean()
 
 

@@ -1,8 +1,8 @@
 """An LSTM over many overlapping windows that computes their shared parts only once.
 
 Consecutive windows of L rows overlap in all rows but one. So the windows' input projections W_ih x_k + b are computed
-once per row. Only the recurrence, which starts from zero in every window, runs for each window. The arithmetic is that
-of `torch.nn.LSTM` (gate order i, f, g, o; weights in its layout), with p the projected row:
+once per row. Only the recurrence, which starts from zero in every window, runs for each window. Equations, gate order
+(i, f, g, o) and weight layout are as in `torch.nn.LSTM`; p is the projected row:
 
     (i, f, o) = sigmoid(p + W_hh h),  g = tanh(p + W_hh h),  c' = f c + i g,  h' = o tanh(c')
 
@@ -21,9 +21,9 @@ from torch.autograd.function import once_differentiable
 def last_hidden(
     segments: Tensor, window: int, weight_ih: Tensor, weight_hh: Tensor, bias_ih: Tensor, bias_hh: Tensor
 ) -> Tensor:
-    """Compute the final hidden state of the LSTM over every window of L rows of every segment, from S segments (S, R,
-    F) of R >= L consecutive rows of F features. Returns (S, R - L + 1, H): entry w of a segment is the state after rows
-    w .. w + L - 1, starting from zero. Weights and biases are (4H, F), (4H, H), (4H,), (4H,) as in `torch.nn.LSTM`."""
+    """Compute the LSTM's final hidden state for every window of L rows. The S segments (S, R, F) have R >= L
+    consecutive rows of F features. Returns (S, R - L + 1, H): entry w of a segment is the state after rows w .. w+L-1,
+    starting from zero. Weights and biases are (4H, F), (4H, H), (4H,), (4H,) as in `torch.nn.LSTM`."""
     count, rows, features = segments.shape
     flat = segments.transpose(0, 1).reshape(rows * count, features)
     projected = torch.addmm((bias_ih + bias_hh)[:, None], weight_ih, flat.T).view(-1, rows, count)
@@ -80,8 +80,8 @@ class _Recurrence(torch.autograd.Function):
 
 
 def _forward(projected: Tensor, weight: Tensor, window: int, *, keep: bool) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return gates, cells, hidden states and tanh(c), for every step if `keep`, otherwise for the last step only.
-    Shapes are (L, 4H, N), (L + 1, H, N), (L + 1, H, N), (L, H, N) with N = W S windows; without `keep`, (1, ...)."""
+    """Return gates, cells, hidden states and tanh(c) of every step: (L, 4H, N), (L + 1, H, N), (L + 1, H, N), (L, H,
+    N), with N = W S windows. Without `keep`, the results are of the last step, and their first axis is 1."""
     (gate_rows, rows, count), width = projected.shape, weight.shape[1]
     size = (rows - window + 1) * count
     flat = projected.reshape(gate_rows, rows * count)

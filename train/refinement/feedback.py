@@ -1,11 +1,11 @@
-"""The feedback controller that becomes the prior of the plan. It computes the next action from a memory of rows: the
-differences and the sums of the sensor pairs, and the action. In the mirror image of the flow, the action has the
-opposite sign.
+"""The feedback controller that becomes the prior of the plan. It computes the next action from a memory of rows. A row
+has the differences and the sums of the sensor pairs, and the action. In the mirror image of the flow, the action has
+the opposite sign.
 
 Fixed filters reduce the memory. The newest rows are used one by one. Older rows are used as weighted means; the weights
 are bumps that widen with age. The trained part is a layer of tanh units on the filtered differences and actions. The
-layer is scheduled by the vehicle's speed, the goal (`contract.controller.goal`) and the filtered sums of the mirrored
-sensors. The vehicle applies these filters before the layer, too (`export.program.weights.PriorWeights`).
+layer is scheduled by the vehicle's speed, the goal (`contract.controller.goal`) and the filtered sums of the sensor
+pairs. The vehicle has the same filters before its layer (`export.program.weights.PriorWeights`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,8 +23,8 @@ NEWEST: Final = 10
 BUMPS: Final = 10
 """Number of weighted means of older rows."""
 FIRST_PAIR, OTHER_PAIRS = 1.7, 0.56
-"""Scales of the Cp differences of the first pair and of the other pairs, in standard deviations of the recorded Cp of
-one sensor of the pair."""
+"""Scales of the Cp differences, for the first pair and for the other pairs. The unit is the standard deviation of the
+recorded Cp at one sensor of the pair."""
 ACTION: Final = 2.0 / 3.0
 """Scale of the action, as a fraction of its limit."""
 SUM: Final = 0.3
@@ -33,8 +33,8 @@ by 0.4, behind the truck and also behind a square cylinder."""
 
 
 def scales_of(deviations: Sequence[float], limit: float) -> tuple[float, ...]:
-    """Return a scale for each column of a row: p differences, then the action. `deviations` (p,) are the standard
-    deviations of the recorded Cp of one sensor of each pair; `limit` is the bound on |a|."""
+    """Return a scale for each column of a row: p differences, then the action. `deviations` (p,) are standard
+    deviations of the recorded Cp at one sensor of each pair; `limit` is the bound on |a|."""
     first, *others = deviations
     return (FIRST_PAIR * first, *(OTHER_PAIRS * one for one in others), ACTION * limit)
 
@@ -55,11 +55,11 @@ def filters(memory: int) -> Tensor:
 class Feedback(nn.Module):
     """A feedback a_{t+1} = (1 - limit / 2) A tanh(output . (1 + tanh(gate . (s, sums))) tanh((first . s) . rows)).
 
-    A is the release's limit. s = (1, slower, faster, effort, lift, limit) are the scheduling inputs of
+    A is the release's action limit. s = (1, slower, faster, effort, lift, limit) are the scheduling inputs of
     `contract.controller.goal`; effort, lift and limit are the parts of the goal, each from 0 to 1. `rows` are the
     filtered differences and actions, `sums` the filtered sums of the pairs. In the mirror image, only the rows change
-    their sign, so the action has exactly the opposite sign. At first `output` is zero, so the feedback gives no
-    control, and the layer is not scheduled.
+    their sign, so the action has exactly the opposite sign. Initially, `output` is zero, so all actions are zero, and
+    the layer does not depend on s.
 
     Args:
         memory: M, number of rows (differences, sums, action) that the feedback reads.
@@ -107,8 +107,8 @@ class Feedback(nn.Module):
         return action
 
     def features(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the filtered differences and actions, and the filtered sums, of rows (..., M, 2 p + 1): flat, scaled,
-        (..., inputs) each."""
+        """Filter and scale rows (..., M, 2 p + 1). Returns the differences with the actions, and the sums; each result
+        is flattened to (..., inputs)."""
         pairs = self.pairs
         odd = torch.cat([rows[..., :pairs], rows[..., -1:]], dim=-1) / self._scales
         even = (rows[..., pairs:-1] - self.middles) / SUM

@@ -1,9 +1,9 @@
-"""The imitation: a prior learns the actions of other priors at other speeds, and its own actions when it is told the
-right speed. At the design speed, it does not change.
+"""The imitation: a prior that gets a right or a wrong speed learns the actions of priors that get the right speed. At
+the design speed, the prior does not change.
 
 A training over all speeds improves a prior at some speeds and makes it worse at others. So priors that are good at some
 speeds run in closed loop at these speeds. The scheduled weights below or above the design speed are fitted to the
-priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect at this speed.
+priors' actions. The weights are multiplied by the distance from the design speed, so they have no effect there.
 
 A vehicle knows its speed over the ground, but not the wind. The pressures that a prior reads indicate the true speed.
 So a prior that is told a wrong speed can be fitted to the actions of a prior that is told the right speed.
@@ -31,8 +31,8 @@ SLOWEST: Final = 0.5
 OPTIMISER_STEPS: Final = 400
 """Steps of the optimiser (L-BFGS)."""
 SMALL: Final = 1e-3
-"""Cost of the mean squared change of the weights, relative to the mean squared error of action / limit. It determines
-the weights that the demonstrations do not determine."""
+"""Factor of the weights' mean squared change in the cost; the mean squared error of action / limit has the factor 1.
+The change determines the weights that the demonstrations do not determine."""
 RIGHT: Final = 10.0
 """Weight of a demonstration with the right speed, relative to a demonstration with a wrong speed."""
 
@@ -73,11 +73,11 @@ class Demonstration:
 def watch(
     flow: DifferentiableFlow, feedback: Feedback, start: FlowState, speeds: Array, goal: Goal, *, told: Array
 ) -> Watched:
-    """Run a feedback in closed loop from a wake without jets at the design speed.
+    """Run a feedback in closed loop. The run begins with a wake without jets at the design speed.
 
     Args:
         speeds: (n + 1,) true speeds at the samples of n periods, in units of the design speed; the first is 1.
-        told: (n,) ratio of the speed that the feedback is told to the true speed.
+        told: (n,) speed that the feedback is told, divided by the true speed.
 
     Raises:
         PlantError: the flow diverged.
@@ -108,11 +108,11 @@ def demonstration(
     run: Watched, expert: Feedback, goal: Goal, *, told: Array, expert_told: float = 1.0
 ) -> Demonstration:
     """Return an expert's actions in the states of a run, as a demonstration for a prior that is told another speed. The
-    first periods are left out, because their past is incomplete.
+    first periods are left out, because the memory is not full.
 
     Args:
-        told: (n,) ratio of the speed that the prior is told to the true speed.
-        expert_told: ratio of the speed that the expert is told to the true speed.
+        told: (n,) speed that the prior is told, divided by the true speed.
+        expert_told: speed that the expert is told, divided by the true speed.
     """
     limit = goal.share_of_limit() * expert.limit
     kept = ceil(expert.memory / SLOWEST) + 1
@@ -134,8 +134,7 @@ def demonstration(
 
 
 def _as_told(run: Watched, told: Array, kept: int, memory: int) -> list[tuple[Tensor, float]]:
-    """Return, for each period from number `kept` on, the (M, 2 p + 1) rows that a prior reads, and the speed it is
-    told."""
+    """Return the rows (M, 2 p + 1) that a prior reads in each period from number `kept` on, and the told speed."""
     scale = torch.from_numpy(1.0 / told**2)[:, None]
     rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()
     spans = [slice(last - kept, last) for last in range(kept, len(rows) + 1)]
@@ -147,7 +146,7 @@ def imitate(feedback: Feedback, given: Sequence[Demonstration], goal: Goal, *, f
 
     Args:
         feedback: changed in place.
-        given: demonstrations; only periods with told speeds on the fitted side are used.
+        given: demonstrations; only periods whose told speed is on the fitted side are used.
         goal: goal of the demonstrations.
         faster: whether the weights for speeds above the design speed are fitted.
 

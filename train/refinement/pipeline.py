@@ -63,7 +63,7 @@ def refine_model(
         dataset_path: recording that the model was fitted to.
         config: settings of the refinement, its seed (`train.seed`), and the settings of the exported controller.
         sensors: names of the sensors, in pairs of mirror images.
-        flow: returns, for these sensors, the plant and developed wakes without jets, one for each stream.
+        flow: returns the plant with these sensors, and a developed wake without jets for each stream.
         workers: runs the closed-loop intervals of an update in parallel; without it they run one after the other.
         resume: whether an interrupted run is continued; if False, the run starts over.
 
@@ -118,8 +118,8 @@ def middles_and_deviations(model: TrainedModel, sensors: Sequence[str]) -> tuple
 
 
 def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Config, progress: Progress) -> Array | None:
-    """Return speed, mean Cp of the base and mean |Cp difference| of the pairs for the wake without jets at each of K
-    speeds, (K, 3); None if the training has a single speed or no sensor is on the base."""
+    """Return a table (K, 3) of the wake without jets at K speeds. Its columns are the speed, the base's mean Cp, and
+    the pairs' mean |Cp difference|. None if the training has a single speed or no sensor is on the base."""
     slowest, fastest = settings.refine.slowest, settings.refine.fastest
     if slowest == fastest:
         return None
@@ -157,7 +157,7 @@ def _with_sensors(
 ) -> TrainedModel:
     recording = dataset.read(dataset_path)
     if hashlib.sha256(dataset_path.read_bytes()).hexdigest() != model.dataset_sha256:
-        raise DatasetError(f"{dataset_path} is not the recording that the model was fitted to: name its recording")
+        raise DatasetError(f"{dataset_path} is not the recording that the model was fitted to: name that recording")
     layout = recording.layout
     rows = prepare(trainable(recording, settings), model.scaling, mirrored=layout.mirror is not None, layout=layout)
     slim, narrow = deployed(
@@ -191,7 +191,7 @@ def are_pairs(layout: SensorLayout, sensors: Sequence[str]) -> bool:
 
 def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
     """Check that the sensors are pairs of mirror images, one pair after the other. Raises ConfigError if a name does
-    not exist or is given twice; DatasetError if the two sensors of a pair are not mirror images of each other."""
+    not exist or is named twice; DatasetError if the two sensors of a pair are not mirror images of each other."""
     if layout.mirror is None:
         raise DatasetError("the sensors have no mirror images: a prior reads the differences between mirror images")
     columns = layout.indices(sensors)
@@ -206,19 +206,19 @@ def check_pairs(layout: SensorLayout, sensors: Sequence[str]) -> None:
 
 
 def predictor(stretches: Sequence[Array], memory: int) -> Array:
-    """Fit the prior's predictor of pressure differences by ridge regression: coefficients C_i, (p, M, p + 1), oldest
-    row first, of the autoregressive model y_{k+1} = sum over i = 0 .. M-1 of C_i (y_{k-i}, a_{k-i}) of p differences
-    with the action as input. In the mirror image of a flow, y and a change their sign. Without a constant term, the
-    model's output does the same, so mirror images would add nothing to the fit.
+    """Fit the prior's predictor of p pressure differences y by ridge regression. The model is autoregressive with the
+    action a as input: y_{k+1} = sum over i = 0 .. M-1 of C_i (y_{k-i}, a_{k-i}). Returns the coefficients C_i with the
+    oldest row first, (p, M, p + 1). In the mirror image of a flow, y and a change their sign. The model has no constant
+    term, so its output also changes its sign. So mirror images would add nothing to the fit.
 
-    `stretches` are arrays of n rows (y_k, a_k), (n, p + 1) each; a prediction's M rows are from one array. Raises
+    `stretches` are arrays of n rows (y_k, a_k), (n, p + 1) each; all M rows of a prediction are from one array. Raises
     StillwakeError for fewer steps than coefficients, or a regressor that is always zero.
     """
     columns = stretches[0].shape[1]
     size = memory * columns
     steps = sum(max(0, len(rows) - memory) for rows in stretches)
     if steps < size:
-        raise StillwakeError(f"{steps} control steps to fit {size} coefficients to: at least as many are needed")
+        raise StillwakeError(f"{steps} control steps are too few to fit {size} coefficients: must be at least {size}")
     gram, moment = np.zeros((size, size)), np.zeros((size, columns - 1))
     for rows in stretches:
         for start in range(0, max(0, len(rows) - memory), _CHUNK):

@@ -1,10 +1,10 @@
 """The training of the feedback with gradients through the flow solver, by Adam, with averaged weights.
 
-Streams are flows that continue under the feedback; each update uses one stretch, an interval of closed loop, of several
-streams. A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the base.
-The gradient of a stretch is exact; the cost of motion in the far wake represents the effects after its end. Streams
-begin in the developed wake and restart after some stretches, at different times, so that the training always includes
-both the transient from the developed wake and the controlled wake.
+A stream is a flow under the feedback; a stretch is an interval of a stream. Each update uses the next stretches of
+several streams. A stretch is about as long as the flow takes from the jets to the far end of the bubble and back to the
+base. The gradient of a stretch is exact. The cost of motion in the far wake represents the effects after the stretch.
+Streams begin in the developed wake and restart after some stretches, at different times, so that the training always
+includes both the transient from the developed wake and the controlled wake.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -81,7 +81,7 @@ _FLOW: list[DifferentiableFlow] = []
 
 def _begin(flow: Callable[[], DifferentiableFlow]) -> None:
     torch.set_num_threads(1)
-    # Unlike in `without_denormals`, the setting stays for the life of the process.
+    # Unlike in `without_denormals`, the setting stays until the process ends.
     torch.set_flush_denormal(True)
     _FLOW.append(flow())
 
@@ -91,27 +91,27 @@ def _run(task: Task) -> Done:
 
 
 LARGEST_GRADIENT: Final = 0.5
-"""Norm to which a stretch's gradient is clipped, because some stretches have a gradient ten times the usual one."""
+"""Norm to which a stretch's gradient is clipped, because some stretches have ten times the usual norm."""
 MEAN_OVER: Final = 30
-"""Time constant, in updates, of the exponential mean of the weights: an update's share falls to 1 / e in this time."""
+"""Time constant of the weights' exponential mean, in updates: an update's share falls to 1 / e in this time."""
 KEEP_EVERY: Final = 5
 SPEED_CHANGE: Final = 0.25
 """Change of speed in a stretch, as a fraction of the distance to a randomly drawn speed. The speed changes in a random
 half of the stretches."""
 AT_DESIGN: Final = 3
-"""One in this number of streams stays at the design speed, because a release is tested first at that speed."""
+"""Every n-th stream (n is this value) stays at the design speed, because a release is tested first at this speed."""
 GOAL_OVER: Final = 3
-"""Number of stretches after which a stream draws a new goal; the wake takes about one stretch to respond."""
+"""Number of stretches after which a stream gets a new goal; the wake takes about one stretch to respond."""
 SOUND: Final = 0.5
-"""Probability that a stretch is given the true speed, that it loses no frames, and that a part of its goal is as
-configured."""
+"""Probability of each of three independent events: a stretch has the true speed, a stretch loses no frames, and a part
+of the goal is as configured."""
 LAST_ROWS: Final = 20_000
 """Number of the newest control periods to which the predictor of differences is fitted."""
 NEAR_DESIGN: Final = 0.1
-"""Largest distance from the design speed, relative to it, at which a stretch is used to fit the predictor. One linear
-predictor for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the design speed has
-0.035 (manual run, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve periods, the jets
-locked onto the wake."""
+"""Largest relative distance from the design speed at which a stretch is used to fit the predictor. One linear predictor
+for speeds from 0.6 to 1.4 had an error of 0.063 in Cp over eight steps; a predictor for the design speed has 0.035
+(manual run, truck-wake-8). With the predictor for all speeds and a compensated delay of twelve periods, the jets locked
+onto the wake."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,7 +122,7 @@ class Refined:
         feedback: feedback with averaged weights.
         stretches: an array (n, p + 1) for each of the newest stretches near the design speed, or at any speed if there
             is none. Each of n control periods has a row: p pressure differences and the action.
-        periods: number of control periods that the plant was run for.
+        periods: number of control periods that the plant simulated.
     """
 
     feedback: Feedback
@@ -293,9 +293,9 @@ def _readings(settings: RefineConfig, deviations: Array, speeds: Array, rng: np.
 
 
 def _next_speed(stream: Stream, settings: RefineConfig, rng: np.random.Generator) -> float:
-    """Return the speed at a stretch's end. It is a drawn speed in a stream's first stretch. Later, the speed stays or
-    changes by `SPEED_CHANGE` of its distance to the drawn speed."""
-    # The draw extends beyond the range and is then limited to it, so that the ends of the range are drawn often.
+    """Return the speed at a stretch's end. In a stream's first stretch, it is a random speed. In later stretches, the
+    speed stays, or changes by `SPEED_CHANGE` of the distance to a random speed."""
+    # The random speed may exceed the range and is then limited to it, so that the ends of the range are frequent.
     beyond = 0.3 * (settings.fastest - settings.slowest)
     anywhere = rng.uniform(settings.slowest - beyond, settings.fastest + beyond)
     anywhere = float(np.clip(anywhere, settings.slowest, settings.fastest))

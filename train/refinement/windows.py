@@ -1,5 +1,5 @@
-"""The gradient of a stretch's mean cost with respect to the feedback's parameters, through feedback and flow; and the
-streams. A stretch is an interval of closed loop; a stream runs over several stretches."""
+"""The gradient of a stretch's mean cost with respect to the feedback's parameters, through feedback and flow. A stream
+is a flow under the feedback; a stretch is an interval of a stream."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class StretchReadings:
 
     Attributes:
         noise: (n, 2 p), added to the sensors' Cp; columns 2 k and 2 k + 1 are for the two mirrored sensors of pair k.
-        told: ratio of the speed that the feedback receives to the flow's speed, (n,).
+        told: (n,) speed that the feedback receives, divided by the flow's speed.
         lost: (n,) whether a period's pressures are lost; the last pressures then replace them, and the command does not
             change.
     """
@@ -59,8 +59,8 @@ class Stream:
     speed.
 
     Attributes:
-        rows: n rows (n, 2 p + 1), oldest first: p differences and p sums of the sensor pairs, and the action that
-            started in each period; the present sample's row is added later. n is the feedback's memory M, or larger if
+        rows: (n, 2 p + 1), oldest first. A row has p differences and p sums of the sensor pairs, and the action that
+            started in the period. The present sample's row is added later. n is the feedback's memory M, or larger if
             the speed may be below the design speed.
         speeds: (n,) speeds that the feedback received with these rows.
         speed: present speed of the flow.
@@ -108,7 +108,7 @@ def differentiate(
     action_limit: float,
 ) -> Stretch:
     """Run a stretch, advance the stream, and add the gradient of the mean cost to the gradients of the feedback's
-    parameters. The timing is the vehicle's: the command computed from the sample of t_k is in force at the end of
+    parameters. The timing is as on the vehicle: the command computed from the sample of t_k is in force at the end of
     period k + 1.
 
     `speeds` (n + 1,) are the flow's speeds at the samples of n periods, as ratios to the design speed; `action_limit`
@@ -135,8 +135,8 @@ class ClosedLoop:
         actions: n actions of the jets.
         leaves: n rows (2 p + 1,) as the feedback received them.
         commands: n commands.
-        read: for each period whose pressures are not lost, the (M, 2 p + 1) rows and the speed that the feedback read,
-            and its action; rows and action are in units of this speed.
+        read: an entry for each period whose pressures are not lost: the rows (M, 2 p + 1) and the speed that the
+            feedback read, and the feedback's action. Rows and action are in units of this speed.
         true_rows: (n, p + 1) differences without errors, and the action.
     """
 
@@ -157,7 +157,7 @@ def closed_loop(
     speeds: Array,
     action_limit: float,
 ) -> ClosedLoop:
-    """Run a stretch and advance the stream, without a gradient; arguments and errors as in `differentiate`."""
+    """Run a stretch and advance the stream, without a gradient. Arguments and errors are as in `differentiate`."""
     pairs = feedback.pairs
     rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
     past = [*stream.speeds[1:].tolist()]
@@ -194,9 +194,9 @@ def closed_loop(
 
 def read(rows: Tensor, speeds: Sequence[float], memory: int) -> Tensor:
     """Resample a stream's rows, shape (n, c), to the M = `memory` rows that the feedback reads, shape (M, c), equally
-    spaced in convective time as on the vehicle (`contract.controller.resampling`). A row is interpolated with the
-    action that was in force when its sample was taken, divided by the speed at that time. Then each row gets the action
-    of the next row; the last row gets the action that starts now."""
+    spaced in convective time as on the vehicle (`contract.controller.resampling`). For the interpolation, a row has the
+    action that was in force at its sample, divided by the speed at that time. Then each row gets the action of the next
+    row; the last row gets the action that starts now."""
     rows = _followed(rows, speeds)
     where = places(speeds, memory)
     if len(where.newer) < memory:

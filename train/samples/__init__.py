@@ -1,1 +1,1 @@
-"""Scaled rows of a data set, and the batches drawn from them."""
+"""The scaled rows of a data set, and the batches of windows from these rows."""

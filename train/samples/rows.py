@@ -1,4 +1,4 @@
-"""Recorded episodes as standardised rows.
+"""The recorded episodes as standardised rows.
 
 Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column per sensor and one for the action. Each
 row also has the forces (Cd_k, Cl_k), and the input of the dynamics: a_k, the action commanded at t_k. A window that
@@ -26,8 +26,8 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
 
     The mirror image (y -> -y) permutes the sensors and changes the signs of action and lift. So statistics over the
     originals and the images are symmetric, and mirroring commutes with scaling. Without mirror images, Cl may have a
-    nonzero mean. The action is never shifted, so that zero action stays 0; its deviation is always its root mean
-    square. Raises DatasetError if a sensor, the action or a force is constant.
+    nonzero mean. The action is never shifted, so that zero action stays 0. The action's deviation is always its root
+    mean square. Raises DatasetError if a sensor, the action or a force is constant.
     """
     pressure = np.concatenate([episode.series["Cp"] for episode in episodes])
     action = np.concatenate([episode.series["action"] for episode in episodes])
@@ -53,8 +53,8 @@ def fit_scaling(episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> Sc
 
 
 def unit_steps(scaling: Scaling, chosen: Index) -> Array:
-    """Return the global deviation, the root mean square of all pressures' standard deviations (paper, appendix B), in
-    units of each chosen sensor's standard deviation, (N,) for N sensors."""
+    """Return the global deviation in units of the standard deviation of each of N chosen sensors, (N,). The global
+    deviation is the root mean square of all pressures' standard deviations (paper, appendix B)."""
     std = np.array(scaling.pressure_std)
     steps: Array = np.sqrt(np.square(std).mean()) / std[chosen]
     return steps
@@ -128,7 +128,7 @@ class Rows:
         deviations; zero at level 0. Raises ConfigError if these rows have no global deviation."""
         if self.unit is None:
             if level:
-                raise ConfigError(f"sensor noise {level}: these rows were made without a scaling, so it has no unit")
+                raise ConfigError(f"sensor noise {level}: its unit is unknown, because these rows have no scaling")
             return self.inputs.new_zeros(self.inputs.shape[1] - 1)
         return level * self.unit
 

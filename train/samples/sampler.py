@@ -1,4 +1,4 @@
-"""Batches of windows for training: contiguous segments of rows, drawn randomly from seed and step."""
+"""The batches of windows for training: contiguous segments of rows, chosen randomly from seed and step."""
 
 from dataclasses import dataclass, replace
 
@@ -13,9 +13,9 @@ from train.samples.rows import Rows
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Batch:
-    """S segments of rows. A segment has W windows of L rows, which end at its last W rows. `actions` (S, W) and
-    `forces` (S, W, 2) are the values at these ends, `ends` (S, W) their indices among all rows. `inputs` are the
-    encoder rows (S, W + L - 1, F) of F features."""
+    """A batch of S segments. A segment has W windows of L rows; the windows end at the segment's last W rows. `actions`
+    (S, W) and `forces` (S, W, 2) are values at these ends. `ends` (S, W) are the ends' indices among all rows. `inputs`
+    are the encoder rows (S, W + L - 1, F) of F features."""
 
     inputs: Tensor
     actions: Tensor

@@ -48,7 +48,7 @@ def select_by_hand(count: int, layout: SensorLayout = TRUCK) -> tuple[int, ...]:
 
 
 def _sorted(wanted: Mask, by: Array) -> list[int]:
-    """Return the wanted columns in rising order of `by`."""
+    """Return the columns that are `wanted`, in rising order of their values in `by`."""
     columns = np.flatnonzero(wanted)
     return [int(column) for column in columns[np.argsort(by[columns], kind="stable")]]
 
@@ -112,9 +112,9 @@ def select(
 
     "shap": one repeat of the paper's ranking. "qr": pivots of the pressures' POD modes. "greedy": forward selection
     with the ridge student. "random": the best of `RANDOM_DRAWS` choices according to the ridge student. "hand": by
-    position alone. Of the settings, the method uses the seed and, for "shap", the numbers of draws. Raises ConfigError
-    for an unknown method, too few sensors, or "hand" if the sensors have no mirror images or no base; DatasetError if
-    `rows` has too few windows.
+    position alone. The method uses only the seed and, for "shap", the numbers of draws from the settings. Raises
+    ConfigError for an unknown method, too few sensors, or "hand" if the sensors have no mirror images or no base;
+    DatasetError if `rows` has too few windows.
     """
     if method not in METHODS:
         raise ConfigError(f"unknown selection method {method!r}: use {', '.join(METHODS)}")

@@ -1,7 +1,7 @@
 """A student that is fitted in milliseconds: ridge regression of the teacher's latents on lags of a few sensors.
 
-The student replaces the slim encoder where thousands of choices are compared and not all can be distilled. With the n
-windows for the fit, their centred lags X (n, F) and latents Z (n, N_z), its weights are
+The student replaces the slim encoder where thousands of choices are compared and not all can be distilled. The fit uses
+n windows with centred lags X (n, F) and centred latents Z (n, N_z). The student's weights are
 
     W = (X'X/n + lambda I)^-1 X'Z/n
 
@@ -43,7 +43,7 @@ RIDGE: Final = 1e-4
 
 FITTED: Final = 4000
 JUDGED: Final = 2000
-"""Numbers of windows for the fit (`FITTED`) and the test (`JUDGED`); fewer windows are split in this proportion."""
+"""Numbers of windows for the fit (`FITTED`) and the test (`JUDGED`); fewer windows are split in this ratio."""
 
 _CHUNK = 1024
 
@@ -71,8 +71,8 @@ def sample(encoder: Encoder, rows: Rows, seed: int) -> tuple[tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RidgeStudent:
-    """The products of all F lags and N_z latents, as means over windows; all are centred on the means of the fitted
-    windows.
+    """The products of F lags and N_z latents, as means over windows. Lags and latents are centred on their means over
+    the fitted windows.
 
     Attributes:
         gram, cross: products of the fitted windows' lags with each other (F, F) and with the latents (F, N_z).
@@ -96,7 +96,7 @@ class RidgeStudent:
         return len(self.noise_power) - 1
 
     def error(self, chosen: Sequence[int]) -> float:
-        """Return the fraction of the test latents' mean square that chosen sensors and action leave unexplained."""
+        """Return the fraction of the test latents' mean square that chosen sensors and action do not explain."""
         columns = np.append(np.asarray(chosen, dtype=np.intp), self.sensors)
         places = (columns[:, None] * self.lags + np.arange(self.lags)).ravel()
         block = np.ix_(places, places)

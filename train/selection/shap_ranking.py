@@ -32,10 +32,9 @@ def rank(
 
 @dataclass(frozen=True, kw_only=True)
 class ShapRanker:
-    """A function that returns the N sensors' scores (N,), larger if more important: the mean |SHAP| by expected
-    gradients (`shap.GradientExplainer`). |SHAP| of every sensor, window row and latent is summed over the latents and
-    averaged over the explained windows and the window's rows. The action's column is explained too, but left out of the
-    scores.
+    """A function that returns scores (N,) of N sensors; a higher score means a more important sensor. Scores are |SHAP|
+    by expected gradients (`shap.GradientExplainer`), summed over the latents and averaged over the explained windows
+    and the window's rows. The action's column is explained too, but left out of the scores.
 
     Attributes:
         background: number of windows that represent the typical input.

@@ -34,12 +34,10 @@ if TYPE_CHECKING:
 BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate")
 """Settings for the connection to a bus."""
 
-Channel = Annotated[
-    str | None, typer.Option(help="Channel of the log, by its name there.", metavar="NAME", show_default=False)
-]
+Channel = Annotated[str | None, typer.Option(help="Name of a channel in the log.", metavar="NAME", show_default=False)]
 Trip = Annotated[
     int | None,
-    typer.Option(help="Power cycle to sign a secured message with.", min=1, max=0xFFFFFFFF, show_default=False),
+    typer.Option(help="Number of power cycles for secured messages.", min=1, max=0xFFFFFFFF, show_default=False),
 ]
 
 
@@ -95,7 +93,7 @@ def send(
 def _frames(
     name: str, values: list[str], counter: int, trip: int | None, config: "BusConfig"
 ) -> "Callable[[float], can.Message]":
-    """Return a function that builds the next frame of the stream, stamped with the function's argument, a time in s."""
+    """Return a function that builds the stream's next frame; the function's argument is the frame's time stamp in s."""
     from can_bridge.bus.conversion import to_message
     from can_bridge.e2e.profiles import profile_of
     from can_bridge.e2e.sender import E2eSender, SenderState
@@ -109,14 +107,14 @@ def _frames(
             raise BusError(f"{name}: is sent with an authentication code; name its key with --set bus.key=FILE")
         if trip is None:
             raise ConfigError(
-                f"{name}: is signed with a freshness value; name its power cycle with --trip, a larger number "
-                "than any used with the key"
+                f"{name}: is signed with a freshness value; give --trip, a number of power cycles larger than "
+                "any number used with the key"
             )
     elif trip is not None:
-        raise ConfigError(f"--trip {trip}: {name} has no freshness value; the message that has ends in Secured")
+        raise ConfigError(f"--trip {trip}: {name} has no freshness value; use a message ending in Secured")
     elif config.key:
         raise ConfigError(
-            f"bus.key: {name} is sent without authentication; the message to go with a key ends in Secured"
+            f"bus.key: {name} is sent without authentication; with a key, use a message ending in Secured"
         )
     last = profile_of(spec).counter_period - 1
     if counter > last:

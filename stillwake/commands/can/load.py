@@ -54,8 +54,8 @@ def load(
 
 
 def figures(found: "BusLoad") -> dict[str, Any]:
-    """Return the figures for `--json`: loads as shares of the bus's time, times in ms, None for times without a
-    bound."""
+    """Return the figures for `--json`: loads as shares of the bus's time, and times in ms. A time without a bound is
+    None."""
     return {
         "load_mean": found.mean,
         "load_worst": found.worst,
@@ -102,7 +102,7 @@ def _figures(one: "MessageLoad") -> dict[str, Any]:
 
 def _table(found: "BusLoad") -> Table:
     # A table without lines and edges, with one space between columns, fits into a terminal of 80 columns.
-    table = Table(title="worst cases, in ms; stillwake's in bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
+    table = Table(title="worst cases in ms; messages of stillwake in bold", box=SIMPLE_HEAD, padding=0, show_edge=False)
     for head in _HEADS:
         table.add_column(head, justify="left" if head in ("message", "met") else "right", overflow="fold")
     for one in found.messages:

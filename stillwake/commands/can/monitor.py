@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 REFRESH_S = 0.1
 """Time between two drawings of the table, in s."""
 MOST_AT_ONCE = 2000
-"""Largest number of frames that are read in one go, so that the table is also redrawn on a flooded bus."""
+"""Largest number of frames read between two drawings, so that the table is also redrawn on a flooded bus."""
 
 Duration = Annotated[float | None, typer.Option("--for", help="End after this number of seconds.", metavar="SECONDS")]
 
@@ -45,8 +45,8 @@ def monitor(
 
     The column "lost" counts the frames that are missing according to the counters, and the column "refused" the frames
     that a receiver would not have used. The column "E2E" shows the result of the newest frame's check. With --set
-    bus.key=FILE the MAC and freshness of secured messages are checked first. Messages that are not stillwake's are
-    shown as bytes; `cantools monitor` decodes these messages.
+    bus.key=FILE the MAC and freshness of secured messages are checked first. Messages of other systems are shown as
+    bytes; `cantools monitor` decodes these messages.
     """
     from can_bridge.tools.summary import MOST_MESSAGES, Summary
     from stillwake.commands.can.monitor_screen import screen

@@ -9,7 +9,7 @@ from can_bridge.tools.raw_bus import id_text
 from can_bridge.tools.summary import Summary, rows
 
 OTHER_COLUMNS = 70
-"""Width in characters of all table columns together except the value's, with the longest names and numbers."""
+"""Width in characters of all columns except the column of values, with the longest names and numbers."""
 
 STALE_S = 1.0
 """Age in s of a message's newest frame above which the message's row is drawn dim."""

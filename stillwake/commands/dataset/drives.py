@@ -66,7 +66,7 @@ class DriveOptions:
 
     @property
     def is_given(self) -> bool:
-        """Whether an option was given that has no effect without a log."""
+        """Whether the user gave an option that has no effect without a log."""
         options = (self.split, self.forces, self.clock, self.shift_s, self.channels, self.zone)
         return any(map(bool, options))
 
@@ -83,7 +83,7 @@ def zone_of(text: str) -> tzinfo | None:
         return ZoneInfo(text)
     except (ValueError, OSError, ZoneInfoNotFoundError):
         raise ConfigError(
-            f"--log-zone {text}: must be a name such as Europe/Berlin or UTC, or such as +02:00"
+            f"--log-zone {text}: must be a name such as Europe/Berlin or UTC, or an offset such as +02:00"
         ) from None
 
 
@@ -170,8 +170,8 @@ def read_drive(
 
     if len(layout) != SENSORS:
         raise DatasetError(
-            f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(layout)}: list the sensors of the "
-            f"message, in its order"
+            f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(layout)}: list the sensors in the "
+            f"order of the message"
         )
     assert facts.control_period is not None and facts.action_limit is not None
     scales = Scales(
@@ -258,7 +258,7 @@ def _speed_line(report: "LogReport") -> str:
     without = f"; {report.without_speed} rows without a speed" if report.without_speed else ""
     between = "; rows interpolated at equal distances travelled" if report.is_resampled else ""
     span = f" ({slow:g} to {fast:g})" if slow < fast else ""
-    return f"Cp by the {median:g} m/s{span} of its VehicleSpeed frames{without}{between}"
+    return f"Cp is computed with the log's vehicle speed, {median:g} m/s{span}{without}{between}"
 
 
 def _verifier(loaded: Loaded) -> "Verify | None":
@@ -280,7 +280,7 @@ def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOption
     if clock is None:
         raise DatasetError(
             f"{path}: state with --forces-clock how its times count: log (s on the log's clock), start (s since the "
-            f"log's first pressure) or t_c (W / U_inf since then)"
+            f"log's first pressure) or t_c (W / U_inf since that pressure)"
         )
     if clock == "t_c":
         return {name: one.at_times(series.travel.time(one.t) + options.shift_s) for name, one in table.forces.items()}

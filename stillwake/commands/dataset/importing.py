@@ -32,7 +32,7 @@ _FLOW: Final = ("flow.control_period", "flow.action_limit", "flow.reynolds")
 
 Files = Annotated[
     list[str] | None,
-    typer.Argument(metavar="ROLE=FILE", help="Files with the role of each; see above.", show_default=False),
+    typer.Argument(metavar="ROLE=FILE", help="A role and its file; see above.", show_default=False),
 ]
 Asymmetric = Annotated[bool, typer.Option("--asymmetric", help="Body or jets are not symmetric about y = 0.")]
 References = Annotated[
@@ -66,18 +66,18 @@ def import_(
 
     Tables (.csv), arrays (.npz, .h5, .nc, .mat) and cases of OpenFOAM are read.
 
-    Give each file together with the role of its episode: train=FILE and test=FILE, which training needs, extended=FILE
-    (forcing outside the range of training) or controlled=FILE (recorded under a controller). The episode gets the
-    file's name. Two settings must be given on the command line or in a TOML file: --set flow.control_period=0.2, the
-    time between two rows in t_c, and --set flow.action_limit=0.075, the largest action in U_inf W. Give flow.reynolds
-    if the Reynolds number is known.
+    Give each file together with the role of its episode: train=FILE and test=FILE (training needs both roles),
+    extended=FILE (forcing outside the range of training) or controlled=FILE (recorded under a controller). The episode
+    gets the file's name. Two settings must be given on the command line or in a TOML file: --set
+    flow.control_period=0.2, the time between two rows in t_c, and --set flow.action_limit=0.075, the largest action in
+    U_inf W. Give flow.reynolds if the Reynolds number is known.
 
     Lengths are in W, speeds in U_inf, times in W / U_inf. A table has the columns action, Cd and Cl, and one column for
     the Cp of each sensor, under the sensor's name in --layout. A file of arrays may have one array Cp of shape (steps,
     sensors) instead. A column or array t is optional. The number initial_action, the action before the first row, is
     also optional (otherwise 0). Row k has the measurements at t_k and the action commanded at t_k. If the numbers of a
-    file have a unit, state the value of the data set's unit in the file's unit: --reference Cp=240Pa (rho U_inf^2 / 2),
-    t=5ms, Cd=40N, or Cd=-1 for the opposite sign.
+    file have a unit, state which number in the file means 1: --reference Cp=240Pa (rho U_inf^2 / 2), t=5ms, Cd=40N, or
+    Cd=-1 for the opposite sign.
 
     A log of the CAN bus (.log, .asc, .blf, .trc, .mf4, .mcap, python-can's .csv and .db, also packed as .gz) has
     commands and the pressures of the four sensors in --layout, in the order of the message; its drag and lift come from
@@ -100,7 +100,7 @@ def import_(
     logs = [path for path, _ in roles if is_log(path)]
     for path in logs:
         if logs.count(path) > 1:
-            raise DatasetError(f"{path}: given twice; an episode has one role: if you have no other log, cut it in two")
+            raise DatasetError(f"{path}: given twice, but an episode has one role: with no other log, split this log")
     options = drives.DriveOptions(
         fill=fill,
         split=split,
@@ -193,7 +193,7 @@ class _Import:
                 self.notes.extend(drives.notes_on(drive))
             if self.options.zone is not None and not any(drive.log.is_local for drive in read):
                 raise ConfigError(f"--log-zone {self.options.zone}: no log begins in local time")
-            # Of the columns in a log's files of forces, only t, Cd and Cl can be renamed.
+            # In a log's files of forces, only the columns t, Cd and Cl can be renamed.
             only_logs = all(path in forces for path, _ in self.roles)
             places = {source.path: number for number, source in enumerate(sources)}
             return assemble(
@@ -225,5 +225,5 @@ def _check_pressure(log: Path, own: float, given: "Reference | None") -> None:
     """Raise ConfigError if the reference pressure that the user gave contradicts the dynamic pressure in a log."""
     if given is not None and given.unit == "Pa" and abs(given.number / own - 1.0) > _SAME:
         raise ConfigError(
-            f"{given.option}: {log} has {own:g} Pa, by which its pressures are divided: correct one of the two"
+            f"{given.option}: the pressures in {log} are divided by {own:g} Pa: correct one of these values"
         )

@@ -59,7 +59,7 @@ def inspect(
         console.print(line)
     wrong = sum("red" in mark for mark, _ in lines)
     if wrong:
-        raise DatasetError(f"{file}: {wrong} thing{'s' if wrong > 1 else ''} to put right")
+        raise DatasetError(f"{file}: {wrong} problem{'s' if wrong > 1 else ''} to correct")
     console.print(f"{file}: fit for training and export")
 
 
@@ -88,9 +88,9 @@ def _findings(file: Path, data_set: "Dataset", loaded: Loaded) -> list[tuple[str
 
 def _needs_settings(file: Path) -> str:
     kept = file.with_suffix(".toml")
-    differ = "control period, action limit or Reynolds number differ from the release's"
+    differ = "control period, action limit or Reynolds number differ from the release"
     if kept.exists():
-        return f"{differ}: inspect and train with --set {kept}, if those are its settings"
+        return f"{differ}: inspect and train with --set {kept}, if this file fits the data set"
     keep = f"`stillwake dataset inspect {file} --settings > {kept}`"
     return f"{differ}: write the settings that fit with {keep}, and train with --set {kept}"
 

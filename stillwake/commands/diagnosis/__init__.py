@@ -1,4 +1,4 @@
-"""The commands that communicate with an ECU over UDS, the protocol of diagnosis."""
+"""The commands that communicate with an ECU over UDS, the diagnostic protocol."""
 
 import time
 from collections.abc import Iterator

@@ -74,7 +74,7 @@ def calibrate(
 
 
 def parsed(texts: list[str]) -> dict[str, float]:
-    """Read the values to set, by name; raises ConfigError for a text that is not NAME=NUMBER, or a name given twice."""
+    """Read the values to set, by name. Raises ConfigError for a text other than NAME=NUMBER, or a repeated name."""
     changes: dict[str, float] = {}
     for name, value in shared.pairs(texts, "lift=0.4", CALIBRATION_NAMES):
         if name in changes:

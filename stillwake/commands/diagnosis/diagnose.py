@@ -28,13 +28,13 @@ _FACTS: Final = {
     "period_ns": "control period",
     "capacity": "greatest image, bytes",
 }
-"""Labels of the shown values of an ECU's report, by the names of the values in JSON."""
+"""Labels for the values that are shown from an ECU's report, by the values' names in JSON."""
 
 
 def diagnose(
     bus: shared.Bus = None,
     slots: shared.Slots = None,
-    clear: Annotated[bool, typer.Option("--clear", help="Then clear the ECU's faults.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Clear the shown faults.")] = False,
     json_file: shared.JsonFile = None,
     given: shared.Settings = [],  # noqa: B006
 ) -> None:
@@ -56,7 +56,7 @@ def diagnose(
         if bus is not None or clear:
             raise ConfigError("--slots: reads a folder, not an ECU; leave out --bus and --clear")
         facts, store = _from_folder(slots)
-        _print_ecu(facts, store, runs="not in the folder; --bus instead of --slots asks the ECU")
+        _print_ecu(facts, store, runs="not in the folder; to ask the ECU, use --bus instead of --slots")
         found: list[StoredFault] = []
     else:
         facts, store, found = _asked(config, clear=clear)

@@ -30,7 +30,7 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Ask the ECU, check ever
 
 def flash(
     bundle: Annotated[
-        Path | None, typer.Argument(help="Release bundle; or image (.swi) for an ECU in C; none with --keys alone.")
+        Path | None, typer.Argument(help="Release bundle, or image (.swi) for an ECU in C; optional with --keys.")
     ] = None,
     keys: Keys = None,
     bus: shared.Bus = None,

@@ -130,5 +130,5 @@ def test_settings_that_do_not_agree_are_wrong_where_they_are_given(run, made):
         del file["episodes/calm"].attrs["provenance"]
         file["episodes/sweep/action"][7] = -0.4
     status, output, errors = run("inspect", made)
-    assert (status, "2 things to put right" in errors) == (1, True)
+    assert (status, "2 problems to correct" in errors) == (1, True)
     assert "'provenance' is missing" in output and "action is -0.4 at step 7" in output

@@ -204,7 +204,7 @@ def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place):
     assert "beyond the limit of 0.075: at 20 m/s the same jets" in place.call(*call, log=log).err
     outcome = place.call(*call, "--set", "flow.action_limit=0.08", log=log)
     assert outcome.code == 0, outcome.err
-    assert "slow.log: Cp by the 20 m/s of its VehicleSpeed frames" in outcome.out
+    assert "slow.log: Cp is computed with the log's vehicle speed, 20 m/s" in outcome.out
     episode = place.episode
     np.testing.assert_allclose(episode.series["Cp"], one.Cp / 0.64, atol=CP_QUANTUM / 2)
     np.testing.assert_allclose(episode.series["t"], 0.16 * np.arange(200), atol=1e-9)

@@ -104,7 +104,7 @@ def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypat
         c_release.write_shipped_library(tmp_path / "c", other, load_config())
     # The model's weights, rounded in another way.
     monkeypatch.setattr("export.release.pipeline.rounded_on", lambda program, windows: rounded_to_nearest(program))
-    with pytest.raises(ExportError, match=r"has the program .*, its model gives .*: export the model again"):
+    with pytest.raises(ExportError, match=r"has the program .*, but its model gives .*: export the model again"):
         c_release.write_shipped_library(tmp_path / "c", release, load_config())
     assert not (tmp_path / "c").exists()
 

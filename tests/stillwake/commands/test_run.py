@@ -129,10 +129,10 @@ def test_what_cannot_be_reported_is_refused(all_refused, tmp_path):
         "a b c d e f g --output x.html": "7 runs: between 2 and 6 can be compared on a page",
         "a --output x.xyz": "--output x.xyz: must end in .html, .csv, .png, .pdf, .svg, .mf4, .mcap",
         "a --output x.mf4": "a/series.npz: not the series of a run",
-        "a.log": "a.log: is a log; give one, and the file to write with --output FILE.mf4",
+        "a.log": "a.log: is a log; name one log, and --output FILE.mf4",
         "a.log --output x.html": "x.html: a measurement must end in .mf4 or .mcap",
         "b.mf4 --output x.mcap": "b.mf4: there is no such file",
-        "c.h5 --output x.csv": "c.h5: is a data set; give one, and the file to write with --output FILE.nc",
+        "c.h5 --output x.csv": "c.h5: is a data set; name one data set, and --output FILE.nc",
     }
     all_refused("report", rows)
 

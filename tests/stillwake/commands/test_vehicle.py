@@ -18,8 +18,8 @@ def test_what_cannot_be_is_one_line(all_refused) -> None:
         {
             "--set bus.interface=simulated": "bus.interface = simulated: it runs in virtual time, without real",
             "--plant wake --episode x": "--episode x: does not go with --plant wake",
-            "--state x.npz": "--state x.npz: needs --plant wake: a recording has its own",
-            "--drive ramps": "--drive ramps: needs --plant wake: a recording has its own",
+            "--state x.npz": "--state x.npz: needs --plant wake: a recording cannot be changed",
+            "--drive ramps": "--drive ramps: needs --plant wake: a recording cannot be changed",
             "--lead-in inf": "--lead-in inf: must be a number of t_c",
             "--episode sine": "episode 'sine': the data set has ",
             "--dataset none.h5": "none.h5: no such dataset",

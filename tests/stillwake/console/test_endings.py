@@ -142,5 +142,5 @@ def test_where_it_is_called_from_and_where_it_prints_to(tmp_path):
     assert (status, out, err.count("\n")) == (1, "", 1)
     assert err.startswith("error: not enough memory: ulimit -v allows 90 MB, ")
     (tmp_path / "wake" / "__init__.py").write_text("print('my own script')\n")
-    line = "hides the package 'wake' of stillwake: rename it, or call `stillwake` from another folder"
+    line = "hides the package 'wake' of stillwake: rename the file, or call `stillwake` from another folder"
     assert stillwake("train", "model") == (1, "", f"error: {tmp_path / 'wake' / '__init__.py'} {line}\n")

@@ -193,7 +193,7 @@ def test_the_predictor_finds_a_linear_system_and_needs_stretches_longer_than_its
     padded = np.vstack([X, np.diag(np.sqrt(PREDICTOR_RIDGE * (X**2).sum(axis=0)))])
     expected = np.linalg.lstsq(padded, np.vstack([T, np.zeros((6, 1))]), rcond=None)[0]
     np.testing.assert_allclose(predictor([noisy], 3).ravel(), expected.ravel(), rtol=1e-7)
-    with pytest.raises(StillwakeError, match="3 control steps to fit 12 coefficients to"):
+    with pytest.raises(StillwakeError, match="3 control steps are too few to fit 12 coefficients"):
         predictor([noisy[:9]], 6)
     with pytest.raises(StillwakeError, match="column 1 of the rows is zero throughout"):
         predictor([noisy * [1.0, 0.0]], 2)

@@ -33,7 +33,7 @@ SEND = {
     "Pressure Pressure0=1e9": "smaller than or equal to 3276.7",
     "Pressures": "other frames, from a log",
     "PressureSecured": "name its key with --set bus.key=FILE",
-    "PressureSecured --set bus.key=key.bin": "name its power cycle with --trip",
+    "PressureSecured --set bus.key=key.bin": "give --trip, a number of power cycles",
     "PressureSecured --trip 2 --set bus.key=no.bin": "no.bin: cannot read the key",
     "Pressure --trip 2": "Pressure has no freshness value",
     "Pressure --set bus.key=key.bin": "is sent without authentication",
