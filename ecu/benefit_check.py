@@ -10,9 +10,9 @@ measurement cannot be trusted yet: it is unknown how long the jets had been shut
 calmed wake. Until the vehicle has measured for long enough, the check uses the larger of the measured value and the
 release's value.
 
-If control does not help for a shedding cycle, this is only a suspicion, because the comparison is with an earlier time,
-and the speed may be wrong. So the ECU begins a test: it shuts the jets and measures the wake without control at this
-speed. Control continues if that wake is worse, or if the speed changes. Otherwise the fault latches when the tests
+If control does not help for a shedding cycle, the check only suspects a fault, because it compares with an earlier
+time, and the speed may be wrong. So the ECU begins a test: it shuts the jets and measures the wake without control at
+this speed. Control continues if that wake is worse, or if the speed changes. Otherwise the fault latches when the tests
 together have taken `BenefitCheck.patience` periods. A new request for control ends the fault.
 """
 
@@ -52,9 +52,9 @@ class BenefitCheckState:
             of the release's own wake without jets.
         driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
         suction, swing: the same means under control.
-        doubt: number of periods in which control did not help minus the number in which it helped, at least 0.
-        tested_at: ratio of the speed at which the present test began to the design speed; 0 if there is no test.
-        spent: periods in tests minus those in which control helped, 0 to `BenefitCheck.patience`.
+        doubt: number of periods in which control did not help minus number of periods in which it helped, at least 0.
+        tested_at: speed at which the present test began, divided by the design speed; 0 if there is no test.
+        spent: number of periods in tests minus number of periods in which control helped, 0 to `BenefitCheck.patience`.
     """
 
     waking: int = 0
@@ -157,7 +157,7 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` in a test, whose means cover more cycles: a wrong result would resume harmful control."""
+        """Compute `next` in a test. Its means cover more cycles, since a wrong result would resume harmful control."""
         if cp is None:
             return state, None
         config = self.config
@@ -193,7 +193,7 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Return suction and swing, divided by those of the release's wake at this speed. The sums are as in C."""
+        """Return suction and swing, divided by those without jets at this speed. C computes sums in this order."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])

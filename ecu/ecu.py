@@ -2,7 +2,7 @@
 
 Once a control period the ECU does the end-to-end check of the pressure frames, updates the fail-safe, extends the
 window (`ecu.controller_memory`), plans, and sends the plan's first action that was not sent before, limited by the
-command gate. Neither frames, nor the time, nor the controller's answer can make it raise an exception.
+command gate. Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
 """
 
 from collections.abc import Sequence
@@ -60,7 +60,7 @@ class Ecu:
     bus carries; ConfigError if only one of `bus.key` and `authentication` is given.
 
     Attributes:
-        calibration: the calibrated values in force; at power-on those of the release and the vehicle.
+        calibration: the calibrated values in force; at power-on, the values of the release and the vehicle.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class Ecu:
         """Do one control period. Returns a JetCommand and an EcuStatus.
 
         Args:
-            now_ns: time of the step, in ns in the clock of the frames' timestamps.
+            now_ns: time of the step in ns, on the same clock as the frames' timestamps.
             frames: all frames received since the last step, oldest first.
             health: health of the CAN controller, for the status.
         """
@@ -301,12 +301,12 @@ class Ecu:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """Return BUS_OFF during bus-off and in the first step after it, because no node received the frames."""
+    """Return BUS_OFF during bus-off and in the first step after it, because no node received the last frames."""
     return Reason.BUS_OFF if now.state is BusState.BUS_OFF or now.bus_off > before.bus_off else None
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """Return the fail-safe after the command gate; if the gate shut the jets, with the reason to send on the bus."""
+    """Return the fail-safe after the command gate. If the gate shut the jets, its `reason` states why."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

@@ -25,8 +25,8 @@ from ecu.timing import StepTiming
 
 
 class Surroundings(TypedDict, total=False):
-    """External conditions of an ECU in a control period: a reason for which it must switch itself off, and whether a
-    release is being written. In that case it switches itself off as soon as no jet may run, until a reset."""
+    """The external conditions of an ECU in a control period: a reason for which the ECU must switch itself off, and
+    whether a release is being written. If so, the ECU is off as soon as no jet may run, until a reset."""
 
     fault: Reason | None
     updating: bool
@@ -134,8 +134,8 @@ def answers(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """Results of the latest step for observers: `action` was sent, in U_inf W; `forces` are the predicted (Cd, Cl) over
-    the H steps of the horizon, (H, 2), in units of the design speed, or None."""
+    """The results of the latest step, for observers. `action` was sent, in U_inf W. `forces` are the predicted (Cd, Cl)
+    over the H steps of the horizon, (H, 2), in units of the design speed, or None."""
 
     mode: Mode
     action: float

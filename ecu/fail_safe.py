@@ -3,7 +3,7 @@
 `TRANSITIONS` is examined from its first row on. A control step takes the first row that starts at the present state and
 whose condition is true in this step. `docs/reference/states.md` and its picture are made from the table.
 
-The limit on losses is that of (m, k)-firm control: at least m of any k consecutive periods must have usable pressures.
+The limit on losses follows (m, k)-firm control: at least m of any k consecutive periods must have usable pressures.
 With default settings, control ends when `loss_limit` = 25 of the last `loss_window` = 50 periods have no usable
 pressures, or when more than `hold_periods` + `decay_periods` = 3 consecutive periods have none.
 """
@@ -85,8 +85,8 @@ class PeriodInputs:
 
 
 class Period(NamedTuple):
-    """The data from which conditions are evaluated: the inputs of one period, the request as last received, whether it
-    rises, the counts of `FailSafe` with this period, and the reason that was reported before it."""
+    """The data from which conditions are evaluated: the inputs of one period, the latest request, whether the request
+    rises, the counts of `FailSafe` including this period, and the reason that was reported before this period."""
 
     inputs: PeriodInputs
     request: bool
@@ -177,7 +177,7 @@ SHORT: Final = Condition(
 
 @dataclass(frozen=True)
 class Transition:
-    """One row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
+    """A row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
 
     Attributes:
         within: number of periods from the first period with the cause to the ECU's reaction, or a formula of settings.

@@ -4,7 +4,7 @@ none.
 The checks are, in this order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
 
 Another ECU on the bus is also detected here. A node does not receive its own frames, so any ECU frame that it receives
-comes from another ECU. Two ECUs on one bus would both drive the jets, in turn. So an ECU keeps the jets shut until it
+comes from another ECU. Two ECUs on one bus would drive the jets alternately. So an ECU keeps the jets shut until it
 has received no frame of another ECU for `SILENCE_NS`. With a key only authentic frames count: a forged frame does not
 shut the jets, but a recorded authentic frame that is sent again does.
 """

@@ -21,7 +21,7 @@ uint8_t sw_inexact(void);
 
 /* --- sw_timing.c --- */
 
-/* Updates the check of the steps' times with the step at now_ns. */
+/* Updates the check that the steps are on time, with the step at now_ns. */
 void sw_timing_next(sw_timing *timing, int64_t now_ns);
 
 /* --- sw_e2e.c: the profile of the messages in use, SW_E2E_PROFILE --- */

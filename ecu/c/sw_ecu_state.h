@@ -110,13 +110,13 @@ typedef struct {
     uint8_t enable_request;
     uint32_t misses; /* consecutive periods without usable pressures */
     uint32_t good;   /* consecutive periods with usable pressures */
-    uint64_t lost;   /* lost periods among the latest SW_LOSS_WINDOW: one bit each; the lowest bit is the newest */
+    uint64_t lost;   /* bits of the latest SW_LOSS_WINDOW periods, newest lowest: 1 without usable pressures */
 } sw_fail_safe;
 
 typedef struct {
     uint8_t has_step;
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
-    uint32_t off_time; /* bit i: whether the step i steps before the latest was early or late */
+    uint32_t off_time; /* bit i is 1 if the step i steps before the latest step was early or late */
     int64_t step_ns;
     int64_t lag_ns;
     int64_t skipped;
@@ -255,7 +255,7 @@ typedef struct {
     uint8_t key[SW_AES_BYTES];
     uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
     uint64_t heard_pressure; /* last stored freshness value of a Pressure accepted in an earlier power cycle, or 0 */
-    uint64_t heard_speed;    /* same value for a VehicleSpeed; used only if the release needs the speed */
+    uint64_t heard_speed;    /* the same for a VehicleSpeed; used only if the release needs the speed */
 } sw_authentication;
 #endif
 

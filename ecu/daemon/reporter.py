@@ -53,9 +53,9 @@ class Reporter:
     control loop sets the counters after each step.
 
     Args:
-        write: writes one line of the log; may raise OSError or ValueError, which loses that line.
+        write: writes one line of the log; if it raises OSError or ValueError, the line is lost.
         bundle: name of the release in the file of counters, `metrics`.
-        keep: called with the counters once an interval to store freshness values; may raise StillwakeError.
+        keep: stores freshness values; called once an interval, with the counters; may raise StillwakeError.
     """
 
     def __init__(

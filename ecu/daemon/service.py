@@ -15,7 +15,7 @@ from ecu.real_time import clock
 from ecu.real_time.stage_times import TimedController
 
 WARM_UP_STEPS: Final = 50
-"""Number of warm-up steps of the controller on zeros, and of the ECU without frames: half a second together."""
+"""Number of warm-up steps of the controller on zeros, and of the ECU without frames. They take half a second."""
 
 
 def serve(

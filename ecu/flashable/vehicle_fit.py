@@ -1,4 +1,4 @@
-"""The check, before a boot and before a confirmation, that a release is for this vehicle and runs on this computer.
+"""The check that a release is for this vehicle and runs on this computer, done before each boot and confirmation.
 
 All other checks of the release are done before this one. The self-test shows that controller and estimator run.
 """

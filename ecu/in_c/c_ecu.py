@@ -36,7 +36,7 @@ _ESTIMATOR: Final = "sw_estimator_settings.h"
 
 
 class CEcuState(NeverCopied):
-    """Access to the state, the trace and the calibration of an ECU in C, on any machine that runs the ECU.
+    """A view of the state, the trace and the calibration of an ECU in C, on any machine that runs the ECU.
 
     Args:
         ecu: pointer to the ECU's `sw_ecu`, or to a copy of it in this machine's memory.
@@ -104,7 +104,7 @@ class CEcu(CEcuState):
 
     Attributes:
         description: compiler and flags of the control step, in words.
-        lib, ecu: the loaded library with its own functions (`Structs.ffi`), and the `sw_ecu` without its workspace.
+        lib, ecu: the loaded library, with the types of `Structs.ffi`, and its `sw_ecu`, as declared in `Structs.ffi`.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class CEcu(CEcuState):
 
 
 def _why(error: Exception) -> str:
-    """Return the cause in one line; cffi's own message has the file twice and every path that was searched."""
+    """Return the cause in one line: cffi's own message states the file twice, and every path that it searched."""
     symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 

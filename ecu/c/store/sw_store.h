@@ -44,7 +44,7 @@ typedef enum {
     SW_PHASE_FILLING = 1,   /* the image is announced; its first `received` bytes are stored */
     SW_PHASE_CHECKED = 2,   /* the image is complete and valid */
     SW_PHASE_TRIAL = 3,     /* the image boots from the next reset on, boots_left times */
-    SW_PHASE_CONFIRMED = 4, /* the running release, or the last confirmed release before it */
+    SW_PHASE_CONFIRMED = 4, /* the image was confirmed: its release runs now, or ran before the running release */
     SW_PHASE_BAD = 5        /* the image is never booted */
 } sw_phase;
 
