@@ -98,8 +98,8 @@ class ControllerMemory(ArrayValue):
         rows: number of rows with data, 0 to L; these are the last rows of the window.
         gap: number of consecutive periods without pressures.
         plan: (H,) plan for H steps, as computed by the controller; zeros without a plan.
-        under_way: sent actions; the first takes effect now, the others in the following periods, during the actuator's
-            delay.
+        under_way: sent actions, which the actuator delays: the first takes effect now, the others in the following
+            periods.
         past: rows from which the window of a release with a range of speeds is interpolated; None for other releases.
     """
 
@@ -174,8 +174,8 @@ class ControllerMemory(ArrayValue):
     def with_delay(self, delay: int) -> "ControllerMemory":
         """Return the memory for another delay of the actuator, less than the horizon; call this between two periods.
 
-        The latest `delay` of the sent actions are under way, and each row of the window gets the action that would have
-        been in force with the new delay; for actions older than the window, the action of its oldest row is used. The
+        The latest `delay` of the sent actions are then under way. Each row of the window gets the action that would
+        have been in force with the new delay; if this action is older than the window, the oldest row's action. The
         plan is shifted, so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)

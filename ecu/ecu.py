@@ -1,7 +1,7 @@
 """The ECU: a function of state, time and received frames, without clock, socket or thread.
 
 Once a control period the ECU does the end-to-end check of the pressure frames, updates the fail-safe, extends the
-window (`ecu.controller_memory`), plans, and sends the plan's first action that was not sent before, limited by the
+window (`ecu.controller_memory`) and plans. It sends the plan's first action that was not sent before, limited by the
 command gate. Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
 """
 
@@ -45,8 +45,8 @@ class StepOutcome(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """The request to the command gate in one period: the memory with or without a plan; the action in U_inf W; the
-    predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and the reason if a needed action is missing."""
+    """The request to the command gate in one period: the memory with or without a plan, the action in U_inf W, and the
+    predicted (Cd, Cl) over the H steps of the horizon, (H, 2). If a needed action is missing, it has the reason."""
 
     memory: ControllerMemory
     action: float

@@ -1,4 +1,4 @@
-"""The state of an ECU as one value. An equal ECU continues from it with the same results, bit for bit."""
+"""The state of an ECU as one value. An equal ECU continues from this value with the same results, bit for bit."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -38,7 +38,7 @@ class EcuState:
 
     Attributes:
         memory: window, plan and sent actions not yet in force.
-        pressures, verifier: states of the receiver of the Pressure message and of its authentication.
+        pressures, verifier: states of the Pressure message's receiver and authentication.
         commands, statuses: states of the senders of JetCommand and EcuStatus.
         pressure_ns: sampling time of the latest usable pressures, in ns; None before the first.
         pressure_counter: counter of the frame with these pressures; None before the first.

@@ -245,8 +245,8 @@ class FailSafe:
     Attributes:
         misses: number of consecutive periods without usable pressures.
         good: number of consecutive periods with usable pressures, since the latest fault of the ECU itself.
-        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the lowest
-            bit for the newest: 1 for a period without usable pressures.
+        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed: 1 for a
+            period without usable pressures. The lowest bit is for the newest period.
         reason: reason why the ECU is not in control; constant during a fault.
         enable_request: latest enable request of the vehicle. It counts as high before the first request, and when a
             fault begins, unless the frame of that period states that it is low.
@@ -274,7 +274,7 @@ class FailSafe:
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
-            # As after power-on, the ECU must receive a low request first: a rise that it missed ends no fault.
+            # As after power-on, the request must first be low: a rise that the ECU missed must not end the fault.
             request = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request

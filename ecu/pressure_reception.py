@@ -1,4 +1,4 @@
-"""Conversion of a control period's frames to pressures that the controller may use, or to the reason why there are
+"""The conversion of a control period's frames to pressures that the controller may use, or to the reason why there are
 none.
 
 The checks are, in this order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
@@ -49,7 +49,7 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PressureReception:
-    """The reception of pressure frames, with dynamic pressure (Pa, at design speed) and largest usable age (ns)."""
+    """The reception of pressure frames, with the dynamic pressure at design speed in Pa, and the largest age in ns."""
 
     message: Message[Pressure]
     key: Key | None
@@ -66,8 +66,8 @@ class PressureReception:
         receiver: ReceiverState,
         dynamic_pressure: float | None,
     ) -> Received:
-        """Return the newest trusted pressures of a period, or the reason why there are none. `dynamic_pressure`, in Pa
-        (Cp = 1), is for the present speed; None without a speed."""
+        """Return the newest trusted pressures of a period, or the reason why there are none. `dynamic_pressure` is the
+        pressure in Pa of Cp = 1 at the present speed; None if no speed is in force."""
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(receiver, frames, spec=spec, config=self.e2e)

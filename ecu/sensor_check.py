@@ -183,7 +183,7 @@ class SensorCheck:
         Args:
             window: (L, S + 1) the controller's window, with this period's row.
             rows: number of rows of the window that have data.
-            cp: (S,) pressures of this period; None if there are none, and then no sensor is judged.
+            cp: (S,) pressures of this period; None if there are none. No sensor is then judged.
             reading: (S,) pressures scaled with the design speed instead of the present speed; `cp` by default.
             skipped: number of skipped periods before the present period; the window has a row for each of them.
         """

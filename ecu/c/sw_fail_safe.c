@@ -17,11 +17,11 @@ typedef enum {
     LOW_AND_USABLE, /* usable pressures, and the request is low */
     STANDING,       /* usable pressures, and the request has not changed from low to high */
     INVALID,        /* the stream is not trusted */
-    TOO_LONG,       /* more consecutive periods missing than hold and decay periods */
-    TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods missing, including this period */
+    TOO_LONG,       /* more consecutive periods are missing than hold and decay periods together */
+    TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods are missing, including this period */
     FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
     USABLE,         /* usable pressures */
-    SHORT           /* no more consecutive periods missing than hold periods */
+    SHORT           /* at most as many consecutive periods are missing as hold periods */
 } condition;
 
 typedef enum {

@@ -81,7 +81,7 @@ void sw_memory_commanded(sw_memory *memory, double action)
     memory->under_way[frozen] = action;
 }
 
-/* Sent actions do not change, but they take effect at another time: the latest actions are in transit, and a row of the
+/* Sent actions do not change, but they take effect at another time. The latest actions are in transit. Each row of the
  * window has the action that was in force under the new delay. If a row would need an action older than the oldest
  * row's action, it gets the oldest row's action. The plan is shifted so that its action for the next period does not
  * change. In a release for a range of speeds, a changed delay empties the window.

@@ -102,7 +102,7 @@ class Connection:
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus accepted all. Frames of two threads may alternate."""
+        """Send frames; return whether the bus accepted all. If two threads send, their frames may alternate."""
         sent = True
         for frame in frames:
             with self._sending:

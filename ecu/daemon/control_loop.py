@@ -158,13 +158,13 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Return the counter in a pressure frame's E2E header; NOTHING if the frame has not the message's length."""
+        """Return the counter in a pressure frame's E2E header; NOTHING if the frame's length is wrong."""
         if len(frame.data) != self._pressure.length:
             return NOTHING
         return profile_of(self._pressure).counter_of(frame.data)
 
     def _note(self, stages: StageTimes, frames: Sequence[Frame], *times_ns: int) -> None:
-        """Store this period's times: deadline, waking, start and end of the step, and the time when all was sent."""
+        """Store this period's times: deadline, waking, start and end of the step, and end of sending."""
         due_ns, woke_ns, began_ns, ended_ns, sent_ns = times_ns
         usage = _usage()
         since = [now - before for now, before in zip(usage, self._usage, strict=True)]

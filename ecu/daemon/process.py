@@ -135,7 +135,7 @@ def run(
             freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
 
     with ExitStack() as stack:
-        # The log's thread starts before the process takes its privileges, so that they do not apply to this thread.
+        # The log's thread starts before the process takes its privileges, so that the thread does not get them.
         kept = stack.enter_context(live_log(options.frames))
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())

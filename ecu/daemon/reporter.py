@@ -29,7 +29,7 @@ class DatedEvent(NamedTuple):
 
 
 def plain(event: DatedEvent) -> str:
-    """Return a line of text: `12:34:56.789 ecu: bus lost: ...`, UTC."""
+    """Return a line of text with the time in UTC: `12:34:56.789 ecu: bus lost: ...`."""
     text = " ".join(event.text.split())
     return f"{_moment(event):%H:%M:%S}.{event.date_ns // 1_000_000 % 1000:03d} ecu: {text}"
 
@@ -55,7 +55,7 @@ class Reporter:
     Args:
         write: writes one line of the log; if it raises OSError or ValueError, the line is lost.
         bundle: name of the release in the file of counters, `metrics`.
-        keep: stores freshness values; called once an interval, with the counters; may raise StillwakeError.
+        keep: stores freshness values, and may raise StillwakeError. It is called with the counters once an interval.
     """
 
     def __init__(

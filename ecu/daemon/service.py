@@ -30,8 +30,8 @@ def serve(
     calibration: Calibration | None = None,
 ) -> Counters:
     """Run the ECU on a real bus until it is stopped. Its last frames shut the jets, whatever the cause of the end.
-    `signature` says who signed the release; `calibration` holds from the first step on. Raises StillwakeError if the
-    release does not fit the vehicle, the bus cannot be opened, or a file cannot be written."""
+    `signature` says who signed the release; `calibration` is in force from the first step on. Raises StillwakeError
+    if the release does not fit the vehicle, the bus cannot be opened, or a file cannot be written."""
     check_vehicle(release, config)
     check(config, options)
     freshness, authentication = authentication_of(config, options)

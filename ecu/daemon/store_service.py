@@ -2,7 +2,7 @@
 slow disks and long checks do not delay a control period.
 
 The thread processes the frames of diagnosis, does one part of a long operation, and sends the frames that are due.
-During a long operation it does so every ms. It also boots after a reset; the control loop then runs the new release.
+During a long operation it repeats this every ms. After a reset it boots a release, which the control loop then runs.
 """
 
 import secrets
@@ -84,7 +84,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s that the control, once awake, waits for another thread; Python's default is 5 ms."""
+"""Longest time in s that the control's thread waits for another thread after it wakes; Python's default is 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float

@@ -26,11 +26,11 @@ from ecu.stepped import CalibratedEcu
 
 
 class FlashableEcu:
-    """A `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError if only one of `bus.key` and
+    """An `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError if only one of `bus.key` and
     `authentication` is given.
 
     Args:
-        boot_ns: time in ns for which the ECU is silent after a reset, without the time of the boot itself.
+        boot_ns: time in ns for which the ECU is silent after a reset, not including the time of the boot itself.
         serviced_apart: whether `step` is only a control period, and another thread calls `service`.
 
     Attributes:

@@ -97,7 +97,7 @@ class CEcu(CEcuState):
     is no compiler, if the compiler rejects the files, or if the files contain no ECU.
 
     Args:
-        sources: the library's files by name, including `sw_ecu_settings.h`, some perhaps replaced or added.
+        sources: the library's files by name, including `sw_ecu_settings.h`. A caller may replace or add files.
         compiler: command that compiles C; None finds a compiler on this machine.
         library: file in which to store the compiled library; None uses a temporary file.
         secret: the bytes of the key if `bus.key` is set; the ECU is then in its first power cycle.

@@ -165,7 +165,7 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
         "pairs": np.array([[0, 0]] if check is None else check.pairs, np.uint8),
     }
     ends = members["base"].nbytes + members["pairs"].nbytes + members["weights"].nbytes + 4
-    # Compilers pad a struct to different sizes, so the padding is a member of its own.
+    # Compilers pad a struct to different sizes, so the padding is a separate member.
     return Numbers(struct="sw_release", members={**members, "reserved": np.zeros(8 - ends % 8, np.uint8)})
 
 

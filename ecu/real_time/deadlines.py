@@ -51,7 +51,7 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Move the deadline the shorter way to the phase of `target_ns`, by at most a period / LARGEST_SLEW."""
+        """Return the deadline moved to the phase of `target_ns`, the shorter way, by at most period / LARGEST_SLEW."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))

@@ -19,7 +19,7 @@
 #define SW_BOARD_CAN 0x4000a000u     /* registers of M_CAN */
 #define SW_BOARD_CAN_RAM 0x4000ac00u /* message RAM of M_CAN */
 #define SW_BOARD_CAN_INTERRUPT 19u   /* interrupt number of M_CAN's line 0; the interrupt only ends the core's sleep */
-#define SW_BOARD_TIMER_INTERRUPT 30u /* interrupt number of the counter's compare; it only ends the core's sleep */
+#define SW_BOARD_TIMER_INTERRUPT 30u /* interrupt number of the counter's compare value; it only ends sleep */
 #define SW_BOARD_CAN_NS 2000u        /* resolution of receive time stamps: one nominal bit */
 /* The clock of M_CAN is 80 MHz. A nominal bit has 160 quanta (500 kbit/s) and is sampled at 80 %; a data bit has 40
  * quanta (2 Mbit/s) and is sampled at 75 %.

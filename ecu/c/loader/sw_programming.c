@@ -22,7 +22,7 @@ uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *val
     sw_sha256_of(value, length, digest);
     const int is_again = programming->has_keys && sw_bytes_equal(digest, programming->keys_digest, sizeof digest);
     if (is_again) return SW_UDS_DONE;
-    /* Verifying a signature takes a large part of a control period, so it is refused while control is requested. */
+    /* Verifying a signature takes a large part of a control period, so a list is refused while control is requested. */
     uint8_t code = sw_request_refusal(programming->request);
     if (code == 0u) code = sw_store_refusal(sw_store_take_keys(programming->store, value, length));
     if (code == SW_UDS_DONE) {

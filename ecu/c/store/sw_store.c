@@ -149,7 +149,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* The changed state is stored before the erasure, and counts only the bytes that stay. */
+    /* The changed state is stored before the erasure. It counts only the bytes that are not erased. */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;

@@ -171,7 +171,7 @@ uint8_t sw_store_failed_attempts(const sw_store *store, uint8_t level);
 sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, uint32_t count);
 
 /* Read and store the record of the fault memory, of at most SW_MAX_RECORD bytes. sw_store_faults copies the record into
- * `room` bytes and returns its length; 0 if there is no record or it does not fit. Errors: OUT_OF_RANGE, BAD_MEMORY.
+ * `room` bytes and returns its length, or 0 if no record exists or fits. Errors: OUT_OF_RANGE, BAD_MEMORY.
  */
 uint32_t sw_store_faults(const sw_store *store, uint8_t *data, uint32_t room);
 sw_store_result sw_store_keep_faults(sw_store *store, const uint8_t *data, uint32_t length);

@@ -212,7 +212,7 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     case STATUS_OPERATION: return bytes == 1;
     case WAKEUP: return bytes == 0;
     case CONFIGURATION: return bytes >= 2;
-    case FORMAT_ERROR: return 1; /* a format error gets no answer: two nodes could answer each other for ever */
+    case FORMAT_ERROR: return 1; /* a format error gets no answer, so that two nodes never answer each other */
     default: return 0;
     }
 }
