@@ -150,7 +150,7 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 
 void sw_past_empty(sw_past *past);
 
-/* Resamples the window at equal distances travelled. Returns the number of its rows that have data. */
+/* Resamples the window at equal distances travelled. Returns the number of the window's rows with data. */
 uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last);
 #endif
 

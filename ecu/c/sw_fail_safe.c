@@ -21,7 +21,7 @@ typedef enum {
     TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods are missing, including this period */
     FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
     USABLE,         /* usable pressures */
-    SHORT           /* at most as many consecutive periods are missing as hold periods */
+    SHORT           /* no more consecutive periods are missing than hold periods */
 } condition;
 
 typedef enum {

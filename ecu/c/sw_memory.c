@@ -2,7 +2,7 @@
  *
  * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
  * sampled. In a release for a range of speeds the window is resampled from a record of past periods. Pressures, actions
- * and plan are then made dimensionless with the present speed; sent actions and actions in transit, with the design
+ * and plan are then made dimensionless with the present speed, but sent actions and actions in transit with the design
  * speed. This file corresponds to ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"

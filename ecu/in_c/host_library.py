@@ -170,8 +170,8 @@ def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> st
         raise LibraryError(f"library {folder}: {error}") from error
     if program != manifest.program_sha256:
         raise LibraryError(
-            f"library {folder}: it computes program {program[:12]}, bundle {manifest.name!r} has program "
-            f"{manifest.program_sha256[:12]}: a single `stillwake export --c` writes both"
+            f"library {folder}: it computes program {program[:12]}, but bundle {manifest.name!r} has program "
+            f"{manifest.program_sha256[:12]}; one `stillwake export --c` must write both"
         )
     expected = [manifest.window, manifest.mpc.horizon, " ".join(manifest.sensors), len(manifest.sensors)]
     if sizes != [str(size) for size in expected]:

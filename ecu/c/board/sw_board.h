@@ -45,7 +45,7 @@ void sw_board_alive(void);
 /* Returns the time since power-on, in ns. */
 int64_t sw_board_now_ns(void);
 
-/* Sleeps until a frame arrives or until until_ns; the function may also return earlier. */
+/* Sleeps until a frame arrives or the time until_ns is reached; the function may also return earlier. */
 void sw_board_sleep(int64_t until_ns);
 
 /* The driver of the flash's second bank. */

@@ -161,7 +161,7 @@ static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length,
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
-/* Handles security access. An odd sub-function requests a level's seed; the next even number sends the answer. */
+/* Handles security access. An odd sub-function requests a level's seed; the next even one has the tester's answer. */
 static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
@@ -235,7 +235,7 @@ static uint8_t download(sw_services *services, const uint8_t *body, uint32_t len
     } else if (transfer->has_last || transfer->offset != offset || transfer->length != bytes) {
         return SW_NRC_CONDITIONS_NOT_CORRECT;
     } else {
-        /* A request repeated before the first block has arrived is acknowledged. */
+        /* If the request is repeated before the first block has arrived, it is acknowledged. */
     }
     sw_answer_byte(answer, TWO_BYTES);
     sw_answer_number(answer, SW_MAX_BLOCK, 2);

@@ -118,7 +118,7 @@ void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules
 /* Chooses an image and checks it completely; a boot on trial is counted first. One or two images are checked. */
 void sw_store_boot(sw_store *store);
 
-/* Returns the booted image's address in the flash, or NULL. It is valid until the image's slot is announced again. */
+/* Returns the booted image's address in the flash, or NULL. This address is valid until the slot is announced again. */
 const uint8_t *sw_store_image(const sw_store *store);
 
 /* Copies the first `length` bytes of the booted image. Returns 1 if the bytes cannot be read. */
