@@ -1,18 +1,17 @@
 """The check whether control helps: it compares the pressures under control with the pressures while the jets were shut.
 
 A controller made for another speed, another body or another delay can raise the drag although every frame and every
-pressure is valid. Two quantities show this, each averaged over two shedding cycles: the suction on the base, which
-falls where control helps, and the pressure difference between mirrored sensors, which grows where control only deflects
-the wake. The values without control are measured on the vehicle itself, whenever the jets have been shut for long
-enough. The speed, and with it the wake, may have changed since that measurement, so the pressures of each period are
-divided by the values of the release's own wake without jets at the speed of that period. After power-on the vehicle's
-measurement cannot be trusted yet: it is unknown how long the jets had been shut, and a reset under control leaves a
-calmed wake. Until the vehicle has measured for long enough, the check uses the larger of the measured value and the
-release's value.
+pressure is valid. Two quantities, averaged over two shedding cycles, show this. The suction on the base falls where
+control helps. The pressure difference between mirrored sensors grows where control only deflects the wake. The values
+without control are measured on the vehicle itself, whenever the jets have been shut for long enough. The speed, and
+with it the wake, may have changed since that measurement. So the values of each period are divided by the values of the
+release's own wake without jets at the speed of that period. After power-on the vehicle's measurement cannot be trusted
+yet: it is unknown how long the jets had been shut, and a reset under control leaves a calmed wake. Until the vehicle
+has measured for long enough, the check uses the larger of the measured value and the release's value.
 
-If control does not help for a shedding cycle, this is only a suspicion, because the comparison is with an earlier time,
-and the speed may be wrong. So the ECU begins a test: it shuts the jets and measures the wake without control at this
-speed. Control continues if that wake is worse, or if the speed changes. Otherwise the fault latches when the tests
+If control does not help for a shedding cycle, the check only suspects a fault, because it compares with an earlier
+time, and the speed may be wrong. So the ECU begins a test: it shuts the jets and measures the wake without control at
+this speed. Control continues if that wake is worse, or if the speed changes. Otherwise the fault latches when the tests
 together have taken `BenefitCheck.patience` periods. A new request for control ends the fault.
 """
 
@@ -37,7 +36,7 @@ PATIENCE: Final = 6
 """Total duration of the tests after which the fault latches, as a multiple of `wake_periods`. With the default settings
 the jets are shut for 18 s in these tests; in this time the vehicle may leave a speed at which control does harm."""
 UNSTATED: Final = ((1.0, -1e-3, 1e-3),)
-"""`BenefitCheck.resting` in Cp if a release states none: smaller than in any wake, so that measured values are used."""
+"""`BenefitCheck.resting` of a release that states none: values in Cp that are too small to replace measured values."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,15 +45,15 @@ class BenefitCheckState:
     the pressure differences between mirrored sensors.
 
     Attributes:
-        waking: periods for which the jets must still be shut until the wake has recovered from control.
+        waking: number of periods with shut jets that the wake still needs to recover from control.
         rested: number of periods in the means without control, up to `BenefitCheck.proven`.
         resting_suction, resting_swing: mean suction on the base and mean swing without control, divided by the values
             of the release's own wake without jets.
         driven: number of periods in the means under control, up to `ecu.benefit_check.first_period`.
         suction, swing: the same means under control.
-        doubt: number of periods in which control did not help minus the number in which it helped, at least 0.
-        tested_at: ratio of the speed at which the present test began to the design speed; 0 if there is no test.
-        spent: periods in tests minus those in which control helped, 0 to `BenefitCheck.patience`.
+        doubt: number of periods in which control did not help minus number of periods in which it helped, at least 0.
+        tested_at: speed at which the present test began, divided by the design speed; 0 if there is no test.
+        spent: number of periods in tests minus number of periods in which control helped, 0 to `BenefitCheck.patience`.
     """
 
     waking: int = 0
@@ -70,7 +69,7 @@ class BenefitCheckState:
 
     @property
     def tests(self) -> bool:
-        """Whether a test is in progress, for which the jets must be shut."""
+        """Whether a test is in progress; the jets must then be shut."""
         return self.tested_at > 0.0
 
 
@@ -85,8 +84,8 @@ class BenefitCheck:
     Attributes:
         base: (B,) indices of the release's B sensors on the base.
         pairs: (P, 2) indices of the P pairs of mirrored sensors.
-        resting: (K, 3) the release's wake without jets at K rising speeds, one row for each speed: the speed in design
-            speeds, the mean base pressure (below zero) in Cp, and the swing in Cp (see `BenefitCheckState`).
+        resting: (K, 3) the release's wake without jets at K rising speeds. Each row has the speed in design speeds, the
+            mean base pressure (below zero) in Cp, and the swing in Cp (see `BenefitCheckState`).
     """
 
     base: tuple[int, ...]
@@ -157,7 +156,7 @@ class BenefitCheck:
     def _tested(
         self, state: BenefitCheckState, cp: Array | None, speed: float
     ) -> tuple[BenefitCheckState, Reason | None]:
-        """Compute `next` in a test, whose means cover more cycles: a wrong result would resume harmful control."""
+        """Compute `next` in a test. Its means cover more cycles, since a wrong result would resume harmful control."""
         if cp is None:
             return state, None
         config = self.config
@@ -193,7 +192,7 @@ class BenefitCheck:
         )
 
     def _measured(self, cp: Array, speed: float) -> tuple[float, float]:
-        """Return suction and swing, divided by those of the release's wake at this speed. The sums are as in C."""
+        """Return suction and swing, divided by the release's values without jets at this speed. C uses this order."""
         base = swing = 0.0
         for place in self.base:
             base += float(cp[place])

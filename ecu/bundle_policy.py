@@ -32,7 +32,7 @@ class BundlePolicy:
         return _packed(ControllerMemory.empty(length=length, sensors=columns - 1, horizon=self._horizon, delay=0))
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Return command and new memory. Raises ControllerError if the controller fails or answers no finite number."""
+        """Return command and new memory. Raises ControllerError if the controller fails or its answer is not finite."""
         before = ControllerMemory(
             window=memory[1 : -self._horizon].reshape(self._shape),
             rows=int(memory[0]),

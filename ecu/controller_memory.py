@@ -98,8 +98,8 @@ class ControllerMemory(ArrayValue):
         rows: number of rows with data, 0 to L; these are the last rows of the window.
         gap: number of consecutive periods without pressures.
         plan: (H,) plan for H steps, as computed by the controller; zeros without a plan.
-        under_way: sent actions; the first takes effect now, the others in the following periods, during the actuator's
-            delay.
+        under_way: sent actions, which the actuator delays: the first takes effect now, the others in the following
+            periods.
         past: rows from which the window of a release with a range of speeds is interpolated; None for other releases.
     """
 
@@ -112,8 +112,8 @@ class ControllerMemory(ArrayValue):
 
     @staticmethod
     def empty(*, length: int, sensors: int, horizon: int, delay: int, past: int = 0) -> "ControllerMemory":
-        """Return a memory without rows, with a plan of zeros and no jet action: L = `length`, S = `sensors`, H =
-        `horizon`, N = `past` for a release with a range of speeds, otherwise 0; `delay` in control periods."""
+        """Return a memory without rows, with a plan of zeros and no jet action. The sizes are L = `length`, S =
+        `sensors`, H = `horizon` and N = `past`: 0 without a range of speeds. `delay` is in control periods."""
         return ControllerMemory(
             window=np.zeros((length, sensors + 1)),
             rows=0,
@@ -139,7 +139,7 @@ class ControllerMemory(ArrayValue):
         return 1.0 if self.past is None or not self.past.count else float(self.past.speeds[-1])
 
     def observed(self, cp: Array, speed: float = 1.0) -> "ControllerMemory":
-        """Return the memory with this period's row: pressures `cp`, (S,), at a ratio of the design speed."""
+        """Return the memory with this period's row: pressures `cp`, (S,), at `speed`, a ratio to the design speed."""
         return self._extended(cp, speed, gap=0)
 
     def bridged(self, longest_gap: int) -> "ControllerMemory":
@@ -157,7 +157,7 @@ class ControllerMemory(ArrayValue):
         return replace(self, window=np.zeros_like(self.window), rows=0, past=past)
 
     def with_column(self, sensor: int, values: Array) -> "ControllerMemory":
-        """Return the memory with new pressures of one sensor, (L,), or (N,) with a past, in the rows with data."""
+        """Replace one sensor's pressures in the rows with data; `values` is (L,), or (N,) in a memory with a past."""
         rows = self.window if self.past is None else self.past.rows
         count = self.rows if self.past is None else self.past.count
         changed, first = rows.copy(), len(rows) - count
@@ -174,14 +174,14 @@ class ControllerMemory(ArrayValue):
     def with_delay(self, delay: int) -> "ControllerMemory":
         """Return the memory for another delay of the actuator, less than the horizon; call this between two periods.
 
-        The latest `delay` of the sent actions are under way, and each row of the window gets the action that would have
-        been in force with the new delay; for actions older than the window, the action of its oldest row is used. The
+        The latest `delay` of the sent actions are then under way. Each row of the window gets the action that would
+        have been in force with the new delay; if this action is older than the window, the oldest row's action. The
         plan is shifted, so that its action for the next period stays. `past` loses its rows.
         """
         later = delay - len(self.under_way.pending)
         if not later:
             return self
-        # The actions in the window's rows and those in the delay line together are all sent actions, without a gap.
+        # The actions in the window's rows and in the delay line are one series of sent actions, without a gap.
         sent = np.concatenate([self.window[:, -1], self.under_way.values])
         length, first = len(self.window), len(self.window) - self.rows
         in_force = sent[np.maximum(np.arange(length) - later, 0)]
@@ -204,9 +204,9 @@ class ControllerMemory(ArrayValue):
     def planned(
         self, controller: Controller, weights: Array | None = None, limit: float | None = None
     ) -> tuple["ControllerMemory", ControlStep]:
-        """Do one control step on a full window, with weights (8,) in the order of `CostWeights` and a bound on |a| in
-        U_inf W at any speed; by default those of the graph. Raises ControllerError if the controller fails in any way,
-        or its answer is not a control step of this horizon with finite numbers."""
+        """Do one control step on a full window. `weights`, (8,), are in the order of `CostWeights`; `limit` bounds |a|,
+        in units of the design speed. The defaults are the graph's values. Raises ControllerError if the controller
+        fails in any way, or if its answer is not a control step of this horizon with finite numbers."""
         pending = self.under_way.pending
         plan, free = self.plan.copy(), np.ones(len(self.plan))
         # The graph shifts the plan by one step. The first actions of the shifted plan must be the actions that were

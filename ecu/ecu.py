@@ -1,8 +1,8 @@
 """The ECU: a function of state, time and received frames, without clock, socket or thread.
 
 Once a control period the ECU does the end-to-end check of the pressure frames, updates the fail-safe, extends the
-window (`ecu.controller_memory`), plans, and sends the plan's first action that was not sent before, limited by the
-command gate. Neither frames, nor the time, nor the controller's answer can make it raise an exception.
+window (`ecu.controller_memory`) and plans. It sends the plan's first action that was not sent before, limited by the
+command gate. Neither frames, nor the time, nor the controller's answer can make the ECU raise an exception.
 """
 
 from collections.abc import Sequence
@@ -45,8 +45,8 @@ class StepOutcome(NamedTuple):
 
 
 class _Decision(NamedTuple):
-    """The request to the command gate in one period: the memory with or without a plan; the action in U_inf W; the
-    predicted (Cd, Cl) over the H steps of the horizon, (H, 2); and the reason if a needed action is missing."""
+    """The request to the command gate in one period: the memory with or without a plan, the action in U_inf W, and the
+    predicted (Cd, Cl) over the H steps of the horizon, (H, 2). If a needed action is missing, it has the reason."""
 
     memory: ControllerMemory
     action: float
@@ -60,7 +60,7 @@ class Ecu:
     bus carries; ConfigError if only one of `bus.key` and `authentication` is given.
 
     Attributes:
-        calibration: the calibrated values in force; at power-on those of the release and the vehicle.
+        calibration: the calibrated values in force; at power-on, the values of the release and the vehicle.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class Ecu:
         """Do one control period. Returns a JetCommand and an EcuStatus.
 
         Args:
-            now_ns: time of the step, in ns in the clock of the frames' timestamps.
+            now_ns: time of the step in ns, on the same clock as the frames' timestamps.
             frames: all frames received since the last step, oldest first.
             health: health of the CAN controller, for the status.
         """
@@ -301,12 +301,12 @@ class Ecu:
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:
-    """Return BUS_OFF during bus-off and in the first step after it, because no node received the frames."""
+    """Return BUS_OFF during bus-off and in the first step after it, because no node received the last frames."""
     return Reason.BUS_OFF if now.state is BusState.BUS_OFF or now.bus_off > before.bus_off else None
 
 
 def _told_by_the_gate(fail_safe: FailSafe, passed: GatedCommand) -> FailSafe:
-    """Return the fail-safe after the command gate; if the gate shut the jets, with the reason to send on the bus."""
+    """Return the fail-safe after the command gate. If the gate shut the jets, its `reason` states why."""
     if Intervention.NOT_FINITE in passed.interventions:
         return fail_safe.latch(Reason.INTERNAL)
     if Intervention.STALE in passed.interventions:

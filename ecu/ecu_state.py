@@ -1,4 +1,4 @@
-"""The state of an ECU as one value. An equal ECU continues from it with the same results, bit for bit."""
+"""The state of an ECU as one value. An equal ECU continues from this value with the same results, bit for bit."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -25,8 +25,8 @@ from ecu.timing import StepTiming
 
 
 class Surroundings(TypedDict, total=False):
-    """External conditions of an ECU in a control period: a reason for which it must switch itself off, and whether a
-    release is being written. In that case it switches itself off as soon as no jet may run, until a reset."""
+    """The external conditions of an ECU in a control period: a reason for which the ECU must switch itself off, and
+    whether a release is being written. If so, the ECU is off as soon as no jet may run, until a reset."""
 
     fault: Reason | None
     updating: bool
@@ -38,7 +38,7 @@ class EcuState:
 
     Attributes:
         memory: window, plan and sent actions not yet in force.
-        pressures, verifier: states of the receiver of the Pressure message and of its authentication.
+        pressures, verifier: states of the Pressure message's receiver and authentication.
         commands, statuses: states of the senders of JetCommand and EcuStatus.
         pressure_ns: sampling time of the latest usable pressures, in ns; None before the first.
         pressure_counter: counter of the frame with these pressures; None before the first.
@@ -134,8 +134,8 @@ def answers(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """Results of the latest step for observers: `action` was sent, in U_inf W; `forces` are the predicted (Cd, Cl) over
-    the H steps of the horizon, (H, 2), in units of the design speed, or None."""
+    """The results of the latest step, for observers. `action` was sent, in U_inf W. `forces` are the predicted (Cd, Cl)
+    over the H steps of the horizon, (H, 2), in units of the design speed, or None."""
 
     mode: Mode
     action: float

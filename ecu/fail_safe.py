@@ -3,7 +3,7 @@
 `TRANSITIONS` is examined from its first row on. A control step takes the first row that starts at the present state and
 whose condition is true in this step. `docs/reference/states.md` and its picture are made from the table.
 
-The limit on losses is that of (m, k)-firm control: at least m of any k consecutive periods must have usable pressures.
+The limit on losses follows (m, k)-firm control: at least m of any k consecutive periods must have usable pressures.
 With default settings, control ends when `loss_limit` = 25 of the last `loss_window` = 50 periods have no usable
 pressures, or when more than `hold_periods` + `decay_periods` = 3 consecutive periods have none.
 """
@@ -85,8 +85,8 @@ class PeriodInputs:
 
 
 class Period(NamedTuple):
-    """The data from which conditions are evaluated: the inputs of one period, the request as last received, whether it
-    rises, the counts of `FailSafe` with this period, and the reason that was reported before it."""
+    """The data from which conditions are evaluated: the inputs of one period, the latest request, whether the request
+    rises, the counts of `FailSafe` including this period, and the reason that was reported before this period."""
 
     inputs: PeriodInputs
     request: bool
@@ -177,7 +177,7 @@ SHORT: Final = Condition(
 
 @dataclass(frozen=True)
 class Transition:
-    """One row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
+    """A row of the table: if the mode is in `start` and the condition `when` is true, the next mode is `to`.
 
     Attributes:
         within: number of periods from the first period with the cause to the ECU's reaction, or a formula of settings.
@@ -245,8 +245,8 @@ class FailSafe:
     Attributes:
         misses: number of consecutive periods without usable pressures.
         good: number of consecutive periods with usable pressures, since the latest fault of the ECU itself.
-        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed, the lowest
-            bit for the newest: 1 for a period without usable pressures.
+        lost: one bit for each of the latest `loss_window` periods since control was requested or re-armed: 1 for a
+            period without usable pressures. The lowest bit is for the newest period.
         reason: reason why the ECU is not in control; constant during a fault.
         enable_request: latest enable request of the vehicle. It counts as high before the first request, and when a
             fault begins, unless the frame of that period states that it is low.
@@ -274,7 +274,7 @@ class FailSafe:
         period = Period(inputs, request, rises, misses, good, lost.bit_count(), config, self.reason)
         row = taken(self.mode, period)
         if row.to is OperatingMode.FAULT is not self.mode:
-            # As after power-on, the ECU must receive a low request first: a rise that it missed ends no fault.
+            # As after power-on, the request must first be low: a rise that the ECU missed must not end the fault.
             request = inputs.enable_request is not False
         return FailSafe(
             mode=row.to, misses=misses, good=good, lost=lost, reason=row.reason.of(period), enable_request=request

@@ -1,10 +1,10 @@
-"""Conversion of a control period's frames to pressures that the controller may use, or to the reason why there are
+"""The conversion of a control period's frames to pressures that the controller may use, or to the reason why there are
 none.
 
 The checks are, in this order: authentication, end-to-end check, content, age, the sensors' own diagnosis.
 
 Another ECU on the bus is also detected here. A node does not receive its own frames, so any ECU frame that it receives
-comes from another ECU. Two ECUs on one bus would both drive the jets, in turn. So an ECU keeps the jets shut until it
+comes from another ECU. Two ECUs on one bus would drive the jets alternately. So an ECU keeps the jets shut until it
 has received no frame of another ECU for `SILENCE_NS`. With a key only authentic frames count: a forged frame does not
 shut the jets, but a recorded authentic frame that is sent again does.
 """
@@ -49,7 +49,7 @@ class Received(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PressureReception:
-    """The reception of pressure frames, with dynamic pressure (Pa, at design speed) and largest usable age (ns)."""
+    """The reception of pressure frames, with the dynamic pressure at design speed in Pa, and the largest age in ns."""
 
     message: Message[Pressure]
     key: Key | None
@@ -66,8 +66,8 @@ class PressureReception:
         receiver: ReceiverState,
         dynamic_pressure: float | None,
     ) -> Received:
-        """Return the newest trusted pressures of a period, or the reason why there are none. `dynamic_pressure`, in Pa
-        (Cp = 1), is for the present speed; None without a speed."""
+        """Return the newest trusted pressures of a period, or the reason why there are none. `dynamic_pressure` is the
+        pressure in Pa of Cp = 1 at the present speed; None if no speed is in force."""
         spec = self.message.spec
         verifier, frames, none_authentic = verified(verifier, frames, spec=spec, key=self.key)
         receiver, reception = receive(receiver, frames, spec=spec, config=self.e2e)

@@ -6,21 +6,21 @@ frames are valid. A network of the bundle estimates each pressure from the windo
 hypotheses:
 
 * one sensor reads wrongly: its reading is far from the estimate by the other sensors, which agree with each other
-  without it. The sensor is set aside: until the ECU is restarted its estimate, which never depends on its reading, is
-  used instead of its reading;
+  without it. The sensor is set aside: until the ECU is restarted, an estimate replaces the reading, and no estimate
+  depends on the reading;
 * two sensors are exchanged: with their readings swapped, all sensors agree far better. The jets are shut, and the fault
   latches;
 * the pressures disagree, either over one shedding cycle or in the mean of two cycles, and neither of the other
   hypotheses explains the disagreement. The jets are shut, and the fault latches.
 
-Residuals are averaged over a few periods, which preserves slow changes and reduces noise. These averages are squared,
+Averages of the residuals over a few periods preserve slow changes and have less noise. These averages are squared,
 and the squares are averaged over a shedding cycle. Noise, unlike a sensor fault, changes from one period to the next.
 So the differences between consecutive residuals show how much noise remains in the averages, and the limits rise with
 this noise. Noise on all sensors, which the controller tolerates, is therefore no fault.
 
 If two sensors have nearly equal readings over a whole window, and the readings vary in this window, one sensor is a
-copy of the other, for example because of a broken multiplexer, and the jets are shut. A sensor whose reading never
-changes is stuck, if the other sensors show that there is a flow: on a vehicle at rest all pressures are constant.
+copy of the other, for example because of a broken multiplexer. Then the jets are shut. A sensor with a constant reading
+is stuck if the other sensors show that there is a flow: on a vehicle at rest all pressures are constant.
 """
 
 from dataclasses import dataclass, replace
@@ -63,7 +63,7 @@ DRIFT_ALLOWED: Final = 4.0
 slow means reaches 7, or 40 with one sensor left out."""
 
 ASIDE_ALLOWED: Final = 2.0
-"""Factor by which the permitted disagreement rises when a sensor is set aside, since two others estimate less
+"""Factor by which the permitted disagreement rises when a sensor is set aside, since two sensors estimate less
 accurately than three. Healthy sensors then disagree by up to 28, in a gust that the speed on the bus does not show."""
 
 
@@ -77,14 +77,14 @@ class EstimatorModel(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorCheckState(ArrayValue):
-    """The state after a control period. The arrays are read-only. S is the number of sensors; an array whose shape is
-    not given has one row for each of the S + P `Hypotheses`, where P is the number of pairs of sensors, and S columns.
+    """The state after a control period. The arrays are read-only. S is the number of sensors, P the number of pairs of
+    sensors. An array without a stated shape has S + P rows, one for each of the `Hypotheses`, and S columns.
 
     Attributes:
         residual: residual in Cp of the latest period in which the sensors were judged; NaN before the first.
         fast, slow: running means of the residual over few and over many periods.
         noise: running variance of the residual's change from one period to the next, in Cp^2.
-        score: running mean of the fast mean's square, over its variance for healthy sensors with this noise.
+        score: running mean of a ratio: the square of `fast`, divided by its mean for healthy sensors with this noise.
         readings: (S,) latest readings; NaN before the first.
         flat: (S,) number of consecutive periods with unchanged readings.
         estimates: (n, S) estimate of each sensor by all others in the n periods of the controller's window or past.
@@ -128,14 +128,14 @@ class SensorCheckState(ArrayValue):
 
 
 class ResidualLevels(NamedTuple):
-    """The levels of evidence for each hypothesis, from mean squares of residuals, relative to those of healthy sensors.
+    """The levels of evidence for each hypothesis: mean squares of residuals relative to values of healthy sensors.
 
     Attributes:
-        liar, bias: (S,) evidence, from the fast and from the slow means, that only this sensor reads wrongly.
+        liar, bias: (S,) evidence that only this sensor reads wrongly: `liar` from the fast means, `bias` from the slow.
         swap: (P,) evidence that the two sensors of this pair are exchanged.
         doubt: disagreement of the sensors in use, divided by `ASIDE_ALLOWED` if one sensor is set aside.
-        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`, without the sensor that is set aside; if
-            there is none, without the one whose omission makes the others agree best.
+        drift: disagreement of the slow means, divided by `DRIFT_ALLOWED`, without the sensor that is set aside. If no
+            sensor is set aside, the sensor whose omission makes the others agree best is left out.
     """
 
     liar: Array
@@ -151,7 +151,7 @@ class SensorCheck:
 
     Attributes:
         fast, slow: (S + P, S) rms in Cp of healthy sensors' mean residuals, for each hypothesis and sensor.
-        sound: mean rms in Cp of the fast means, for the hypotheses that leave the sensor itself out.
+        sound: mean of the sensors' rms in `fast`; each sensor's rms is taken from the row that leaves this sensor out.
     """
 
     estimator: EstimatorModel
@@ -183,7 +183,7 @@ class SensorCheck:
         Args:
             window: (L, S + 1) the controller's window, with this period's row.
             rows: number of rows of the window that have data.
-            cp: (S,) pressures of this period; None if there are none, and then no sensor is judged.
+            cp: (S,) pressures of this period; None if there are none. No sensor is then judged.
             reading: (S,) pressures scaled with the design speed instead of the present speed; `cp` by default.
             skipped: number of skipped periods before the present period; the window has a row for each of them.
         """
@@ -256,7 +256,7 @@ class SensorCheck:
         return bool((same & (np.ptp(window[:, one], axis=0) >= COPIED * self.sound)).any())
 
     def _verdict(self, state: SensorCheckState, window: Array, *, full: bool) -> dict[str, Any]:
-        """Return new values of `set_aside`, `doubt` and `implausible`; `full`: all rows of the window have data."""
+        """Return new values of `set_aside`, `doubt` and `implausible`; `full` states that the window is full."""
         config, levels = self.config, self.levels(state)
         flat = np.flatnonzero(state.flat >= config.flat_periods)
         others_flat = [j for j in flat if j != state.set_aside]
@@ -289,13 +289,13 @@ def sensor_check_of(bundle: Bundle, config: Config) -> SensorCheck | None:
 
 
 def _split(values: Array, sensors: int) -> tuple[Array, Array]:
-    """Return (S,) each sensor's value in the row that leaves it out, and (S,) the mean of the row's other values."""
+    """Return each sensor's value in the row that leaves it out, and the mean of this row's other values; both (S,)."""
     own = values[:sensors].diagonal()
     return own, (values[:sensors].sum(axis=1) - own) / (sensors - 1)
 
 
 def _with_swaps(table: Array) -> Array:
-    """Append a row for each of the P exchanged pairs, in which all others estimate each sensor: (S + P, S)."""
+    """Append P equal rows for the exchanged pairs, with the values of sensors estimated by all others: (S + P, S)."""
     return np.concatenate([table, np.tile(table.diagonal(), (len(pairs(len(table))), 1))])
 
 

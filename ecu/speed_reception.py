@@ -1,5 +1,5 @@
-"""Reception of the vehicle's speed through the air, with which pressures are converted to coefficients and actions to
-flow rates.
+"""The reception of the vehicle's speed through the air. This speed is used to convert pressures to coefficients, and
+actions to flow rates.
 
 A release with a range of speeds needs the vehicle's speed. The checks are, in this order: authentication, end-to-end
 check, age, plausibility. If a speed fails a check, the last accepted speed stays in force for a limited time, because a
@@ -31,8 +31,7 @@ class SpeedState:
 
     Attributes:
         ratio: ratio of the last accepted speed to the design speed; None if no speed is in force.
-        density: density of the air in kg/m3: as stated by the vehicle with this speed, otherwise that of the operating
-            point.
+        density: density of the air in kg/m3, from the frame with this speed, or else from the operating point.
         is_off: whether the speed has left the release's range by more than the margin and has not returned into the
             range.
     """
@@ -104,7 +103,7 @@ class SpeedReception:
         return round(self.config.oldest_ms * 1e6)
 
     def _believed(self, state: SpeedState, stated: VehicleSpeed, measured_ns: int, now_ns: int) -> SpeedState:
-        """Return the state with a new speed, unless the speed is old or too far from the last speed for any vehicle."""
+        """Return the state with a new speed, unless it is old, or no vehicle can change to it from the last speed."""
         if stated.speed_m_per_s is None or not 0 <= now_ns - measured_ns <= self._oldest_ns:
             return state
         if state.ratio is not None:

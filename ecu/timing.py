@@ -1,10 +1,10 @@
 """The check that the ECU's steps are on time. It detects periods that are left out, steps that are too early, and a
 clock that stops or goes back.
 
-The lateness of all steps is added up, so that many slightly late steps are detected as well as one very late step: when
-the sum reaches half a period, a period counts as left out. In every step the remaining sum is reduced by an eighth. So
-the sum never reaches half a period if a clock only runs a little slower or faster than the vehicle's clock, but reaches
-it if steps are repeatedly late by more than a sixteenth of a period.
+The lateness of all steps is added up, so that many slightly late steps are detected as well as one very late step. When
+the sum reaches half a period, a period counts as left out. In every step the remaining sum is reduced by an eighth. If
+a clock only runs a little slower or faster than the vehicle's clock, the sum therefore never reaches half a period. It
+reaches half a period if steps are repeatedly late by more than a sixteenth of a period.
 """
 
 from dataclasses import dataclass, replace

@@ -29,8 +29,8 @@ def random_program(
     that none is the identity.
 
     Args:
-        model: widths of the networks and length of the window; those of the paper if None.
-        mpc: settings of the optimiser; those of the paper if None.
+        model: widths of the networks and length of the window; None takes the paper's values.
+        mpc: settings of the optimiser; None takes the paper's values.
         prior_memory: number of rows that the prior reads; 0 for no prior. The prior has five units, which read the
             speed, the goal, and the sums of the sensor pairs.
     """

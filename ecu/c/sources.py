@@ -1,4 +1,4 @@
-"""The hand-written C sources of the ECU, its loader, its board and its FMUs, which are in this folder."""
+"""The hand-written C sources in this folder: the ECU, its loader, its board and its FMUs."""
 
 from collections.abc import Sequence
 from importlib.resources import files
@@ -21,8 +21,8 @@ def control_sources() -> dict[str, bytes]:
 
 
 def firmware_sources() -> dict[str, bytes]:
-    """Return the sources of the ECU around a control step, and in `board/` and `loader/` the firmware around the ECU,
-    without the generated `sw_ecu_settings.h` (`ecu.in_c.c_settings`)."""
+    """Return the sources of the ECU around a control step, and the firmware around the ECU in `board/` and `loader/`.
+    The generated `sw_ecu_settings.h` is not among them (`ecu.in_c.c_settings`)."""
     around = {f"board/{name}": text for name, text in sources_in("board").items()}
     return control_sources() | around | {f"loader/{name}": text for name, text in loader_sources().items()}
 
@@ -37,8 +37,8 @@ def loader_sources() -> dict[str, bytes]:
 
 
 def fmu_sources(*parts: str) -> dict[str, bytes]:
-    """Return the sources of the FMU around the ECU, with the folders `parts` of `fmu/`: `signals` or `bus`, and `fmi2`;
-    without the generated `sw_fmu_settings.h` (`firmware_sim.fmu.ecu_variables`)."""
+    """Return the sources of the FMU around the ECU, with the folders `parts` of `fmu/`: `signals` or `bus`, and `fmi2`.
+    The generated `sw_fmu_settings.h` is not among them (`firmware_sim.fmu.ecu_variables`)."""
     return sources_in("fmu") | _in_parts(parts)
 
 

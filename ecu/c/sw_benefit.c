@@ -46,7 +46,7 @@ static measured measure(const sw_release *release, const double *cp, double spee
 
 static uint32_t at_most(uint32_t count, uint32_t most) { return count < most ? count : most; }
 
-/* Returns a mean without control. While it covers too few periods, returns at least 1: the release's own value. */
+/* Returns a mean without control. While the mean covers too few periods, returns at least 1, the release's value. */
 static double resting(const sw_benefit *benefit, double mean)
 {
     return benefit->rested < SW_PROVEN_PERIODS && mean < 1.0 ? 1.0 : mean;

@@ -97,7 +97,7 @@ static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int
     return fault;
 }
 
-/* Returns BUS_OFF if the CAN controller is bus-off, or has been since the last step: no node received the frames. */
+/* Returns BUS_OFF if the CAN controller is or was bus-off since the last step: no node received the last frames. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
     const int off = now->is_bus_off || now->bus_off > before->bus_off;
@@ -387,7 +387,7 @@ int sw_ecu_step(sw_ecu *ecu, int64_t now_ns, const sw_frame *frames_in, int coun
     command.flow = steps;
     command.mode = sw_mode_on_wire(state->fail_safe.mode);
     command.enable = passed.enable;
-    /* The command states the counter of this period's pressures, or of the pressures from which it was planned. */
+    /* The command states the counter of this period's pressures, or of the pressures from which it was computed. */
     command.has_counter = state->has_pressures && (inputs.usable || sw_drives_jets(state->fail_safe.mode));
     command.pressure_counter = state->pressure_counter;
     return sw_write_frames(state, &command, ecu->numbers.release->bundle_hash, now_ns,

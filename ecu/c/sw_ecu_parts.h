@@ -21,7 +21,7 @@ uint8_t sw_inexact(void);
 
 /* --- sw_timing.c --- */
 
-/* Updates the check of the steps' times with the step at now_ns. */
+/* Updates the check that the steps are on time, with the step at now_ns. */
 void sw_timing_next(sw_timing *timing, int64_t now_ns);
 
 /* --- sw_e2e.c: the profile of the messages in use, SW_E2E_PROFILE --- */
@@ -150,7 +150,7 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed);
 
 void sw_past_empty(sw_past *past);
 
-/* Resamples the window at equal distances travelled. Returns the number of its rows that have data. */
+/* Resamples the window at equal distances travelled. Returns the number of the window's rows with data. */
 uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last);
 #endif
 

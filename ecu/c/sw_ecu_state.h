@@ -110,13 +110,13 @@ typedef struct {
     uint8_t enable_request;
     uint32_t misses; /* consecutive periods without usable pressures */
     uint32_t good;   /* consecutive periods with usable pressures */
-    uint64_t lost;   /* lost periods among the latest SW_LOSS_WINDOW: one bit each; the lowest bit is the newest */
+    uint64_t lost;   /* one bit for each of the latest SW_LOSS_WINDOW periods, the lowest for the newest: 1 if lost */
 } sw_fail_safe;
 
 typedef struct {
     uint8_t has_step;
     uint8_t fault; /* SW_REASON_, or SW_REASON_NONE */
-    uint32_t off_time; /* bit i: whether the step i steps before the latest was early or late */
+    uint32_t off_time; /* bit i is 1 if the step i steps before the latest step was early or late */
     int64_t step_ns;
     int64_t lag_ns;
     int64_t skipped;
@@ -167,7 +167,7 @@ typedef struct {
     double slow[SW_HYPOTHESES][SW_SENSORS];
     double noise[SW_HYPOTHESES][SW_SENSORS];
     double score[SW_HYPOTHESES][SW_SENSORS];
-    double estimates[SW_KEPT][SW_SENSORS]; /* estimate of a sensor's pressure from the other sensors; latest periods */
+    double estimates[SW_KEPT][SW_SENSORS]; /* estimates from the other sensors' pressures in the latest periods */
 } sw_sensors;
 
 /* The state of the benefit check; suction and swing are divided by their values in the release's wake without jets. */
@@ -218,7 +218,7 @@ typedef struct {
 
 /* The parameters of a release without its controller and its sensor estimator. They are read in place. */
 typedef struct {
-    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [j][i]: deviation of healthy sensor i's residual without j, Cp */
+    double fast_deviation[SW_SENSORS][SW_SENSORS]; /* [j][i]: Cp deviation of healthy sensor i's residual without j */
     double slow_deviation[SW_SENSORS][SW_SENSORS]; /* as fast_deviation, for the slow means of the residuals */
     double resting[SW_RESTING_SPEEDS][3]; /* wake without jets: speed / design speed, suction, swing (Cp) */
     double slowest;                       /* lowest speed in the release's range, divided by the design speed */
@@ -255,7 +255,7 @@ typedef struct {
     uint8_t key[SW_AES_BYTES];
     uint32_t trip;           /* number of power cycles, including this one; already counted in non-volatile memory */
     uint64_t heard_pressure; /* last stored freshness value of a Pressure accepted in an earlier power cycle, or 0 */
-    uint64_t heard_speed;    /* same value for a VehicleSpeed; used only if the release needs the speed */
+    uint64_t heard_speed;    /* the same for a VehicleSpeed; used only if the release needs the speed */
 } sw_authentication;
 #endif
 

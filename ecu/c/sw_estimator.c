@@ -25,7 +25,7 @@
 #error "SW_ESTIMATOR_ROWS: the window has fewer"
 #endif
 
-/* The products are not inlined, since a copy of their code would cost more flash than a call costs time. */
+/* The products are not inlined: the time of a call matters less than the flash that a copy of their code takes. */
 #if defined(__GNUC__)
 #define ONCE __attribute__((noinline))
 #else

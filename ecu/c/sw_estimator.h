@@ -38,7 +38,7 @@ typedef struct sw_estimator_weights {
 
 extern const sw_estimator_weights sw_own_estimator; /* the compiled-in weights */
 
-/* Scratch memory. The sums are those of the first layer, in integers: SW_ESTIMATOR_ONE means a reading or flag of 1. */
+/* Scratch memory. The sums are first-layer sums in integers; SW_ESTIMATOR_ONE stands for a reading or flag of 1. */
 typedef struct {
     const sw_estimator_weights *weights;         /* the network in use */
     int32_t all[SW_ESTIMATOR_WIDTH];             /* sum of the products of all columns in place, without flags */

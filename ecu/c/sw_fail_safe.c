@@ -17,11 +17,11 @@ typedef enum {
     LOW_AND_USABLE, /* usable pressures, and the request is low */
     STANDING,       /* usable pressures, and the request has not changed from low to high */
     INVALID,        /* the stream is not trusted */
-    TOO_LONG,       /* more consecutive periods missing than hold and decay periods */
-    TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods missing, including this period */
+    TOO_LONG,       /* more consecutive periods are missing than hold and decay periods together */
+    TOO_MANY,       /* SW_LOSS_LIMIT of the latest SW_LOSS_WINDOW periods are missing, including this period */
     FILLING,        /* the window is not full, the speed is out of the release's range, or a test runs */
     USABLE,         /* usable pressures */
-    SHORT           /* no more consecutive periods missing than hold periods */
+    SHORT           /* no more consecutive periods are missing than hold periods */
 } condition;
 
 typedef enum {
@@ -204,7 +204,7 @@ static uint8_t reason_of(uint8_t because_of, const period *now)
     return reason;
 }
 
-/* Returns the row for a period; it always exists, since each mode has a row whose condition is always true. */
+/* Returns the row for a period. A row always exists, since each mode has a row whose condition is always true. */
 static const transition *taken(uint8_t mode, const period *now)
 {
     for (int row = 0; row < LAST; row++) {
@@ -213,7 +213,7 @@ static const transition *taken(uint8_t mode, const period *now)
     return &transitions[LAST];
 }
 
-/* Returns a bit for each of the latest periods with a request for control, including this one: 1 for a lost one. */
+/* Returns a bit for each of the latest periods with a request for control, and for this period: 1 if it is lost. */
 static uint64_t lost_with(const sw_fail_safe *before, const period *now)
 {
     const unsigned counts_no_loss = FAULT | UPDATE;
@@ -251,7 +251,7 @@ void sw_fail_safe_next(sw_fail_safe *fail_safe, const sw_period_inputs *inputs)
     now.lost = sw_bit_count(lost);
     const transition *row = taken(fail_safe->mode, &now);
     if (row->to == SW_FAULT && fail_safe->mode != SW_FAULT) {
-        /* The request must first be seen low again, as at power-on; otherwise an unnoticed rise would end the fault. */
+        /* As after power-on, the request must first be low: a rise that the ECU missed must not end the fault. */
         now.request = !inputs->has_request || inputs->enable_request;
     }
     fail_safe->mode = row->to;

@@ -16,7 +16,7 @@ extern "C" {
 
 #define SW_IMAGE_HEADER 512
 
-/* The parameters of a release: little-endian; sw_own_layout.c compares their layout with that of the image writer. */
+/* The parameters of a release, little-endian. sw_own_layout.c compares this layout with the image writer's layout. */
 typedef struct {
     sw_release release;
     sw_weights weights;

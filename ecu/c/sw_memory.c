@@ -2,7 +2,7 @@
  *
  * The window's row at period k is (Cp_k, a_{k-1}): the present pressures, and the action in force when they were
  * sampled. In a release for a range of speeds the window is resampled from a record of past periods. Pressures, actions
- * and plan are then made dimensionless with the present speed; sent actions and actions in transit, with the design
+ * and plan are then made dimensionless with the present speed, but sent actions and actions in transit with the design
  * speed. This file corresponds to ecu/controller_memory.py.
  */
 #include "sw_ecu_parts.h"
@@ -81,9 +81,9 @@ void sw_memory_commanded(sw_memory *memory, double action)
     memory->under_way[frozen] = action;
 }
 
-/* Sent actions do not change, but they take effect at another time: the latest actions are in transit, and a row of the
- * window has the action that was in force under the new delay. If a row would need an action older than that of the
- * oldest row, the row gets the oldest row's action. The plan is shifted so that its action for the next period does not
+/* Sent actions do not change, but they take effect at another time. The latest actions are in transit. Each row of the
+ * window has the action that was in force under the new delay. If a row would need an action older than the oldest
+ * row's action, it gets the oldest row's action. The plan is shifted so that its action for the next period does not
  * change. In a release for a range of speeds, a changed delay empties the window.
  */
 void sw_memory_freeze(sw_memory *memory, int frozen)

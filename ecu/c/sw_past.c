@@ -36,8 +36,8 @@ void sw_past_extend(sw_past *past, const double row[SW_COLUMNS], double speed)
 uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS], int first, int last)
 {
     const int oldest = SW_PAST - (int)past->count;
-    int at = SW_PAST - 1; /* index of the oldest row that is not older than a window's row */
-    double age = 0.0;     /* distance travelled since that row, in steps */
+    int at = SW_PAST - 1; /* index of the oldest stored row that is not older than row k of the window */
+    double age = 0.0;     /* distance travelled since the stored row, in steps */
     double steps = 0.0;
     uint32_t rows = 0;
     for (int k = SW_WINDOW - 1; k >= 0; k--) {
@@ -45,7 +45,7 @@ uint32_t sw_past_read(const sw_past *past, double window[SW_WINDOW][SW_COLUMNS],
             age += past->speeds[at];
             at--;
         }
-        /* Whether the stored periods reach back to the time of this row of the window. */
+        /* Whether the stored rows reach back to the time of row k of the window. */
         const int is_there = at > oldest || (at == oldest && age >= steps);
         const double share = is_there ? (steps - age) / past->speeds[at] : 0.0;
         const int older = share > 0.0 ? at - 1 : at;

@@ -29,7 +29,7 @@ static sw_check checked(sw_receiver *receiver, const sw_message *message, const 
     return delta <= (uint32_t)SW_E2E_MAX_DELTA ? SW_CHECK_OK_SOME_LOST : SW_CHECK_WRONG_SEQUENCE;
 }
 
-/* Returns a period's result: the first in `order` whose bit is set in `found`, the results of the frames. */
+/* Returns a period's result: the first result in `order` that a frame has; `found` has a bit for each result. */
 static sw_check of_period(uint32_t found)
 {
     static const sw_check order[] = {SW_CHECK_ERROR, SW_CHECK_OK, SW_CHECK_OK_SOME_LOST, SW_CHECK_WRONG_SEQUENCE,

@@ -42,7 +42,7 @@ typedef struct {
     double bias[SW_SENSORS]; /* like `liar`, from the slow means */
     double swap;             /* evidence that two sensors are exchanged: the largest value of all pairs */
     double doubt;            /* evidence that the sensors in use contradict each other */
-    double drift;            /* `doubt` of the slow means, without the sensor whose omission lowers it most */
+    double drift;            /* `doubt` of the slow means without the excluded sensor, or else without the worst one */
 } levels;
 
 static double square(double value) { return value * value; }
@@ -67,7 +67,7 @@ static double others_mean(const double values[SW_SENSORS], int own)
     return (sum - values[own]) / (double)(SW_SENSORS - 1);
 }
 
-/* Returns the row of deviations for a hypothesis: the hypothesis's own row, or for an exchange the sensor's row. */
+/* Returns the row of deviations for a hypothesis and a sensor. Exchanges have no rows: the sensor's row is used. */
 static int row_of(int hypothesis, int sensor) { return hypothesis < SW_SENSORS ? hypothesis : sensor; }
 
 /* Repeats the newest estimates in new rows: one row for this period, and one row for each skipped period. */
@@ -191,8 +191,8 @@ static double sound_deviation(const sw_release *release)
     return mean_of(sound);
 }
 
-/* Returns whether the other sensors' pressures moved in the periods in which this sensor was stuck: the median of the
- * ranges of their pressures then shows a flow. Rows before row `first` are taken to be equal to row `first`.
+/* Returns whether there was a flow while the sensor `resting` was stuck: the median of the ranges of the other sensors'
+ * pressures is then large enough. Rows before row `first` are taken to be equal to row `first`.
  */
 static int others_move(const sw_release *release, int resting, const double window[SW_WINDOW][SW_COLUMNS], int first)
 {

@@ -81,7 +81,7 @@ class Connection:
         self._bus = None
 
     def look(self) -> Lost | Back | None:
-        """Return, once a period and without waiting, whether the bus was lost or has returned since the last call."""
+        """Return whether the bus was lost or has returned since the last call. The call does not wait."""
         if self._bus is None:
             if not self._opened:
                 return None
@@ -98,11 +98,11 @@ class Connection:
         return self._health
 
     def rejected(self) -> Mapping[Rejection, int]:
-        """Return, by reason, how many receptions on the open bus were not frames of the kind that this node uses."""
+        """Return, for each reason, how many receptions on the open bus were not frames that this node uses."""
         return {} if self._bus is None else self._bus.bus.rejected
 
     def send(self, frames: Sequence[Frame]) -> bool:
-        """Send frames; return whether the bus accepted all. Frames of two threads may alternate."""
+        """Send frames; return whether the bus accepted all. If two threads send, their frames may alternate."""
         sent = True
         for frame in frames:
             with self._sending:

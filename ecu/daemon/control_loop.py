@@ -1,5 +1,5 @@
-"""Control steps at absolute deadlines, which follow the arrivals of the pressures that were used. In each period the
-loop wakes, takes the frames that another thread has read, computes a step, and sends the answers."""
+"""The control loop. Its absolute deadlines follow the arrivals of the pressures that were used. In each period the loop
+wakes, takes the frames that another thread has read, computes a step, and sends the answers."""
 
 import gc
 import resource
@@ -27,7 +27,7 @@ from ecu.stepped import SteppedEcu
 GRACE: Final = 4
 """Divisor of the period: a step may begin late by up to a period / GRACE. A step that would begin later is left out."""
 SHUT_FRAMES: Final = 3
-"""Number of final periods, in which the ECU sends commands to shut the jets: more than one, as a frame may be lost."""
+"""Number of periods at the end in which the ECU sends commands to shut the jets: a single frame may be lost."""
 _PASSING: Final = (Mode.HOLD, Mode.DECAY)
 """Modes that last too briefly to be reported in the log."""
 
@@ -106,7 +106,7 @@ class ControlLoop:
             self._deadlines = self._deadlines.slewed(expected_ns + self._offset_ns)
 
     def shut(self) -> None:
-        """Send the last frames, in which the jet flow is zero and the jets are not enabled, as at power-on."""
+        """Send the last frames: the jet flow is zero and the jets are not enabled, as at power-on."""
         self._ecu.restore(replace(self._ecu.state, fail_safe=FailSafe()))
         for _ in range(SHUT_FRAMES):
             self._sleep_until(self._deadlines.due_ns)
@@ -158,13 +158,13 @@ class ControlLoop:
         )
 
     def _counter(self, frame: Frame) -> int:
-        """Return the counter in a pressure frame's E2E header; NOTHING if the frame has not the message's length."""
+        """Return the counter in a pressure frame's E2E header; NOTHING if the frame's length is wrong."""
         if len(frame.data) != self._pressure.length:
             return NOTHING
         return profile_of(self._pressure).counter_of(frame.data)
 
     def _note(self, stages: StageTimes, frames: Sequence[Frame], *times_ns: int) -> None:
-        """Store this period's times: when it was due, woke, began and ended its step, and had sent its frames."""
+        """Store this period's times: deadline, waking, start and end of the step, and end of sending."""
         due_ns, woke_ns, began_ns, ended_ns, sent_ns = times_ns
         usage = _usage()
         since = [now - before for now, before in zip(usage, self._usage, strict=True)]
@@ -189,7 +189,7 @@ def check_offset(config: Config) -> int:
 
 
 def _usage() -> tuple[int, int, int, int]:
-    """Return the numbers of the process's garbage collections, and of this thread's minor page faults, major page
-    faults and involuntary context switches; if the system is not Linux, the numbers of the process."""
+    """Return the process's number of garbage collections, and this thread's numbers of minor page faults, major page
+    faults and involuntary context switches. On a system other than Linux, all numbers are the process's numbers."""
     used = resource.getrusage(getattr(resource, "RUSAGE_THREAD", resource.RUSAGE_SELF))
     return sum(item["collections"] for item in gc.get_stats()), used.ru_minflt, used.ru_majflt, used.ru_nivcsw

@@ -37,7 +37,7 @@ FRESHNESS: Final = "freshness.json"
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessOptions:
-    """Options of one process.
+    """The options of one process.
 
     Attributes:
         periods: number of periods after which the process ends; None for no limit.
@@ -58,7 +58,7 @@ class ProcessOptions:
 
 
 def freshness_file(options: ProcessOptions) -> Path:
-    """Return the file of freshness values. Raises ConfigError with neither the option nor systemd's directory."""
+    """Return the file of freshness values. Raises ConfigError if neither the options nor systemd name a place."""
     if options.freshness is not None:
         return options.freshness
     folder = options.environment.get("STATE_DIRECTORY", "").partition(":")[0]
@@ -81,8 +81,8 @@ Beside = Callable[[Connection, Reporter], AbstractContextManager[object]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServedEcu:
-    """An ECU and the further parts of its process: functions to which the thread that reads the bus passes the frames
-    of further identifiers, and a context that is active while the bus is open."""
+    """An ECU and the further parts of its process. The thread that reads the bus calls the functions of `hears` with
+    the frames of further identifiers. `beside` returns a context that is active while the bus is open."""
 
     ecu: SteppedEcu
     times: PlanTimes
@@ -135,7 +135,7 @@ def run(
             freshness.accepted(speed.frame_id, counters.state.speed.verifier.freshness)
 
     with ExitStack() as stack:
-        # The log's thread starts before the process takes its privileges, so that they do not apply to this thread.
+        # The log's thread starts before the process takes its privileges, so that the thread does not get them.
         kept = stack.enter_context(live_log(options.frames))
         privileges = stack.enter_context(taken(options.wanted))
         notifier = Notifier(options.environment, os.getpid())

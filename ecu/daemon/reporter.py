@@ -29,7 +29,7 @@ class DatedEvent(NamedTuple):
 
 
 def plain(event: DatedEvent) -> str:
-    """Return a line of text: `12:34:56.789 ecu: bus lost: ...`, UTC."""
+    """Return a line of text with the time in UTC: `12:34:56.789 ecu: bus lost: ...`."""
     text = " ".join(event.text.split())
     return f"{_moment(event):%H:%M:%S}.{event.date_ns // 1_000_000 % 1000:03d} ecu: {text}"
 
@@ -53,9 +53,9 @@ class Reporter:
     control loop sets the counters after each step.
 
     Args:
-        write: writes one line of the log; may raise OSError or ValueError, which loses that line.
+        write: writes one line of the log; if it raises OSError or ValueError, the line is lost.
         bundle: name of the release in the file of counters, `metrics`.
-        keep: called with the counters once an interval to store freshness values; may raise StillwakeError.
+        keep: stores freshness values, and may raise StillwakeError. It is called with the counters once an interval.
     """
 
     def __init__(

@@ -15,7 +15,7 @@ from ecu.real_time import clock
 from ecu.real_time.stage_times import TimedController
 
 WARM_UP_STEPS: Final = 50
-"""Number of warm-up steps of the controller on zeros, and of the ECU without frames: half a second together."""
+"""Number of warm-up steps of the controller on zeros, and of the ECU without frames. They take half a second."""
 
 
 def serve(
@@ -30,8 +30,8 @@ def serve(
     calibration: Calibration | None = None,
 ) -> Counters:
     """Run the ECU on a real bus until it is stopped. Its last frames shut the jets, whatever the cause of the end.
-    `signature` says who signed the release; `calibration` holds from the first step on. Raises StillwakeError if the
-    release does not fit the vehicle, the bus cannot be opened, or a file cannot be written."""
+    `signature` says who signed the release; `calibration` is in force from the first step on. Raises StillwakeError
+    if the release does not fit the vehicle, the bus cannot be opened, or a file cannot be written."""
     check_vehicle(release, config)
     check(config, options)
     freshness, authentication = authentication_of(config, options)

@@ -2,7 +2,7 @@
 slow disks and long checks do not delay a control period.
 
 The thread processes the frames of diagnosis, does one part of a long operation, and sends the frames that are due.
-During a long operation it does so every ms. It also boots after a reset; the control loop then runs the new release.
+During a long operation it repeats this every ms. After a reset it boots a release, which the control loop then runs.
 """
 
 import secrets
@@ -33,7 +33,7 @@ from ecu.real_time.privileges import step_back
 from ecu.real_time.stage_times import PlanTimes, TimedController
 
 _ROOM: Final = 1024
-"""Largest number of waiting frames, of which the oldest are dropped: seven requests of the largest length on CAN FD."""
+"""Largest number of waiting frames: seven requests of the largest length on CAN FD. A new frame drops the oldest."""
 PAUSE_S: Final = 0.05
 """Largest time in s between two calls of `service` if no frame arrives, and so the longest delay of a timeout."""
 SENDING_S: Final = 0.001
@@ -84,7 +84,7 @@ class DiagnosisThread:
 
 
 SWITCH_INTERVAL_S: Final = 0.0005
-"""Longest time in s that the control, once awake, waits for another thread; Python's default is 5 ms."""
+"""Longest time in s that the control's thread waits for another thread after it wakes; Python's default is 5 ms."""
 NO_RELEASE: Final = "none"
 
 _Fields = str | int | float

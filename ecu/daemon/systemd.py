@@ -37,7 +37,7 @@ class Notifier:
         self._tell(f"STATUS={' '.join(text.split())}")
 
     def came_through(self, now_ns: int) -> None:
-        """Signal the watchdog, if a signal is due, after a control step that was completed at `now_ns`."""
+        """Signal the watchdog if a signal is due. A control step was completed at `now_ns`."""
         if self._interval_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
             self._tell("WATCHDOG=1")

@@ -46,8 +46,8 @@ class EcuFolder:
 
 
 def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None = None) -> EcuFolder:
-    """Read an ECU's folder, with another root key or hardware name if given. Raises ConfigError if the folder is not
-    that of an ECU; KeyFileError if the root key cannot be read."""
+    """Read an ECU's folder; `root` and `hardware` replace its root key and hardware name. Raises ConfigError if the
+    folder is not an ECU's folder; KeyFileError if the root key cannot be read."""
     try:
         raw = (folder / IDENTITY).read_bytes()
     except OSError as error:
@@ -73,10 +73,10 @@ def read_folder(folder: Path, *, root: Path | None = None, hardware: str | None 
 def provision(
     folder: Path, *, root: Path, keys: bytes, image: bytes | None, hardware: str, serial: str, fits: Fits
 ) -> EcuFolder:
-    """Create the folder of a new ECU, completely or not at all. `root` is the file of the public root key, which signed
-    the key list; without an image the first release is to be flashed. Raises OutputError if the folder exists and is
-    not empty; ConfigError if the image fails a check, or a name is not allowed; KeyFileError if the root key cannot be
-    read, or did not sign the list."""
+    """Create the folder of a new ECU, completely or not at all. `root` is the file of the public key that verifies the
+    key list. Without an image, the first release must be flashed. Raises OutputError if the folder exists and is not
+    empty; ConfigError if the image fails a check, or a name is not allowed; KeyFileError if the root key cannot be
+    read or does not verify the list."""
     if os.path.lexists(folder) and not (folder.is_dir() and not any(folder.iterdir())):
         raise OutputError(f"{folder}: exists already; an ECU's memory is never overwritten, name another folder")
     public = signing.read_public_key(root)

@@ -1,4 +1,4 @@
-"""The equipment of an ECU: data from production and access to its surroundings. A reset does not change it."""
+"""The equipment of an ECU: data from production and access to the ECU's surroundings. No reset changes them."""
 
 import struct
 from collections.abc import Callable, Mapping

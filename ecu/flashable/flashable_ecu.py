@@ -26,11 +26,11 @@ from ecu.stepped import CalibratedEcu
 
 
 class FlashableEcu:
-    """A `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError if only one of `bus.key` and
+    """An `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError if only one of `bus.key` and
     `authentication` is given.
 
     Args:
-        boot_ns: time in ns for which the ECU is silent after a reset, without the time of the boot itself.
+        boot_ns: time in ns for which the ECU is silent after a reset, not including the time of the boot itself.
         serviced_apart: whether `step` is only a control period, and another thread calls `service`.
 
     Attributes:
@@ -112,8 +112,8 @@ class FlashableEcu:
         return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """Run one control period and, unless `serviced_apart`, one call of `service`. Returns JetCommand and EcuStatus,
-        unless a tester has silenced them and no jet can run, and frames of diagnosis. A booting ECU sends none."""
+        """Run one control period and, unless `serviced_apart`, one call of `service`. Returns frames of diagnosis, and
+        JetCommand and EcuStatus, unless a tester silenced these two and no jet can run; no frames during a boot."""
         if self._serviced_apart:
             return self.control(now_ns, frames, health)
         for_service = [frame for frame in frames if frame.identifier in self._heard]

@@ -77,7 +77,7 @@ class DiagnosticLink:
                 is_occupied = self._endpoint.occupied > BESIDE
                 self._send(self._server.request(now_ns, request, is_functional=is_functional, is_occupied=is_occupied))
             requests += 1
-        # A request that begins a long operation has executed its first part; a request during it executes no part.
+        # A request that begins a long operation has already done its first part. Other requests do no part of it.
         if was_busy or not (requests and self._server.is_busy):
             self._send(self._server.tick(now_ns))
         sent = self._endpoint.poll(now_ns)
@@ -102,8 +102,8 @@ class DiagnosticLink:
 
 
 class CalibrationLink:
-    """The calibration of an ECU from the boot of a release on. `refusal` returns the reason why values may not be
-    stored now, or None; values in force can always be changed."""
+    """The link that calibrates an ECU, created when a release is booted. `refusal` returns the reason why values may
+    not be stored now, or None. The values in force can always be changed."""
 
     def __init__(
         self,

@@ -25,7 +25,7 @@ from ecu.stepped import CalibratedEcu
 
 
 class TesterAccess(NamedTuple):
-    """The session of a tester, its unlocked security level, and the number of consecutive wrong keys by level."""
+    """The session of a tester, its unlocked security level, and the number of consecutive wrong keys for each level."""
 
     session: Session
     unlocked: Level | None
@@ -67,9 +67,9 @@ def log_access(log: Log, before: TesterAccess, after: TesterAccess) -> None:
 
 
 class PowerCycle:
-    """The parts of an ECU from one boot to the next reset: the control, which keeps the jets shut without a release,
-    and the links to the tester and, with a release, a calibration tool. Raises ConfigError if only one of `bus.key` and
-    `authentication` is given.
+    """The parts of an ECU from one boot to the next reset: the control and the links to the tester and the calibration
+    tool. Without a release, the control keeps the jets shut, and there is no link to a calibration tool. Raises
+    ConfigError if only one of `bus.key` and `authentication` is given.
 
     Args:
         request: returns the vehicle's latest request for control.

@@ -1,4 +1,4 @@
-"""The check, before a boot and before a confirmation, that a release is for this vehicle and runs on this computer.
+"""The check that a release is for this vehicle and runs on this computer, done before each boot and confirmation.
 
 All other checks of the release are done before this one. The self-test shows that controller and estimator run.
 """
@@ -58,8 +58,8 @@ LIMIT_SLACK: Final = 1e-5
 
 
 def self_test(bundle: Bundle, controller: Controller) -> Long[None]:
-    """Run controller and estimator on a window of zeros and on one of a shedding wake, in parts. Raises ControllerError
-    if one fails, if a plan or a force is not finite, or if a plan has another shape or exceeds the action limit."""
+    """Run controller and estimator on windows of zeros and of a shedding wake, in parts. Raises ControllerError if they
+    fail, if a plan or a force is not finite, or if a plan has another shape or exceeds the action limit."""
     sizes = bundle.manifest.sizes
     weights = np.array(bundle.manifest.mpc.weights.as_tuple())
     estimator = OnnxEstimator.of(bundle)

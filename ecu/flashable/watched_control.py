@@ -19,7 +19,7 @@ REMEMBERED_NS: Final = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleRequest:
-    """The time in ns of the latest step with a request for control, or None, and whether the jets may run after it."""
+    """The time in ns of the latest step with a request for control, or None, and whether the jets may run now."""
 
     asked_ns: int | None = None
     drives_jets: bool = False

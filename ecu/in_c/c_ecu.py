@@ -36,7 +36,7 @@ _ESTIMATOR: Final = "sw_estimator_settings.h"
 
 
 class CEcuState(NeverCopied):
-    """Access to the state, the trace and the calibration of an ECU in C, on any machine that runs the ECU.
+    """A view of the state, the trace and the calibration of an ECU in C, on any machine that runs the ECU.
 
     Args:
         ecu: pointer to the ECU's `sw_ecu`, or to a copy of it in this machine's memory.
@@ -89,7 +89,7 @@ class CEcuState(NeverCopied):
         else:
             self.structs.set_state(place, state)
         if self._restore(place) != 0:
-            raise ValueError("state: of a calibration with another delay, or damaged: a number is out of range")
+            raise ValueError("state: from a calibration with another delay, or damaged: a number is out of range")
 
 
 class CEcu(CEcuState):
@@ -97,14 +97,14 @@ class CEcu(CEcuState):
     is no compiler, if the compiler rejects the files, or if the files contain no ECU.
 
     Args:
-        sources: the library's files by name, including `sw_ecu_settings.h`, some perhaps replaced or added.
+        sources: the library's files by name, including `sw_ecu_settings.h`. A caller may replace or add files.
         compiler: command that compiles C; None finds a compiler on this machine.
         library: file in which to store the compiled library; None uses a temporary file.
         secret: the bytes of the key if `bus.key` is set; the ECU is then in its first power cycle.
 
     Attributes:
         description: compiler and flags of the control step, in words.
-        lib, ecu: the loaded library with its own functions (`Structs.ffi`), and the `sw_ecu` without its workspace.
+        lib, ecu: the loaded library, with the types of `Structs.ffi`, and its `sw_ecu`, as declared in `Structs.ffi`.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class CEcu(CEcuState):
                 raise LibraryError(f"the compiled library does not load: {_why(error)}; export it again") from error
         expected = structs.size("sw_ecu_state")
         if sizes[0] != expected:
-            raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, and {expected} by its header")
+            raise LibraryError(f"sw_ecu_state has {sizes[0]} bytes in the library, but {expected} in its header")
         self.description = f"{compiler_version(command)}, {' '.join(flags)}"
         ffi = structs.ffi
         self._room = ffi.new("char[]", sizes[1] + _ALIGNMENT)
@@ -138,14 +138,14 @@ class CEcu(CEcuState):
         # In older versions of the library this function returns nothing, which counts as success.
         if self.lib.sw_ecu_init(ecu):
             raise LibraryError(
-                f"the compiled ECU refuses: {' '.join(flags)}, or this process's floating-point mode, changes "
-                f"arithmetic that its decisions depend on, or its numbers are damaged; GCC needs -ffp-contract=off"
+                f"the compiled ECU refuses: {' '.join(flags)} or this process's floating-point mode changes the "
+                f"arithmetic of its decisions, or its numbers are damaged; GCC needs -ffp-contract=off"
             )
         if secret is not None:
             if not hasattr(self.lib, "sw_ecu_authenticate"):
                 raise LibraryError("its settings are for a bus without a key (bus.key)")
             if self.lib.sw_ecu_authenticate(ecu, ffi.new("sw_authentication *", {"key": secret, "trip": 1})):
-                raise ConfigError("bus.key: a key of zeros; must be a random one")
+                raise ConfigError("bus.key: a key of zeros; must be a random key")
         lib, buffer = self.lib, ffi.from_buffer
         super().__init__(structs, ecu, bundle_hash,
             lambda packed: int(lib.sw_ecu_calibrate(ecu, buffer("sw_calibration *", packed))),
@@ -163,7 +163,7 @@ class CEcu(CEcuState):
 
 
 def _why(error: Exception) -> str:
-    """Return the cause in one line; cffi's own message has the file twice and every path that was searched."""
+    """Return the cause in one line: cffi's own message states the file twice, and every path that it searched."""
     symbol = _UNDEFINED.search(str(error))
     return str(error).splitlines()[0] if symbol is None else f"its sources lack {symbol.group(1)}"
 

@@ -21,8 +21,8 @@ ASKED_FROM: Final = 5
 
 
 def played_pressures(rows: Array, config: Config) -> bytes:
-    """Return `pressures.h`: for each of the first `MOST_PERIODS` rows, a protected frame with the pressures, limited to
-    their range, and one with the design speed. The rows, (n, S + any), begin with Cp at the S sensors of the bus."""
+    """Return `pressures.h`. It has two protected frames for each of the first `MOST_PERIODS` rows: the pressures, in
+    their range, and the design speed. The rows, (n, S + any), begin with Cp at the S sensors of the bus."""
     messages = message_set(config.bus)
     message, limit_pa = messages.pressure, messages.pressure_limit_pa
     sender, dynamic_pressure = E2eSender(message.spec), config.operating_point.dynamic_pressure
@@ -51,9 +51,9 @@ def played_pressures(rows: Array, config: Config) -> bytes:
         "#ifndef PRESSURES_H\n#define PRESSURES_H\n\n"
         '#include "sw_ecu.h"\n\n'
         f"#define PRESSURE_PERIODS {len(lines)}u\n"
-        f"#define PLAYED_KEY {{{', '.join(map(str, PLAYED_KEY))}}} /* of RFC 4493's examples */\n\n"
+        f"#define PLAYED_KEY {{{', '.join(map(str, PLAYED_KEY))}}} /* from RFC 4493's examples */\n\n"
         f"static const uint8_t pressures[PRESSURE_PERIODS][{message.spec.length}] = {{\n{pressure_table}}};\n\n"
-        "/* For a release that serves a range of speeds: the one that it was designed for. */\n#if SW_PAST > 0\n"
+        "/* The design speed, for a release with a range of speeds. */\n#if SW_PAST > 0\n"
         f"static const uint8_t speeds[PRESSURE_PERIODS][{messages.speed.spec.length}] = {{\n{speed_table}}};\n"
         "#endif\n\n#endif\n"
     ).encode()

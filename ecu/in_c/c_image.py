@@ -40,7 +40,7 @@ def controller_image(
     manifest = bundle.manifest
     for name in (WEIGHTS_PART, ECU_SETTINGS):
         if name not in files:
-            raise LibraryError(f"no image: {name} is missing, so it has no ECU in C")
+            raise LibraryError(f"no image: {name} is missing, so the library has no ECU in C")
     if ProgramSettings.of(files).text("SW_PROGRAM_SHA256") != manifest.program_sha256:
         raise LibraryError(f"no image: the library is not of the program of bundle {manifest.name!r}")
     point, layout = manifest.operating_point, sha256_of(layout_of(files))

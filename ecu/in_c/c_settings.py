@@ -165,7 +165,7 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
         "pairs": np.array([[0, 0]] if check is None else check.pairs, np.uint8),
     }
     ends = members["base"].nbytes + members["pairs"].nbytes + members["weights"].nbytes + 4
-    # Compilers pad a struct to different sizes, so the padding is a member of its own.
+    # Compilers pad a struct to different sizes, so the padding is a separate member.
     return Numbers(struct="sw_release", members={**members, "reserved": np.zeros(8 - ends % 8, np.uint8)})
 
 
@@ -183,7 +183,7 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
 
 
 def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | float | str]:
-    """Return the settings of diagnosis. A function that is disabled is 0."""
+    """Return the settings of diagnosis. The setting of a disabled function is 0."""
     cycle, unit = cycle_of(period_ns)
     return {
         "SW_DIAGNOSIS_EXTENDED": int(config.request.is_extended),

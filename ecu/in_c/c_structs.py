@@ -50,7 +50,7 @@ _HEALTH_COUNTS: Final = ("tx_errors", "rx_errors", "bus_off")
 
 
 class Structs:
-    """The structs of one library. `ffi` has the types and functions of the header, `sw_ecu.h` or one that includes it.
+    """The structs of one library. `ffi` has the types and functions of a header that is or includes `sw_ecu.h`.
     Raises LibraryError if the sources contain no ECU, or if the compiler rejects the header."""
 
     def __init__(self, sources: Mapping[str, bytes], compiler: Sequence[str], header: str = _HEADER) -> None:

@@ -115,8 +115,8 @@ class CController(NeverCopied):
         return ControlStep(**arrays, cost=float(found.cost))
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the first action and the cost of the control step in `sw_known_answer.c`, by a second build of the
-        sources, without fused operations. Raises ControllerError and LibraryError as a step and a build do."""
+        """Build the sources again, without fused operations, and return the first action and the cost of the control
+        step in `sw_known_answer.c`. Raises LibraryError if the build fails, ControllerError if the step fails."""
         contents, sizes, command = self._made_of
         exact = CController(contents, sizes, compiler=command, flags=EXACT)
         workspace, given, found = exact._workspace.ctypes.data, exact._input, exact._output
@@ -170,12 +170,12 @@ def check_program(folder: Path, sources: dict[str, bytes], bundle: Bundle) -> st
         raise LibraryError(f"library {folder}: {error}") from error
     if program != manifest.program_sha256:
         raise LibraryError(
-            f"library {folder}: it computes program {program[:12]}, bundle {manifest.name!r} has program "
-            f"{manifest.program_sha256[:12]}: a single `stillwake export --c` writes both"
+            f"library {folder}: it computes program {program[:12]}, but bundle {manifest.name!r} has program "
+            f"{manifest.program_sha256[:12]}; one `stillwake export --c` must write both"
         )
     expected = [manifest.window, manifest.mpc.horizon, " ".join(manifest.sensors), len(manifest.sensors)]
     if sizes != [str(size) for size in expected]:
-        raise LibraryError(f"library {folder}: {PROGRAM_SETTINGS} was altered: its sizes are not the program's")
+        raise LibraryError(f"library {folder}: {PROGRAM_SETTINGS} was altered: its sizes are not those of the program")
     if dbc != dbc_sha256():
         raise LibraryError(f"library {folder}: built for another stillwake.dbc")
     return precision

@@ -62,7 +62,7 @@ def uds_settings() -> bytes:
         "REMEMBERED_NS": f"INT64_C({REMEMBERED_NS})",
         "FAULT_CODES": _pairs(fault_codes.CODES),
         "SNAPSHOT_PARTS": _pairs({one: calcsize(form) for one, form in fault_codes.SNAPSHOT_FORMATS.items()}),
-        # Rows of number, least length in bytes, and whether a key is needed.
+        # Each row has the number, the least length in bytes, and whether a key is needed.
         "XCP_COMMANDS": "{" + ", ".join(commands) + "}",
         "XCP_IDLE_NS": f"INT64_C({xcp_slave.IDLE_NS})",
         "XCP_A2L_NAME": f'"{xcp_slave.A2L_NAME.decode()}"',

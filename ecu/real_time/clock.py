@@ -1,8 +1,8 @@
-"""The clock for all real time, CLOCK_MONOTONIC, which cannot be set, and a sleep until an instant of this clock.
+"""The clock for real time, and a sleep until an instant of this clock: CLOCK_MONOTONIC, which cannot be set.
 
 `time.sleep` takes a duration: if a process loses the processor between computing the duration and sleeping, it wakes
-too late. `clock_nanosleep` takes the instant itself. Python has no such function, so the function of the C library is
-called; where this is not possible, the sleep is given a duration.
+too late. `clock_nanosleep` takes the instant itself. Python has no such function, so this module calls the function of
+the C library. If there is none, it sleeps for a duration.
 """
 
 import ctypes

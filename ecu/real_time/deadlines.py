@@ -10,8 +10,8 @@ from statistics import median_low
 from typing import Final, Self
 
 LARGEST_SLEW: Final = 32
-"""Divisor of the period: a deadline moves by at most a period / LARGEST_SLEW, half of the repeated lateness from which
-`ecu.timing` counts periods as left out. The largest phase error, half a period, takes 16 periods."""
+"""Divisor of the period: a deadline moves by at most a period / LARGEST_SLEW. If every step were late by twice as much,
+`ecu.timing` would count periods as left out. The largest phase error, half a period, is corrected in 16 periods."""
 REMEMBERED: Final = 15
 """Number of arrivals whose median is the expected arrival, so that a few late frames in a burst do not move it. The
 middle arrival is 7 periods old; in 7 periods of 20 ms, clocks whose rates differ by 100 ppm drift apart by 14 us."""
@@ -51,7 +51,7 @@ class Deadlines:
         )
 
     def slewed(self, target_ns: int) -> Self:
-        """Return the deadline moved the shorter way to the phase of `target_ns`, at most a period / LARGEST_SLEW."""
+        """Return the deadline moved to the phase of `target_ns`, the shorter way, by at most period / LARGEST_SLEW."""
         most = self.period_ns // LARGEST_SLEW
         error_ns = wrapped(target_ns - self.due_ns, self.period_ns)
         return replace(self, due_ns=self.due_ns + min(max(error_ns, -most), most))

@@ -12,8 +12,8 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 PRIORITY: Final = 50
-"""Priority under SCHED_FIFO, 1 to 99. It is above every ordinary process, and equal to that of most of the kernel's
-interrupt threads (50), so that the threads of the CAN driver still run."""
+"""Priority under SCHED_FIFO, 1 to 99. It is above every ordinary process, and equal to the priority of most interrupt
+threads in the kernel (50), so that the threads of the CAN driver still run."""
 LOWEST_PRIORITY: Final = 1
 TIMER_SLACK_NS: Final = 1
 """Timer slack in ns. By default, Linux wakes ordinary processes up to 50 us late, to wake several of them together."""
@@ -23,7 +23,7 @@ _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """One privilege. If the process does not have it, `why` is the reason; otherwise `why` is empty."""
+    """A privilege. If the process does not have it, `why` is the reason; otherwise `why` is empty."""
 
     what: str
     granted: bool
@@ -54,21 +54,21 @@ def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
 
 
 def in_words(privileges: list[Privilege]) -> str:
-    """Return one line on the privileges: those granted, and those not granted with the reasons."""
+    """Return one line: the granted privileges, and the refused privileges with the reasons."""
     granted = ", ".join(item.what for item in privileges if item.granted) or "none"
     refused = ", ".join(f"{item.what} ({item.why})" for item in privileges if not item.granted)
     return f"{granted}; not granted: {refused}" if refused else granted
 
 
 def stay_ordinary() -> None:
-    """Give this thread an ordinary priority for long work, even if its starting thread has a real-time priority."""
+    """Give this thread an ordinary priority for long work, even if it was started with a real-time priority."""
     if hasattr(os, "sched_setscheduler"):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def step_back() -> None:
-    """Give this thread the lowest real-time priority, if its starting thread has a real-time priority. Any process
-    could interrupt an ordinary thread that holds the interpreter's lock, and the control loop would have to wait."""
+    """Give this thread the lowest real-time priority, if it was started with a real-time priority. Any process could
+    interrupt an ordinary thread that holds the interpreter's lock, and the control loop would have to wait."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
 

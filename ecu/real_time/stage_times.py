@@ -24,7 +24,7 @@ USUAL_PERIODS: Final = 180_000
 
 
 class EcuStage(IntEnum):
-    """Columns of the ECU's table; a saved table has their names in lower case."""
+    """The columns of the ECU's table; a saved table has their names in lower case."""
 
     PERIOD = 0
     """Number of the period; periods left out are counted too."""
@@ -51,7 +51,7 @@ class EcuStage(IntEnum):
 
 
 class VehicleStage(IntEnum):
-    """Columns of the vehicle's table."""
+    """The columns of the vehicle's table."""
 
     PERIOD = 0
     SCHEDULED = 1
@@ -119,7 +119,7 @@ def load(path: Path, stages: type[IntEnum]) -> NDArray[np.int64]:
 
 
 class PlanTimes:
-    """Start and end of the latest control step, shared by controllers that run one after another; 0 after `forget`."""
+    """The start and end of the latest control step. Controllers that run one after another share one such object."""
 
     def __init__(self) -> None:
         self.forget()

@@ -88,7 +88,7 @@ def fetch(repository: str, state: Path, root: bytes, *, vehicle: str, hardware: 
     files = files_of(image)
     bundle = read_checked(to, files)
     if bundle.digest != custom.get("digest"):
-        raise StillwakeError(f"{place}: holds bundle {bundle.digest[:12]}, not the one that was published")
+        raise StillwakeError(f"{place}: holds bundle {bundle.digest[:12]}, which is not the published bundle")
     check_replaceable(to)
     to.parent.mkdir(parents=True, exist_ok=True)
     write_files(to, files)
@@ -129,7 +129,7 @@ def main(arguments: Sequence[str]) -> None:
     """Fetch the vehicle's release, and print its name."""
     parser = argparse.ArgumentParser(description="Fetch the release that a vehicle is to run.")
     parser.add_argument("repository", help="URL or folder")
-    parser.add_argument("state", type=Path, help="folder that outlives a restart")
+    parser.add_argument("state", type=Path, help="folder that must survive a restart")
     parser.add_argument("--root", type=Path, required=True, help="root metadata from production")
     parser.add_argument("--vehicle", required=True, help="identity")
     parser.add_argument("--hardware", default="generic", help="of the ECU")

@@ -165,4 +165,4 @@ plt.show()
 # This page shows the control step alone. The ECU's protection, fail-safe, sensor check and command gate need more.
 # ``stillwake run runs/m7 --ecu mcu`` runs the ECU in the closed loop with its modelled time, and the page
 # :doc:`Integrate the ECU in C </how-to/integrate-the-ecu>` has its memory and worst case. ``stillwake mcu`` prints
-# these figures for any library, compared over all recorded rows.
+# these figures for any library and compares all recorded rows.

@@ -40,8 +40,8 @@ print(f"{PERIODS} periods, {tape.memory_mb:.0f} MB kept, mean drag {drag.mean():
 # %%
 # Go back
 # -------
-# The function is the mean wall drag of the window, so ``Cd`` of each period has the weight 1 / 40. Any weights are
-# allowed: for other values of the sample, different in each period, or from a controller that reads the sensors. Each
+# The function is the mean wall drag of the window, so ``Cd`` of each period has the weight 1 / 40. Weights may also
+# apply to other values of the sample, differ between periods, or come from a controller that reads the sensors. Each
 # call goes back by one period and returns the derivative with respect to this period's action.
 
 weights = replace(no_weights(len(plant.layout)), Cd=1.0 / PERIODS)
@@ -73,8 +73,8 @@ for largest in (0.001, 0.01, 0.04):
 # Over time, and in space
 # -----------------------
 # The derivative oscillates with the shedding: a few periods later, the same action has the opposite effect. The map is
-# the derivative of mean drag with respect to the initial streamwise velocity, per area. Where it is red, a higher
-# velocity would have raised the drag of the next 8 :math:`t_c`; where it is blue, lowered it.
+# the derivative of mean drag with respect to the initial streamwise velocity, per area. A higher velocity in a red
+# place would have raised the drag of the next 8 :math:`t_c`; in a blue place, lowered it.
 
 figure, (over_time, in_space) = plt.subplots(2, 1, figsize=(8, 6.5), height_ratios=(1, 1.3), layout="constrained")
 over_time.plot(t - t[0], slopes, color="tab:blue", marker=".")

@@ -124,7 +124,7 @@ plt.show()
 # What each choice is worth
 # -------------------------
 # A controller reads only the chosen sensors, so a choice is judged by how well they determine the latents. A ridge
-# regression replaces the encoder that would be trained. Its error is the share of the latents' variance that it does
+# regression replaces a trained encoder. Its error is the share of the latents' variance that the regression does
 # not explain. The sensors have noise of 5 % of the pressures' deviation, as in the release's training. Without noise a
 # sensor near the front, with its small signal, would be as good as a sensor on the base.
 
@@ -139,8 +139,8 @@ for name, chosen in choices.items():
     print(f"{name:20s} misses {100 * missed:4.1f} %: {', '.join(chosen)}")
 
 # %%
-# Greedy selection has the smallest error because it minimises this error of this regression. The release's four sensors
-# were chosen in the same way from other episodes. Only the closed loop shows which choice is best for a controller.
+# Greedy selection has the smallest error because it minimises exactly this error. The release's four sensors were
+# chosen in the same way from other episodes. Only the closed loop shows which choice is best for a controller.
 #
 # The full procedure
 # ------------------

@@ -1,6 +1,6 @@
 /* The properties of this board: addresses of registers, clocks, bit timing, sectors. For another board with the same
- * kinds of peripherals, change only this file and the memories in sw_board.ld. The addresses are those of an STM32H743
- * (RM0433), except the counter's address, which Arm defines (CNTReadBase). The board's maker implements
+ * kinds of peripherals, change only this file and the memories in sw_board.ld. The addresses are for an STM32H743
+ * (RM0433); only the counter's address is defined by Arm (CNTReadBase). The board's maker implements
  * sw_board_power_on, which sets up the clock tree and the pins.
  */
 #ifndef SW_BOARD_H
@@ -19,7 +19,7 @@
 #define SW_BOARD_CAN 0x4000a000u     /* registers of M_CAN */
 #define SW_BOARD_CAN_RAM 0x4000ac00u /* message RAM of M_CAN */
 #define SW_BOARD_CAN_INTERRUPT 19u   /* interrupt number of M_CAN's line 0; the interrupt only ends the core's sleep */
-#define SW_BOARD_TIMER_INTERRUPT 30u /* interrupt number of the compare value; the interrupt only ends sleep */
+#define SW_BOARD_TIMER_INTERRUPT 30u /* interrupt number of the counter's compare value; it only ends sleep */
 #define SW_BOARD_CAN_NS 2000u        /* resolution of receive time stamps: one nominal bit */
 /* The clock of M_CAN is 80 MHz. A nominal bit has 160 quanta (500 kbit/s) and is sampled at 80 %; a data bit has 40
  * quanta (2 Mbit/s) and is sampled at 75 %.
@@ -45,7 +45,7 @@ void sw_board_alive(void);
 /* Returns the time since power-on, in ns. */
 int64_t sw_board_now_ns(void);
 
-/* Sleeps until a frame arrives or until until_ns; the function may also return earlier. */
+/* Sleeps until a frame arrives or the time until_ns is reached; the function may also return earlier. */
 void sw_board_sleep(int64_t until_ns);
 
 /* The driver of the flash's second bank. */

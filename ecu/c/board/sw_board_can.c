@@ -116,7 +116,7 @@ static void read_element(sw_frame *frame, uint32_t at)
         const uint32_t word = RAM(at + 2u + i / 4u);
         for (uint32_t j = 0; j < 4u; j++) frame->data[i + j] = (uint8_t)(word >> (8u * j));
     }
-    /* The counter has 16 bits, so a frame must be read within 65,536 bit times after its arrival. */
+    /* The counter of bit times has 16 bits, so a frame must be read within 65,536 bit times after its arrival. */
     const uint32_t age = (CAN(TSCV) - second) & 0xffffu;
     frame->timestamp_ns = sw_board_now_ns() - (int64_t)age * (int64_t)SW_BOARD_CAN_NS;
 }

@@ -49,7 +49,7 @@ void sw_board_reset(void)
     for (;;) __asm__ volatile("dsb" ::: "memory");
 }
 
-/* Enables the interrupts that end the core's sleep when pending; they are never served. */
+/* Enables the interrupts that end the core's sleep. They stay pending and are never served. */
 void sw_board_power_on(void) { INTERRUPTS_ENABLED = WAKING; }
 
 void sw_board_alive(void) {}

@@ -1,6 +1,6 @@
 /* A driver of the STM32H743's flash controller (RM0433, section 4): sectors of 128 KiB, words of 32 bytes. The driver
- * writes the bank that does not contain the program, so that the core continues to run. It stalls only if it reads the
- * written bank during an erasure. The data cache, if enabled, must not hold data of this bank.
+ * writes the bank that does not contain the program, so that the core continues to run. The core stalls only if it
+ * reads that bank during an erasure. The data cache, if enabled, must not hold data of that bank.
  */
 #include <stddef.h>
 

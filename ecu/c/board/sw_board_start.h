@@ -2,7 +2,7 @@
 #ifndef SW_BOARD_START_H
 #define SW_BOARD_START_H
 
-/* Runs after a reset: the entry point for the linker. */
+/* The linker's entry point, which runs after a reset. */
 void sw_board_start(void);
 
 /* Sets up clocks, pins and watchdog, before memory is initialised. The board's maker implements this function. */

@@ -32,7 +32,7 @@
 #define ROOM 64              /* largest number of frames read per period; further frames wait in the socket */
 #define GRACE 4              /* a step is skipped if it would begin late by more than a period divided by this number */
 #define LARGEST_SLEW 32      /* a deadline moves by at most a period divided by this number */
-#define SHUT_PERIODS 3       /* number of periods with shut jets at the end, since two frames may be lost */
+#define SHUT_PERIODS 3       /* number of periods at the end in which commands shut the jets: a frame may be lost */
 #define SECOND INT64_C(1000000000)
 
 static sw_ecu ecu;
@@ -188,7 +188,7 @@ static int64_t used_arrival_ns(int count, uint32_t missed_before)
     return found;
 }
 
-/* Returns the next deadline that can be met, moved slightly towards the intended time after the pressures' arrival. */
+/* Returns the next deadline that can be met. It moves slightly towards a fixed time after the pressures' arrival. */
 static int64_t next_due(int64_t due_ns, int64_t arrived_ns)
 {
     const int64_t late_ns = clock_ns(CLOCK_MONOTONIC) - due_ns - SW_PERIOD_NS / GRACE;

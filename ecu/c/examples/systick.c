@@ -1,4 +1,4 @@
-/* The ECU on a bare Cortex-M7: an interrupt of SysTick every control period, and a main loop that steps.
+/* The ECU on a bare Cortex-M7: an interrupt of SysTick every control period, and a main loop that runs the steps.
  *
  *     python -m ziglang cc -target thumb-freestanding-eabihf -mcpu=cortex_m7+fp_armv8d16sp -std=c99 -O2 -ffreestanding \
  *         -ffp-contract=on -I. -Iboard sw_*.c board/sw_board_start.c board/sw_board_libc.c examples/systick.c \

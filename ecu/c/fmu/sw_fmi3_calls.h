@@ -1,4 +1,4 @@
-/* The calls and numbers that an instance accepts, according to FMI 3.0's state machine of a co-simulation. Every other
+/* The calls and numbers that an instance accepts, according to FMI 3.0's state machine for co-simulation. Every other
  * call returns fmi3Error with a message, and changes nothing.
  */
 #ifndef SW_FMI3_CALLS_H
@@ -27,7 +27,7 @@ static inline fmi3Status fmu_refused(const fmu_logger *to, fmi3String why)
     return fmi3Error;
 }
 
-/* Begins a function of FMI, with the instance in `found`. */
+/* The first lines of a function of FMI: they refuse the call without an instance `found`, or in a mode not in MODES. */
 #define FMU_ONLY_IN(MODES, NAME, WHEN)                                                                        \
     if (found == NULL) return fmi3Error;                                                                      \
     if ((found->kept.mode & (uint32_t)(MODES)) == 0u) return fmu_refused(&found->logger, "fmi3" NAME ": only " WHEN)
@@ -58,7 +58,7 @@ static inline fmi3String fmu_wrong_times(double start, fmi3Boolean has_stop, dou
     return NULL;
 }
 
-/* Returns the error in a step from `point` on, or NULL; `stands` is the instance's present time. */
+/* Returns the error in a step that begins at `point`, or NULL; `stands` is the instance's present time. */
 static inline fmi3String fmu_wrong_step(double stands, double point, double size)
 {
     const double behind_s = point - stands;

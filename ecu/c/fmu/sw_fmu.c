@@ -1,6 +1,6 @@
 /* The ECU as an FMU for co-simulation, FMI 3.0.
  *
- * The FMU contains the ECU of sw_ecu.h, bit for bit. The ECU receives only frames. They come from a bus terminal, or
+ * The FMU contains the ECU of sw_ecu.h, unchanged. The ECU receives only frames. They come from a bus terminal, or
  * from a simulated vehicle inside the FMU. In the second case the FMU's inputs are the vehicle's pressures and speed.
  * With a simulated vehicle the ECU steps at start, start + period, and so on, with the inputs at the time of the step.
  * A communication step of any length includes the ECU's steps that begin in it.

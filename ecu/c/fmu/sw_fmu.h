@@ -1,5 +1,5 @@
-/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and one of two connections, called sides: a
- * simulated vehicle whose inputs are signals (signals/sw_fmu_signals.c), or a bus terminal as in FMI-LS-BUS
+/* The parts of the ECU's FMU: instances, variables and states (sw_fmu.c), and a side, which connects the ECU. The side
+ * is a simulated vehicle whose inputs are signals (signals/sw_fmu_signals.c), or a bus terminal as in FMI-LS-BUS
  * (bus/sw_fmu_bus.c).
  */
 #ifndef SW_FMU_H
@@ -9,7 +9,7 @@
 #include "sw_fmi3_calls.h"
 #include "sw_fmu_settings.h"
 
-#define FMU_MOST_FRAMES 256 /* most frames between two steps; a full bus at 500 kbit/s has fewer in 20 ms */
+#define FMU_MOST_FRAMES 256 /* largest number of frames between two steps; a full bus at 500 kbit/s has fewer */
 
 typedef enum { FLOAT32, FLOAT64, INT8, UINT8, INT16, UINT16, INT32, UINT32, INT64, UINT64, BOOLEAN } kind;
 typedef enum { OUTPUT, INPUT, PARAMETER } causality;
@@ -84,7 +84,7 @@ fmi3String fmu_begun(fmu_memory *kept);
 /* Returns whether the ECU's next step belongs to a communication step that ends at `until_ns`. */
 int fmu_is_due(const fmu_memory *kept, double until_ns);
 
-/* Writes the ECU's surroundings, and the frames that the ECU receives in its next step; returns their number. */
+/* Writes the ECU's surroundings, and the frames that its next step receives; returns the number of frames. */
 int fmu_received(fmu_memory *kept, sw_frame frames[FMU_MOST_FRAMES], sw_surroundings *around);
 
 /* Processes the frames that the ECU sends in this step. */

@@ -16,7 +16,7 @@
 #define AT_FAILURE (TEST_FAILED | FAILED_THIS_CYCLE | PENDING | CONFIRMED | FAILED_SINCE_CLEAR)
 #define UNTESTED (NOT_COMPLETED_SINCE_CLEAR | NOT_COMPLETED_THIS_CYCLE)
 
-/* The stored record: magic; status, age, has_snapshot and snapshot of each fault; CRC-32. */
+/* The stored record has a magic number, then status, age, has_snapshot and snapshot of each fault, then a CRC-32. */
 #define MAGIC 4u
 #define FAULT_BYTES (3u + SW_SNAPSHOT_BYTES)
 #define BODY_END (MAGIC + SW_FAULT_COUNT * FAULT_BYTES)
@@ -164,7 +164,7 @@ static void note(sw_faults *faults, uint8_t reason)
     }
 }
 
-/* Records the result that waited for the end of `is_off`. */
+/* Records the result that waited while `is_off` was set. */
 static void take_waiting(sw_faults *faults)
 {
     if (!faults->has_latest || faults->is_off) return;

@@ -114,7 +114,7 @@ int sw_node_control(sw_node *node, int64_t now_ns, const sw_frame *frames_in, in
 
 /* --- Diagnosis --- */
 
-/* Processes at most SW_ISOTP_QUEUE requests; returns their number. A request is lost if its answer finds no place. */
+/* Processes at most SW_ISOTP_QUEUE requests; returns their number. A request without a place for its answer is lost. */
 static uint32_t take_requests(sw_node *node, int64_t now_ns, const sw_frame *frames_in, int count)
 {
     uint8_t single[SW_FRAME_BYTES];

@@ -86,7 +86,7 @@ int sw_node_wants_reset(const sw_node *node);
 /* Returns whether the jets stay shut until a reset: an image is being written, or a reset was requested. */
 int sw_node_needs_reset(const sw_node *node);
 
-/* Return sizeof(sw_node), and its size without sw_ecu, for callers in other languages. */
+/* Return sizeof(sw_node), and the size of sw_node without sw_ecu, for callers in other languages. */
 size_t sw_node_bytes(void);
 size_t sw_node_loader_bytes(void);
 

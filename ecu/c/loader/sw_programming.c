@@ -22,7 +22,7 @@ uint8_t sw_programming_take_keys(sw_programming *programming, const uint8_t *val
     sw_sha256_of(value, length, digest);
     const int is_again = programming->has_keys && sw_bytes_equal(digest, programming->keys_digest, sizeof digest);
     if (is_again) return SW_UDS_DONE;
-    /* Verifying a signature takes a large part of a control period, so it is refused while control is requested. */
+    /* Verifying a signature takes a large part of a control period, so a list is refused while control is requested. */
     uint8_t code = sw_request_refusal(programming->request);
     if (code == 0u) code = sw_store_refusal(sw_store_take_keys(programming->store, value, length));
     if (code == SW_UDS_DONE) {
@@ -41,8 +41,8 @@ uint8_t sw_programming_download(const sw_programming *programming, uint32_t offs
     return is_missing ? 0u : SW_NRC_OUT_OF_RANGE;
 }
 
-/* --- The self-test checks whether the running release computes correctly on this chip, as ecu/flashable/vehicle_fit.py
- * does. The test uses the ECU's memory for the control step: no later period needs its content. ---
+/* --- The self-test checks, like ecu/flashable/vehicle_fit.py, whether the running release computes correctly on this
+ * chip. The test uses the ECU's memory for the control step: no later period needs the content of this memory. ---
  */
 
 #define AMPLITUDE 0.3f /* in Cp: a typical amplitude of a shedding wake at the rear edges */
@@ -133,8 +133,8 @@ static uint8_t announce(sw_programming *programming, const uint8_t *option, sw_a
     return ended(programming, sw_store_announce(programming->store, sw_number(option, 4), &option[4]), answer);
 }
 
-/* Confirms the running release if it is on trial and has passed its self-test. If it is not on trial, the tester means
- * another release: the function refuses the request. It acknowledges a repeated confirmation.
+/* Confirms the running release if it is on trial and has passed its self-test; acknowledges a repeated confirmation. If
+ * the running release is not on trial, the tester means another release, and the request is refused.
  */
 static uint8_t confirm(sw_programming *programming)
 {

@@ -84,7 +84,7 @@ static uint8_t control_communication(sw_services *services, const uint8_t *body,
     if (body[0] != ENABLE && body[0] != DISABLE_SENDING) return SW_NRC_SUB_FUNCTION_NOT_SUPPORTED;
     if (length != 2u) return SW_NRC_INCORRECT_LENGTH;
     if (body[1] != NORMAL && body[1] != NORMAL_AND_NETWORK) return SW_NRC_OUT_OF_RANGE;
-    /* Sending is disabled only under the conditions of a reset, so that no control is interrupted. */
+    /* Sending is disabled only when a reset would be allowed, so that control is not interrupted. */
     const uint8_t code = body[0] == DISABLE_SENDING ? sw_programming_before_reset(&services->programming) : 0u;
     if (code != 0u) return code;
     services->uds.is_silent = (uint8_t)(body[0] == DISABLE_SENDING);
@@ -161,7 +161,7 @@ static uint8_t read(sw_services *services, const uint8_t *body, uint32_t length,
     return answer->length > SW_LONGEST_ANSWER ? SW_NRC_RESPONSE_TOO_LONG : SW_UDS_DONE;
 }
 
-/* Handles security access. An odd sub-function requests its level's seed; the next even sub-function answers it. */
+/* Handles security access. An odd sub-function requests a level's seed; the next even one has the tester's answer. */
 static uint8_t give_access(sw_services *services, const uint8_t *body, uint32_t length, sw_answer *answer)
 {
     const int is_answer = body[0] % 2u == 0u;
@@ -235,7 +235,7 @@ static uint8_t download(sw_services *services, const uint8_t *body, uint32_t len
     } else if (transfer->has_last || transfer->offset != offset || transfer->length != bytes) {
         return SW_NRC_CONDITIONS_NOT_CORRECT;
     } else {
-        /* A request repeated before the first block has arrived is acknowledged. */
+        /* If the request is repeated before the first block has arrived, it is acknowledged. */
     }
     sw_answer_byte(answer, TWO_BYTES);
     sw_answer_number(answer, SW_MAX_BLOCK, 2);
@@ -320,7 +320,7 @@ static uint8_t set_faults(sw_services *services, const uint8_t *body, uint32_t l
 
 static const sw_service rows[] = {
     {SW_SERVICE_SESSION, SW_IN_ALL, 1, 0, control_session, NULL},
-    /* The programming session begins only while the jets are shut; the reset checks this again. */
+    /* The programming session begins only while the jets are shut; the reset checks again whether they are shut. */
     {SW_SERVICE_RESET, SW_IN_PROGRAMMING, 1, 0, reset, NULL},
     {SW_SERVICE_CLEAR_FAULTS, SW_IN_ALL, 0, 1, clear_faults, NULL},
     {SW_SERVICE_REPORT_FAULTS, SW_IN_ALL, 1, 0, report_faults, NULL},

@@ -74,14 +74,14 @@ int sw_uds_is_busy(const sw_uds *uds);
 void sw_uds_look(sw_uds *uds, int64_t now_ns);
 
 /* Processes a complete physical or functional request of at least 1 byte, and executes its first part. A request is
- * refused while another is in progress or a long answer is still being sent: the tester has to repeat the request.
+ * refused while another request is in progress, or while a long answer is being sent; the tester has to repeat it.
  */
 void sw_uds_request(sw_uds *uds, int64_t now_ns, uint8_t *request, uint32_t length, int is_functional);
 
-/* Executes one part of the present request, or an answered reset. Call it within 20 ms while sw_uds_is_busy. */
+/* Executes one part of the present request, or the reset after an answer. Call it within 20 ms while sw_uds_is_busy. */
 void sw_uds_tick(sw_uds *uds, int64_t now_ns);
 
-/* Returns whether the request in progress is still read from the `message` of the sw_isotp. */
+/* Returns whether the request in progress still needs the bytes in the `message` of the sw_isotp. */
 int sw_uds_holds_message(const sw_uds *uds);
 
 /* Returns whether the request in progress waits for the flash memory: one call per millisecond is then enough. */

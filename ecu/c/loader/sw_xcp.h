@@ -1,9 +1,9 @@
 /* The ECU's side of XCP on CAN (ASAM MCD-1 XCP 1.x): it processes and returns packets; the time is an argument. This
  * file corresponds to can_bridge/calibration/xcp.py and xcp_slave.py; it is compiled in if SW_XCP is 1.
  *
- * A tool reads and writes the same calibration as UDS (sw_calibrating). It reads or measures the latest control period
- * (sw_daq). It must wait for each answer: at most SW_XCP_PLACES packets wait to be sent, and a command is lost if no
- * place is free for its answer.
+ * A tool reads and writes the same calibration as UDS (sw_calibrating), and reads or measures the latest control period
+ * (sw_daq). The tool must wait for each answer: at most SW_XCP_PLACES packets wait to be sent, and a command is lost if
+ * no place is free for its answer.
  */
 #ifndef SW_XCP_H
 #define SW_XCP_H
@@ -29,7 +29,7 @@ typedef struct {
     int64_t last_ns; /* time of the latest command */
     uint8_t is_connected;
     uint8_t has_to_store;
-    sw_calibration to_store; /* values in force when the tool requested the store */
+    sw_calibration to_store; /* values that were in force when the tool requested to store them */
     sw_xcp_access access;
     sw_xcp_memory memory;
     sw_xcp_packets waiting;

@@ -1,4 +1,4 @@
-/* Unlocking of the calibration by XCP's seed and key. It corresponds to XcpAccess in can_bridge/calibration/xcp.py. */
+/* The unlocking of the calibration by XCP's seed and key, like XcpAccess in can_bridge/calibration/xcp.py. */
 #ifndef SW_XCP_ACCESS_H
 #define SW_XCP_ACCESS_H
 

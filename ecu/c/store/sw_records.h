@@ -17,7 +17,7 @@
 
 #define SW_MAX_RECORD 8192u
 
-/* The kinds of records. The numbers are those of can_bridge/flashing/backing.py. */
+/* The kinds of records. The numbers are as in can_bridge/flashing/backing.py. */
 typedef enum {
     SW_RECORD_STATE = 1,
     SW_RECORD_KEYS = 2,
@@ -41,7 +41,7 @@ typedef struct {
     uint8_t limit;                     /* sw_records_limit */
     uint8_t is_erasing;                /* an erasure of any sector is running: nothing else is allowed */
     uint8_t other;                     /* sw_records_other */
-    uint32_t sector;                   /* the valid sector; SW_RECORD_SECTORS: none */
+    uint32_t sector;                   /* the valid sector, or SW_RECORD_SECTORS */
     uint32_t sequence;                 /* sequence number of the valid sector; the later number is newer */
     uint32_t end;                      /* number of the word after the last written word */
     uint32_t words[SW_RECORD_KINDS];   /* number of the first word of each kind's newest record; 0: none */
@@ -75,7 +75,7 @@ uint32_t sw_records_length(const sw_records *records, sw_record_kind kind);
  */
 int sw_records_keep(sw_records *records, sw_record_kind kind, const uint8_t *data, uint32_t length);
 
-/* A part of a record: the bytes at `data`. If `data` is NULL: bytes of this kind's stored record, from `place` on. */
+/* A part of a record: the bytes at `data`, or, if `data` is NULL, the bytes from `place` on of the stored record. */
 typedef struct {
     const uint8_t *data;
     uint32_t place, length;

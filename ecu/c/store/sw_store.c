@@ -59,7 +59,7 @@ static int write_bytes(const sw_store *store, uint32_t slot, uint32_t from, uint
 
 /* --- Which slot may be used for what --- */
 
-/* Returns whether a slot was booted and failed, so that its image has to be transferred again. */
+/* Returns whether a slot's image failed a check at the boot, so that it has to be transferred again. */
 static int is_known_bad(const sw_store *store, uint32_t slot)
 {
     const uint8_t phase = store->state.slots[slot].phase;
@@ -149,7 +149,7 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
         next->received = wanted;
         return announced(store);
     }
-    /* The changed state is stored before the erasure, and counts only the bytes that stay. */
+    /* The changed state is stored before the erasure. It counts only the bytes that are not erased. */
     sw_store_state *state = without(store, slot);
     if (wanted != SW_NO_OFFSET) {
         next->received = wanted;
@@ -161,8 +161,8 @@ sw_store_result sw_store_announce(sw_store *store, uint32_t length, const uint8_
     return SW_STORE_MORE;
 }
 
-/* Appends a part of the bytes, and counts them in the state's draft in the scratch memory. The draft is stored when the
- * last part is written; only then do the bytes count as received.
+/* Appends a part of the bytes, and counts them in the draft of the state, in the scratch memory. The draft is stored
+ * when the last part is written; only then do the bytes count as received.
  */
 static sw_store_result appended(sw_store *store)
 {

@@ -44,7 +44,7 @@ typedef enum {
     SW_PHASE_FILLING = 1,   /* the image is announced; its first `received` bytes are stored */
     SW_PHASE_CHECKED = 2,   /* the image is complete and valid */
     SW_PHASE_TRIAL = 3,     /* the image boots from the next reset on, boots_left times */
-    SW_PHASE_CONFIRMED = 4, /* the running release, or the last confirmed release before it */
+    SW_PHASE_CONFIRMED = 4, /* the image was confirmed: its release runs now, or ran before the running release */
     SW_PHASE_BAD = 5        /* the image is never booted */
 } sw_phase;
 
@@ -118,7 +118,7 @@ void sw_store_open(sw_store *store, const sw_flash *flash, const sw_rules *rules
 /* Chooses an image and checks it completely; a boot on trial is counted first. One or two images are checked. */
 void sw_store_boot(sw_store *store);
 
-/* Returns the booted image's address in the flash, or NULL. It is valid until the image's slot is announced again. */
+/* Returns the booted image's address in the flash, or NULL. This address is valid until the slot is announced again. */
 const uint8_t *sw_store_image(const sw_store *store);
 
 /* Copies the first `length` bytes of the booted image. Returns 1 if the bytes cannot be read. */
@@ -171,7 +171,7 @@ uint8_t sw_store_failed_attempts(const sw_store *store, uint8_t level);
 sw_store_result sw_store_keep_failed_attempts(sw_store *store, uint8_t level, uint32_t count);
 
 /* Read and store the record of the fault memory, of at most SW_MAX_RECORD bytes. sw_store_faults copies the record into
- * `room` bytes and returns its length; 0 if there is no record or it does not fit. Errors: OUT_OF_RANGE, BAD_MEMORY.
+ * `room` bytes and returns its length, or 0 if no record exists or fits. Errors: OUT_OF_RANGE, BAD_MEMORY.
  */
 uint32_t sw_store_faults(const sw_store *store, uint8_t *data, uint32_t room);
 sw_store_result sw_store_keep_faults(sw_store *store, const uint8_t *data, uint32_t length);

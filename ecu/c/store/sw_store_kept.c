@@ -1,6 +1,6 @@
 /* The data that survive a power loss. The record of the slots comes first. It begins with the bytes of the record in
- * can_bridge/flashing/state.py. Then follow each slot's bytes after its last complete word: these bytes cannot be
- * written to the slot yet.
+ * can_bridge/flashing/state.py. Each slot's bytes after its last complete word follow, because they cannot be written
+ * to the slot yet.
  */
 #include "sw_store.h"
 
@@ -182,7 +182,7 @@ void sw_state_give_up(sw_slot_state *slot)
 
 /* --- Key list, calibrations, failed attempts and faults; they correspond to can_bridge/flashing/remembered.py --- */
 
-/* The record of calibrations: magic (4 bytes), number (1 byte), and for each: digest (32), length (2), data. */
+/* The record of calibrations: magic (4 bytes), number (1); for each calibration, digest (32), length (2) and data. */
 #define HEAD 5u
 #define ENTRY 34u
 #define DIGEST 32u

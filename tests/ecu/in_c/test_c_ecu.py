@@ -267,7 +267,7 @@ def test_a_step_that_answers_otherwise_than_the_exporters_is_refused_at_power_on
 @each(
     "file, old, new, words",
     [
-        ("sw_settings.h", "#define SW_HORIZON 8", "#define SW_HORIZON 9", "its sizes are not the program's"),
+        ("sw_settings.h", "#define SW_HORIZON 8", "#define SW_HORIZON 9", "its sizes are not those of the program"),
         ("sw_settings.h", "#define SW_DBC_SHA256", '#define SW_DBC_SHA256 "0" //', "another stillwake.dbc"),
         ("sw_settings.h", "#define SW_PRECISION", "#define SW_PRECISE", "SW_PRECISION is missing"),
         ("sw_cost.c", "#include", "#error broken\n#include", "broken"),

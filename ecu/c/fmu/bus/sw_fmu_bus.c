@@ -1,10 +1,10 @@
 /* The bus terminal of the ECU's FMU: CAN with the network abstraction ("low-cut") of FMI-LS-BUS 1.0.
  *
- * The binary variables carry operations: code (4 bytes), length (4 bytes), arguments; numbers are little-endian. The
- * ECU steps at start + step_offset and then once a control period, with the frames received before the step. Tx_Clock
- * ticks compute_time after the step; Tx_Data then has the ECU's frames. Tx_Clock is a countdown clock, or a triggered
- * clock that ticks in the next event, as modelDescription.xml states. Error counters follow ISO 11898-1. Without
- * BusNotifications the controller counts no errors and repeats no frames, as FMI-LS-BUS demands.
+ * The binary variables carry operations. An operation has a code (4 bytes), a length (4 bytes) and arguments, all
+ * little-endian. The ECU steps at start + step_offset and then once a control period, with the frames received before
+ * the step. Tx_Clock ticks compute_time after the step; Tx_Data then has the ECU's frames. modelDescription.xml states
+ * whether Tx_Clock is a countdown clock, or a triggered clock that ticks in the next event. Error counters follow ISO
+ * 11898-1. Without BusNotifications the controller counts no errors and repeats no frames, as FMI-LS-BUS demands.
  */
 #include <string.h>
 
@@ -169,7 +169,7 @@ static int take_frame(fmu_side *side, const uint8_t *arguments, uint32_t bytes, 
     if (bytes != before + length || !is_length(length, is_fd)) return 0;
     if (!is_bool(arguments[4]) || !is_bool(arguments[5]) || (is_fd && !is_bool(arguments[6]))) return 0;
     if (id > (arguments[4] ? 0x1fffffffu : 0x7ffu)) return 0;
-    /* A bus-off controller receives nothing; a classic one receives no CAN FD frames. Remote frames have no data. */
+    /* A bus-off controller receives nothing, a classic controller no CAN FD frames. Remote frames have no data. */
     if (side->health.is_bus_off || (is_fd && !SW_FRAMES_FD) || (!is_fd && arguments[5])) return 1;
     uint32_t *errors = &side->health.rx_errors;
     if (*errors > 0) *errors = *errors > 127 ? 127 : *errors - 1;
@@ -212,7 +212,7 @@ static int take_operation(fmu_memory *kept, uint32_t code, const uint8_t *argume
     case STATUS_OPERATION: return bytes == 1;
     case WAKEUP: return bytes == 0;
     case CONFIGURATION: return bytes >= 2;
-    case FORMAT_ERROR: return 1; /* a format error gets no answer: two nodes could answer each other for ever */
+    case FORMAT_ERROR: return 1; /* a format error gets no answer, so that two nodes never answer each other */
     default: return 0;
     }
 }

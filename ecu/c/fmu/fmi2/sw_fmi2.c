@@ -14,7 +14,7 @@ typedef int fmi2Integer;
 typedef int fmi2Boolean;
 typedef const char *fmi2String;
 typedef char fmi2Byte;
-typedef fmi3Status fmi2Status; /* the numbers are those of FMI 2.0; fmi2Pending is never returned */
+typedef fmi3Status fmi2Status; /* the numbers are as in FMI 2.0; fmi2Pending is never returned */
 typedef enum { fmi2ModelExchange, fmi2CoSimulation } fmi2Type;
 
 typedef struct {
@@ -58,7 +58,7 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance, fmi3FMUState, size_t *);
 fmi3Status fmi3SerializeFMUState(fmi3Instance, fmi3FMUState, fmi3Byte[], size_t);
 fmi3Status fmi3DeserializeFMUState(fmi3Instance, const fmi3Byte[], size_t, fmi3FMUState *);
 
-/* Passes a message on, with the prefix fmi2 instead of fmi3 in a function's name. */
+/* Passes a message to the environment, with the prefix fmi2 instead of fmi3 in a function's name. */
 static void pass_on(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String message)
 {
     const component *to = environment;

@@ -1,6 +1,6 @@
-/* The parameters of a trained program. The generated sw_weights.c defines the parameters that are compiled in. The rows
- * of a stored matrix belong to its inputs, or to the shorter of its two sides, so that the rows are long. Matrices
- * before a norm are centred (sw_norm.h).
+/* The parameters of a trained program. The generated sw_weights.c defines the parameters that are compiled in. The
+ * comment at a matrix states its rows and columns: (inputs, outputs) or (outputs, inputs). Matrices before a norm are
+ * centred (sw_norm.h).
  */
 #ifndef SW_WEIGHTS_H
 #define SW_WEIGHTS_H

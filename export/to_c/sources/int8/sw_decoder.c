@@ -29,7 +29,7 @@ static CALLED void multiply(sw_decoder_scratch *s, const int8_t *matrix, int row
     }
 }
 
-/* Saturates a layer's input. If the range is that of int16, the most negative integer is allowed, too. */
+/* Saturates a layer's input. If its range is the full int16 range, the most negative integer is allowed, too. */
 static inline int16_t held(int32_t value)
 {
     const int32_t qmax = SW_QMAX(SW_DECODER_P);

@@ -7,8 +7,8 @@
  * one word, in the order 0, 2, 1, 3: sign-extending every second byte of a word then gives the weights of two
  * neighbours of the vector.
  *
- * sw_dots takes one vector. sw_dots_two takes two vectors, and may extend a weight once for both vectors. The vectors
- * are SW_APART numbers apart, and their products, too. The results are equal bit for bit on every processor.
+ * sw_dots takes one vector. sw_dots_two takes two vectors, and may extend a weight once for both. In memory, the
+ * vectors and also their products are SW_APART numbers apart. The results are equal bit for bit on every processor.
  */
 #ifndef SW_DOTS_H
 #define SW_DOTS_H

@@ -38,8 +38,8 @@ static inline float sw_norm_elu(int32_t *restrict sums, sw_tape_eight *restrict 
     return r;
 }
 
-/* A scale with which numbers up to a bound are rounded: `factor` scales the bound to `top`; `scaled` is this factor for
- * sw_scaled, after a number was shifted left by `shift` so that no digit is lost.
+/* A scale for rounding numbers up to a bound. `factor` scales the bound to `top`, and `scaled` is this factor for
+ * sw_scaled. A number must first be shifted left by `shift`, so that sw_scaled loses no digit.
  */
 typedef struct {
     float factor;

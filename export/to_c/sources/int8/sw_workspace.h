@@ -58,7 +58,7 @@ typedef struct {
     int16_t vector[SW_MAX(SW_LSTM_P, SW_HEAD_P)];
 } sw_encoder_scratch;
 
-/* The decoder computes two steps together. Their vectors, and their sums, are this distance apart. */
+/* The decoder computes two steps together. The vectors of these steps, and their sums, are this distance apart. */
 #define SW_APART SW_MAX(SW_DECODER_P, SW_LATENT_P)
 
 typedef struct {

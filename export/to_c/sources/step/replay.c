@@ -20,10 +20,10 @@ static sw_workspace workspace;
 static sw_input input;
 static sw_output output;
 
-/* Compilers round in different orders. The sign of a gradient near zero may then change, and a step of Adam has the
- * other direction. The size of a step is the learning rate, 1e-3. The effect of such steps on the forces depends on the
- * plant, so forces are compared in units of their standard deviation in training. A plan is not used in the next step,
- * since a sequence of control steps can amplify these differences.
+/* Compilers order operations differently, and so round differently. The sign of a gradient near zero may then change,
+ * and a step of Adam goes in the opposite direction. The size of a step is the learning rate, 1e-3. The effect of such
+ * steps on the forces depends on the plant, so forces are compared in units of their standard deviation in training. A
+ * plan is not used in the next step, since a sequence of control steps can amplify these differences.
  */
 static const double tolerance = 5e-3, force_tolerance = 3e-2;
 

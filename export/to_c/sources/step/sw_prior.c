@@ -1,4 +1,4 @@
-/* The optimiser's initial plan: a feedback on past pressure differences, and on those predicted over the horizon. */
+/* The optimiser's initial plan: a feedback on the past and the predicted pressure differences. */
 #include "sw_prior.h"
 
 #include "sw_math.h"
