@@ -56,19 +56,19 @@ SERVICE_NAMES: Final[Mapping[Service, str]] = {
 """Names of the services in ISO 14229-1."""
 SERVICE_TEXTS: Final[Mapping[Service, str]] = {
     Service.SESSION: "change the session; `02` needs shut jets, and no request for control",
-    Service.RESET: "`01`: boot again, under the conditions of session `02`; after an image was announced, a reset is "
-    "always allowed, and the session's end resets the ECU, too",
+    Service.RESET: "`01`: boot again, under the conditions of session `02`. Once an image is announced, a reset is "
+    "always allowed, and the end of the session also resets the ECU",
     Service.CLEAR_FAULTS: "clear a code of [faults](#faults) (3 bytes), or `FF FF FF` for all, while no jet can run",
-    Service.REPORT_FAULTS: "`01`: number of the codes with one of these status bits (1 byte), `02`: these codes; `04`: "
-    "a code's snapshot, `06`: a code's age, each for a code (3 bytes) and record `01` or `FF`; `0A`: all codes",
+    Service.REPORT_FAULTS: "`01`: number of the codes with one of the status bits in the request (1 byte); `02`: these "
+    "codes; `04`, code (3 bytes), record (`01` or `FF`): the code's snapshot; `06`, likewise: its age; `0A`: all codes",
     Service.READ: f"read up to {MAX_DIDS} identifiers; the answer leaves out unknown identifiers",
     Service.SECURITY: "request a level's seed; send the answer to the seed",
     Service.COMMUNICATION: "`01`, kind `01` or `03`: stop sending JetCommand and EcuStatus, under the conditions of a "
     "reset and only while no jet can run; `00` or the default session: send them again",
     Service.WRITE: "write an identifier",
-    Service.ROUTINE: "`01`: start a routine; there are no requests to stop it or for its results",
+    Service.ROUTINE: "`01`: start a routine; no request stops it or asks for its results",
     Service.DOWNLOAD: "`00 44`, then offset and length of the image's missing bytes, 4 bytes each",
-    Service.TRANSFER: f"a block of up to {services.MAX_BLOCK} bytes with the 2 header bytes; the last may be repeated",
+    Service.TRANSFER: f"a block of up to {services.MAX_BLOCK} bytes, 2 of them header; the last block may be repeated",
     Service.EXIT: "end the transfer after all bytes have arrived",
     Service.TESTER_PRESENT: "keep the session; `00` asks for an answer, `80` for none",
     Service.FAULT_SETTING: "`02`: stop storing faults; `01` or the default session: store them again",
@@ -81,27 +81,27 @@ DID_TEXTS: Final[Mapping[Did, str]] = {
     Did.DBC_SHA256: "SHA-256 of `contract/stillwake.dbc`, 32 bytes",
     Did.STORE: "slots, running release, reason of the boot; 116 bytes and both names (`can_bridge/flashing/report.py`)",
     Did.KEY_LIST: "read: version of the key list, 4 bytes, 0 for none; write: a signed key list",
-    Did.CAPACITY: "size of the largest image that can be stored, 4 bytes",
+    Did.CAPACITY: "size of the largest image that the ECU can store, 4 bytes",
     Did.PERIOD_NS: "control period in ns, 8 bytes",
     Did.CALIBRATION: "read: the calibration in force; write: the calibration from the next control period on",
-    Did.CALIBRATION_LIMITS: f"smallest, largest and the release's own values, {3 * PACKED_BYTES} bytes",
-    Did.CALIBRATION_STORED: "read: 1 if values are stored; write 1: store the present values, 0: use the release's",
+    Did.CALIBRATION_LIMITS: f"the smallest, the largest and the release's own values, {3 * PACKED_BYTES} bytes",
+    Did.CALIBRATION_STORED: "read: 1 if values are stored; write: 1 stores the calibration, 0 restores the release's",
 }
 ROUTINE_TEXTS: Final[Mapping[Routine, str]] = {
     Routine.PRECONDITIONS: "check whether the ECU may be programmed now",
     Routine.SELF_TEST: "run control steps of the running release",
     Routine.ACTIVATE: "boot the checked image from the next reset on, on trial",
-    Routine.CONFIRM: "confirm the release on trial after its self-test in this boot, before an announcement",
+    Routine.CONFIRM: "confirm the release on trial, after its self-test in this boot and before an announcement",
     Routine.REVERT: "boot the previous release from the next reset on",
-    Routine.ERASE: "announce an image by length (4 bytes) and SHA-256 (32); the answer: offset to send from (4 bytes)",
-    Routine.CHECK: "check the image; the answer: a [verdict](#verdicts) (1 byte)",
+    Routine.ERASE: "announce an image: length (4 bytes) and SHA-256 (32); the answer is the offset to begin at (4)",
+    Routine.CHECK: "check the image; the answer is a [verdict](#verdicts) (1 byte)",
 }
 NRC_TEXTS: Final[Mapping[Nrc, str]] = {
     Nrc.SERVICE_NOT_SUPPORTED: "",
     Nrc.SUB_FUNCTION_NOT_SUPPORTED: "there is no such session, reset, level, report, setting or routine control",
     Nrc.INCORRECT_LENGTH: "the request is too short or too long",
     Nrc.RESPONSE_TOO_LONG: f"more than {services.LONGEST_ANSWER} bytes of identifiers in one answer: ask for fewer",
-    Nrc.BUSY_REPEAT_REQUEST: "another request is in progress, or answers are not sent completely",
+    Nrc.BUSY_REPEAT_REQUEST: "another request is in progress, or answers wait to be sent",
     Nrc.CONDITIONS_NOT_CORRECT: "the jets are enabled or can run, the vehicle asks for control, no release runs, the "
     "previous release is invalid, or another download is in progress",
     Nrc.SEQUENCE_ERROR: "a seed, announcement, download or self-test must come before, or bytes are missing",
@@ -131,7 +131,7 @@ STATUS_TEXTS: Final[Mapping[Status, str]] = {
     Status.TEST_FAILED: "the fault is present; this bit is cleared when control runs",
     Status.FAILED_THIS_CYCLE: "the fault occurred since power-on",
     Status.PENDING: "the fault occurred in this operation cycle, or in the latest cycle with a test",
-    Status.CONFIRMED: "the fault occurred, and its code was not cleared or removed since",
+    Status.CONFIRMED: "the fault occurred, and its code has not been cleared or removed since then",
     Status.NOT_COMPLETED_SINCE_CLEAR: "neither the fault nor control occurred since the last clearing",
     Status.FAILED_SINCE_CLEAR: "the fault occurred since the last clearing",
     Status.NOT_COMPLETED_THIS_CYCLE: "neither the fault nor control occurred since power-on",
