@@ -1,5 +1,5 @@
-"""Parallel work in processes of this machine, or on dask workers, which may run on other machines and may die. No
-process and no temporary file remains, even if the work fails or is stopped."""
+"""The execution of work in parallel processes: on this machine, or in dask workers, which may run on other machines and
+may die. No process and no temporary file remains, even if the work fails or is stopped."""
 
 import logging
 import multiprocessing
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""Signals that a terminal sends to every process of a command; only the parent reacts to them."""
+"""Signals that a terminal sends to every process of a command. Only the parent process reacts to these signals."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 
@@ -59,13 +59,13 @@ def spread(
     """Run jobs on dask workers in the given order, each in a free slot; a local worker that dies is replaced.
 
     Args:
-        call: returns a job's function and its arguments, which are sent to the worker; called when a slot is free.
+        call: returns the function and the arguments that are sent to a worker for a job; called when a slot is free.
         workers: largest number of local processes to start; there are never more processes than jobs.
         scheduler: address of a running scheduler to use instead of local processes.
-        names: returns, for the error message, the job's name and which part of it is unfinished if its workers die.
+        names: returns two texts for error messages: the job's name, and which results remain stored if the job fails.
         finished: called in this process with every finished job and its result, in the order in which the jobs finish.
         looked: called at every poll with the number of threads of each worker, by the worker's address.
-        slots: returns, from the argument of `looked`, the number of jobs that the workers run at the same time.
+        slots: returns the number of jobs that the workers run at the same time; its argument is that of `looked`.
 
     Raises StillwakeError if the scheduler cannot be reached or has no worker, workers died too often during one job, or
     the job raised a StillwakeError.
@@ -144,8 +144,8 @@ def _local_cluster(workers: int) -> "LocalCluster":
     from distributed import LocalCluster
 
     # The cluster's thread and all workers that it starts inherit the blocked signals. In this process the signals are
-    # only delayed until the cluster has started. Python's resource tracker unblocks the signals when it starts, so it
-    # is started before.
+    # only delayed until the cluster has started. Python's resource tracker would unblock the signals when it starts, so
+    # it is started first.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
     try:

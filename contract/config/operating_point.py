@@ -1,4 +1,4 @@
-"""The scales that convert between the non-dimensional flow and the engineering units of the bus.
+"""The scales that convert between dimensionless values of the flow and the engineering units on the bus.
 
 The defaults describe a full-size truck on a motorway. The simulated flow remains the paper's two-dimensional flow at Re
 = 500: the operating point sets the scales of time and other quantities only, and does not turn the flow into a real

@@ -1,7 +1,7 @@
 """One control step of a released controller: its inputs, its outputs, and the classes that compute it.
 
-Every lowering has this interface: `controller.onnx` in a release bundle with the names below, the C library as members
-of its structures. L is the window, S the number of sensors and H the horizon:
+Every lowering of a controller has this interface. `controller.onnx` in a release bundle has inputs and outputs with the
+names below; the C library has members of structures. L is the window, S the number of sensors and H the horizon:
 
 =========  ========  =====================================================================================
 input      shape     meaning
@@ -37,7 +37,7 @@ from contract.errors import StillwakeError
 INPUTS: Final = ("window", "plan", "free", "weights", "speed", "limit")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
-"""Names of the cost terms, in the order of every array of terms."""
+"""Names of the cost terms. Every array of terms has this order."""
 REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, violates IEEE 754"}
 """Meanings of the C library's status codes, except 0, which means success."""
 FORCES: Final = 2
@@ -74,7 +74,7 @@ class ControlStep:
 
 
 class Controller(Protocol):
-    """An object that computes control steps, as the ECU and the gates of the export use it."""
+    """An object that computes control steps for the ECU and for the export's gates."""
 
     def control_step(
         self,
@@ -85,7 +85,7 @@ class Controller(Protocol):
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """Compute a step, by default with the controller's own weights and limit. Raises ControllerError."""
+        """Compute a step, by default with the controller's own weights and limit; may raise ControllerError."""
 
 
 class RunnableController(Controller, Protocol):
@@ -111,4 +111,4 @@ class CompiledLibrary(Controller, Protocol):
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
 """A function that compiles files for the given sizes into a library on this machine, or raises LibraryError. The
-command line passes such a function to `export`, which thus needs no compiler of its own to check C code."""
+command line passes such a function to `export`, which needs it to check C code and has no compiler of its own."""

@@ -1,8 +1,7 @@
 """The past at another speed: rows of control periods, resampled to steps of `flow.control_period` in convective time.
 
 A controller expects rows that are `flow.control_period` convective times apart. At s times the design speed, a control
-period lasts s of these steps. So the rows are interpolated at the convective times (lengths travelled) that the
-controller expects.
+period is s such steps long. So the rows are interpolated at the convective times that the controller expects.
 
 Below the design speed the control periods are shorter than these steps. A controller that reacted fully in every period
 would react faster than it was designed to. The jets act on the pressures at the wall immediately, so the controller
@@ -40,15 +39,15 @@ T = TypeVar("T", Array, float)
 
 
 def followed(before: T, new: T, share: float) -> T:
-    """Return the value at the given share of the way from `before` to `new`; both are stored pressures or commands.
-    From the design speed on, the share is 1 or more and the value is `new`."""
+    """Return the value that lies at a share of the way from `before` to `new`. Values are stored pressures or commands.
+    At the design speed and above, the share is 1 or more and the result is `new`."""
     return new if share >= 1.0 else before + share * (new - before)
 
 
 def places(speeds: Sequence[float], length: int) -> Places:
-    """Compute the interpolation positions of `length` rows; the last row is at the newest period. If the past is too
-    short, there are fewer positions. `speeds` has the speed at each of n periods' samples, oldest first, as a ratio to
-    the design speed, above 0; it is used for the whole period that ends with the sample."""
+    """Compute the interpolation positions of `length` rows, of which the last row is at the newest period. If the past
+    is too short, there are fewer positions. `speeds` has the speed at each of n periods' samples, oldest first, as a
+    ratio to the design speed, above 0; it is used for the whole period that ends with the sample."""
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)
     at, age = len(speeds) - 1, 0.0
     for steps in range(length):

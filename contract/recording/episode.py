@@ -23,7 +23,7 @@ the log's first pressure, "t_c" for units of W / U_inf since that pressure."""
 
 @dataclass(frozen=True, kw_only=True)
 class PlantFacts:
-    """Facts about the plant, with which a training's settings must agree; an unknown fact is None.
+    """The facts about a plant. The settings of a training must agree with these facts; an unknown fact is None.
 
     Attributes:
         control_period: time between two samples, in t_c = W / U_inf.
@@ -59,7 +59,7 @@ def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
 
 
 def first_known(facts: Iterable[PlantFacts]) -> PlantFacts:
-    """Combine facts: each fact has its value from the first item in which the value is known."""
+    """Combine facts: each fact gets its value from the first item that states a value."""
     known = [{name: value for name, value in one.as_dict().items() if value is not None} for one in facts]
     return PlantFacts(**ChainMap(*known))
 

@@ -23,11 +23,11 @@ CLOCK_TOLERANCE: Final = 1e-3
 """Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
 steps, the model's clock is then wrong by a fortieth of a step."""
 LIMIT_TOLERANCE: Final = 1e-6
-"""Largest excess of an action over the limit, as a share of the limit, that rounding in a text file explains."""
+"""Largest excess of an action over the limit that rounding in a text file can cause, as a share of the limit."""
 QUIET: Final = 0.05
 """Share of the action limit below which an action counts as zero or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Plausible extents of the sensors' positions, in W; positions in mm or m are mostly outside this range."""
+"""Smallest and largest plausible extent of the sensors' positions, in W. Most extents in mm or m are outside."""
 _USED: Final = 0.25
 """Smallest plausible ratio of the largest training action to the limit. With a wrong unit, the ratio is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
@@ -36,19 +36,19 @@ in seconds, the peak is mostly outside this range."""
 _NARROW: Final = 0.1
 """Relative width of a frequency band that counts as one frequency."""
 _POOR: Final = 0.9
-"""Share of the actions' power in one narrow band above which the forcing counts as a single frequency. The share is 1
-for a sine, even with an envelope, 0.24 for the paper's training waveform and 0.42 for its chirp."""
+"""The forcing counts as a single frequency if a narrow band has more than this share of the actions' power. The share
+is 1 for a sine, even with an envelope, 0.24 for the paper's training waveform, and 0.42 for its chirp."""
 _SKEWED: Final = 0.5
 """Largest difference between the means of two mirrored sensors, in standard deviations of their pressures. The
 difference is 0.1 in the whole shipped recording, and 0.25 in one of its episodes."""
 _SAME: Final = 1e-6
-"""Relative difference up to which a fact about the plant and the setting of the same name count as equal."""
+"""Largest relative difference at which a fact about the plant and the setting of the same name count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A problem or a warning about a data set, in one line with the place and what would be right. `stops` is the work
-    that the problem prevents; None for a warning."""
+    """A problem or a warning about a data set. `text` is one line that states the place and a remedy; `stops` is the
+    work that the problem prevents, None for a warning."""
 
     stops: Literal["training", "export"] | None
     text: str
@@ -296,7 +296,7 @@ def _forcing(dataset: Dataset) -> Iterator[str]:
         peaks.append(peak)
     if peaks:
         yield (
-            f"the actions of all training episodes are of one frequency, {peaks[0]:.3g} U_inf / W: a model of it "
+            f"the actions of all training episodes are of one frequency, {peaks[0]:.3g} U_inf / W: a model "
             f"cannot learn other responses; sweep the frequencies that a controller may use"
         )
 

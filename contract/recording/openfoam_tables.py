@@ -1,4 +1,4 @@
-"""Tables over time that OpenFOAM's function objects write, joined over restarts."""
+"""A reader of the time tables of OpenFOAM's function objects. It joins the tables that restarts of a case write."""
 
 import re
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from contract.arrays import Array
 
 _SAME = 1e-6
-"""Largest difference between two rounded times of the same instant."""
+"""Largest difference between two times that were rounded from the same instant."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

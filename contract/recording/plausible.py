@@ -12,8 +12,8 @@ from contract.recording.dataset import Dataset, Episode
 
 
 def dominant_frequency(values: Array, period: float) -> float | None:
-    """Return the frequency of the largest peak of a series' spectrum, to an eighth of 1 / duration, with a Hann window;
-    None for less than 16 samples or a constant series."""
+    """Return the frequency of the largest peak in a series' spectrum with a Hann window, to an eighth of 1 / duration.
+    Return None for fewer than 16 samples or a constant series."""
     fluctuation = values - values.mean()
     if len(values) < 16 or not fluctuation.any():
         return None
@@ -52,34 +52,34 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio between two files of std Cl / std Cp, because one wake causes both deviations."""
+"""Largest plausible factor between the std Cl / std Cp of two files. Cl and Cp vary together, with the wake."""
 _FAR: Final = (4.0, 10.0)
 """Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
 The first is the distance from the next value. The second is the distance from the median of the other values, in
 interquartile ranges of these values."""
 _STILL: Final = 20
-"""Number of rows for which a sensor may be constant while the other sensors change: most of a shedding cycle."""
+"""Number of rows after which a constant sensor may be stuck if the other sensors change: most of a shedding cycle."""
 _STEPS: Final = 4.0
-"""Smallest change, in steps of a sensor's resolution, that must be expected of a constant sensor for it to count as
-stuck. The expected change follows from the variation of the other sensors."""
+"""A constant sensor is stuck if it should have changed by more than this number of steps of its resolution. The
+expected change follows from the variation of the other sensors."""
 _FINEST: Final = 2.0**-12
-"""Smallest step between values that is assumed for a series: twice the quantum with which a data set stores Cp."""
+"""Smallest resolution that is assumed for a series: twice the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""Share of rows, in runs of three or more at a sensor's largest or smallest value, above which it may be saturated."""
+"""A sensor may be saturated if more than this share of rows has its extreme value, in runs of three or more."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
 """Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
 within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
-"""Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy."""
+"""A file is a copy with this number of equal rows in the same order, or this share of equal rows in any order."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report a line per cause, with the episodes and values that show it; then a line per difference between files."""
+    """Report a line per cause, with the episodes and values that show it; then report differences between files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -271,7 +271,7 @@ def _readings(
 
 
 def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: Array) -> float:
-    """Return the variation of the other sensors or of the jets in these rows, relative to that in all rows."""
+    """Return the variation of the other sensors or of the jets in these rows, relative to the variation in all rows."""
     others = np.delete(np.arange(len(spread)), k)
     others = others[spread[others] > 0]
     moved = float(np.median(table[:, others].std(axis=0) / spread[others])) if others.size else 0.0
@@ -306,7 +306,7 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A periodic wake repeats itself within one file too, so only rows that differ from all other rows of their file
+    # A periodic wake also repeats itself within a file, so only rows that differ from all other rows of their file
     # count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1

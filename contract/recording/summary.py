@@ -1,4 +1,4 @@
-"""A summary of a data set: figures of every episode, and the settings that fit its plant."""
+"""A summary of a data set: the figures of every episode, and the settings that follow from the data set."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ _PRACTICAL: Final = (10, 60)
 """Smallest and largest number of control steps per cycle for which horizon and window are derived from the cycle. With
 fewer steps the jets' ramp is coarse; with more steps a control step takes too long."""
 LEAST_CALM: Final = 25
-"""Smallest number of unforced steps whose mean represents the uncontrolled flow: one cycle of the truck's wake."""
+"""Smallest number of unforced steps whose mean drag represents the uncontrolled flow: one cycle of the truck's wake."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,9 +4,9 @@ The manifest's own hash detects accidental changes. A signature by a trusted key
 
 A graph may come from anyone. ONNX Runtime refuses unknown operators. `contract.runtime` refuses other inputs, outputs
 and shapes, and runs a first step in bounded time and memory. `check_graph` refuses two kinds of content before ONNX
-Runtime reads the bytes: constants in other files, and operators outside the ONNX standard. Each kind puts a certain
-text somewhere into the file, and no exported graph contains this text. When a graph is signed, it is checked more
-strictly (`export.release.judged`).
+Runtime reads the bytes: constants in other files, and operators outside the ONNX standard. Each kind of content puts a
+certain text into the file, and no exported graph contains this text. Signing a graph includes stricter checks
+(`export.release.judged`).
 """
 
 import hashlib
@@ -38,7 +38,7 @@ FORBIDDEN: Final = {
 
 _T = TypeVar("_T")
 Trusted = PublicKey | frozenset[PublicKey] | None
-"""The trusted keys, one of which must have signed the bundle; None if no signature is required."""
+"""The trusted keys. One of these keys must have signed the bundle; None if no signature is required."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +82,7 @@ class Check:
 
 
 def sha256(data: bytes) -> str:
-    """Return the SHA-256 of bytes in hex, the form that manifests have."""
+    """Return the SHA-256 of bytes in hex, as manifests state it."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -92,14 +92,14 @@ def dbc_bytes() -> bytes:
 
 
 def dbc_sha256() -> str:
-    """Return the SHA-256 of this version's DBC in hex, as manifests and generated headers state it."""
+    """Return the SHA-256 of this version's DBC in hex, the form in manifests and generated headers."""
     return sha256(dbc_bytes())
 
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks made while a bundle is read. The first failure ends the reading. With `lists`, all checks that do not
-    depend on the failed check are still made."""
+    """The checks made while a bundle is read. The first failure ends the reading. With `lists`, later checks that do
+    not depend on the failed check are also made."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
@@ -144,7 +144,7 @@ def read_checked(
     signer = made.check(SIGNATURE, lambda: _verify_signature(path, raw, signature, trusted), signed_by)
     opened = made.need(MANIFEST, lambda: open_manifest(path, raw))
     made.check(MANIFEST, lambda: opened.digest)
-    # These are the names of the files that are present and of the files that must be present.
+    # These names are of files that are present, and of files that must be present.
     names = sorted({CONTROLLER} | opened.hashes.keys() | parts.keys())
     sound = {name for name in names if made.check(name, partial(_verify_file, path, name, parts, opened.hashes))}
     if not any_dbc:

@@ -1,4 +1,4 @@
-"""The image of a release that is flashed: one string of bytes that a boot loader in C can read without a library.
+"""The flashed image of a release: a string of bytes that a boot loader in C can read without a library.
 
     0   8  "SWIMAGE1"
     8   4  length of the whole image

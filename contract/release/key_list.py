@@ -1,8 +1,8 @@
-"""The list of keys that may sign releases for an ECU: it has a version, and is signed by a root key.
+"""The list of keys that may sign releases for an ECU. The list has a version, and a root key signs it.
 
-A release key that leaks is removed from the list. The root key signs nothing else; it is needed once in years and can
-stay in a safe. An ECU gets its root key in production. It accepts a list only if the root key signed it and its version
-is greater than that of the present list, so that an old list cannot make a revoked key valid again.
+A release key that leaks is removed from the list. The root key signs only such lists. It is needed once in years, and
+can stay in a safe. An ECU gets its root key in production. The ECU accepts a list only if the root key signed it, and
+if its version is greater than the version of the present list. So an old list cannot make a revoked key valid again.
 
     0   8   "SWKEYS01"
     8   4   version
@@ -41,9 +41,9 @@ class KeyList:
     """The keys that may sign releases. Raises KeyFileError for a version or a number of keys out of range.
 
     Attributes:
-        version: version of the list; an ECU only replaces its list by a list with a greater version.
+        version: version of the list; an ECU replaces its list only by a list with a greater version.
         keys: keys that may sign releases.
-        revoked: keys that may no longer sign releases. They only inform people, because a key outside `keys` may not
+        revoked: keys that may no longer sign releases. This entry is only for people, because no key outside `keys` may
             sign.
     """
 
@@ -66,7 +66,7 @@ class KeyList:
 
 
 def is_list(path: Path) -> bool:
-    """Return whether a file begins like a key list; False if the file cannot be read."""
+    """Return whether a file begins as a key list does; False if the file cannot be read."""
     with suppress(OSError), path.open("rb") as file:
         return file.read(len(_MAGIC)) == _MAGIC
     return False

@@ -1,4 +1,4 @@
-"""An icoFoam case of the truck: schemes, solvers, boundary conditions and the measurements of every step."""
+"""An icoFoam case of the truck: schemes, solvers, boundary conditions, and function objects that measure."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,8 +75,8 @@ _SCHEMES: Final[dict[str, Any]] = {
     "interpolationSchemes": {"default": "linear"},
     "snGradSchemes": {"default": "corrected"},
 }
-# Multigrid as the preconditioner of conjugate gradients takes two thirds of the time of multigrid as the solver, and a
-# smaller fraction on finer meshes.
+# Conjugate gradients with multigrid as the preconditioner take two thirds of the time of multigrid alone, and an even
+# smaller share on finer meshes.
 _MULTIGRID: Final = {"preconditioner": "GAMG", "smoother": "DICGaussSeidel", "tolerance": 1e-6, "relTol": 0}
 _PRESSURE: Final = {"solver": "PCG", "preconditioner": _MULTIGRID, "tolerance": 1e-6, "relTol": 0.05}
 _SOLVERS: Final[dict[str, Any]] = {
@@ -90,8 +90,8 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
-    # Forces use executeControl and executeInterval; probes use writeControl and writeInterval. Both functions therefore
-    # get all four entries.
+    # The function objects for forces read executeControl and executeInterval; those for probes read writeControl and
+    # writeInterval. Each object gets all four entries.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

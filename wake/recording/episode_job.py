@@ -24,15 +24,15 @@ from wake.truck.truck_wake import TruckWake
 
 
 class Policy(Protocol):
-    """A feedback controller without hidden state: its memory is an array that the caller stores. So a recording can be
-    stopped at any step and continued in another process."""
+    """A feedback controller without hidden state. The caller stores the controller's memory, an array. So a recording
+    can be stopped at any step and continued in another process."""
 
     def start(self) -> Array:
         """Return the controller's memory before the first sample."""
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Compute the command at t_k and the new memory, which is a new array. Raises StillwakeError if there is no
-        command.
+        """Compute the command at t_k and the new memory, without changing `memory`. Raises StillwakeError if there is
+        no command.
 
         Args:
             memory: memory that the previous step returned.
@@ -64,10 +64,10 @@ class EpisodeJob:
     """All data for recording one episode, in this process or in another process that shares the folder.
 
     Attributes:
-        owner: token of the call of `record` that created the job; the work stops when another call has taken over.
+        owner: token of the call of `record` that created the job; the job stops when another call owns the folder.
         block_steps: number of control steps between two writes to disk.
         setting: all settings that the samples depend on; see `setting_of`.
-        policy: builds the controller; without a controller, only the plan's signal drives the jets.
+        policy: builds the controller; by default there is none, and only the plan's signal drives the jets.
         start: absolute path of the flow state in which the steps without forcing begin; None for the shipped state.
     """
 
@@ -138,11 +138,11 @@ def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | Non
     `packages`. Raises PlantError if the start's file cannot be read."""
     return {
         "body": asdict(config.body),
-        # Older recordings hold no refinement, so it is left out. The entry "grid" determines the resolution.
+        # Older recordings do not hold the refinement, so it is left out. The entry "grid" has the resolution.
         "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length, config.flow.refinement).shape),
-        # The file's name and its hash identify the state; the path is valid on one machine only.
+        # The file's name and hash identify the state; the file's path is valid on one machine only.
         "start": (developed() if start is None else start).name,
         "start_sha256": _sha256(developed() if start is None else start),
         "versions": {

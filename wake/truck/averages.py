@@ -1,4 +1,4 @@
-"""Time averages of a shedding wake: the rules for all studies.
+"""The time averages of a shedding wake, with the rules for all studies.
 
 The average over a part of a cycle depends on where the series begins and ends. So averages run from the first to the
 last instant at which the lift crosses zero upwards. Linear interpolation between samples gives these instants; the
@@ -7,8 +7,8 @@ with the same integral. For a signal with 24 samples per cycle, such as this wak
 cycles has an error of 1e-6 of the amplitude. Without interpolation of the crossings, the error would be 1e-3.
 
 The lift of a wake under control may cross zero many times within a cycle. But the wake and the jets still act near the
-shedding frequency. So a controlled wake is averaged over the last whole cycles of the uncontrolled wake: as many as
-fit, counted back from the last sample (`over_last_cycles`). With sinusoidal forcing, the cycles of the sine are used.
+shedding frequency. So a controlled wake is averaged over as many whole cycles of the uncontrolled wake as fit, counted
+back from the last sample (`over_last_cycles`). With sinusoidal forcing, the cycles of the sine are used.
 """
 
 from dataclasses import dataclass
@@ -82,8 +82,7 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 def _trapezoids(t: Array, first: float, last: float) -> Array:
     """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
-    # Of each interval, only the part from `begin` to `end` counts. These are fractions of the interval's width, from
-    # its left end.
+    # Only a part of each interval counts, from `begin` to `end`: fractions of the interval's width, from its left end.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)
     end = np.clip((last - t[:-1]) / width, 0.0, 1.0)
     right = 0.5 * (end * end - begin * begin) * width

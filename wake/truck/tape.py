@@ -1,5 +1,5 @@
-"""The sensitivities of a sequence of control periods. The plant is recorded as it advances, then differentiated
-backwards one period at a time. So a controller in the loop can be differentiated with the plant."""
+"""The sensitivities of a sequence of control periods. The plant's periods are recorded as it advances, then
+differentiated backwards, one at a time. So a controller in the loop can be differentiated with the plant."""
 
 from dataclasses import dataclass
 
@@ -31,12 +31,12 @@ class _Period:
 
 
 class Tape(CopiedWhole):
-    """A record of a plant's control periods from its present state on, which propagates sensitivities back over these
+    """A record of a plant's control periods from the present state on. It propagates sensitivities back over these
     periods.
 
-    The flow at the start of each time step is stored. When the memory is full, the oldest periods are reduced to the
-    flow at their own start; `back` computes each of these periods a second time. Raises PlantError if the plant is
-    within a control period. A copy has its own plant.
+    The flow at the start of each time step is stored. When the memory is full, only the flow at the period's start
+    remains for each of the oldest periods; `back` computes these periods a second time. Raises PlantError if the plant
+    is within a control period. A copy has its own plant.
 
     Args:
         plant: plant at the beginning of a control period; its wind must not change.
@@ -108,7 +108,7 @@ class Tape(CopiedWhole):
         return to_command
 
     def restart(self) -> None:
-        """Begin a new tape at the plant's present state, and reuse the memory of this tape. Raises PlantError if the
+        """Empty the tape, and begin again at the plant's present state with the same memory. Raises PlantError if the
         plant is within a control period."""
         into = self._plant.substeps_into_period
         if into:

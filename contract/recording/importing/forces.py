@@ -1,4 +1,4 @@
-"""The drag and lift for a log without forces, interpolated from a table at the times of the log's rows."""
+"""The drag and lift for a log without forces: values of a table, interpolated to the times of the log's rows."""
 
 import re
 from collections.abc import Mapping
@@ -23,8 +23,8 @@ _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeSeries:
-    """The values of a force at rising times, both (n,), and its name in the file. Raises DatasetError for times that do
-    not rise or a number that is not finite."""
+    """A force as a time series: its name in the file, rising times, and the values at these times, (n,) each. Raises
+    DatasetError for times that do not rise or a number that is not finite."""
 
     path: Path
     name: str
@@ -46,9 +46,9 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """Interpolate the values linearly at m rising times, (m,). Because clocks differ, a time may lie outside the
-        rows by `slack`. Raises DatasetError for other times outside the rows, or in a gap between rows that is longer
-        than `longest_gap`; the message states the limits of the rows or of the gap."""
+        """Interpolate the values linearly at m rising times, (m,). Because clocks differ, a time may be up to `slack`
+        before the first row or after the last row. Raises DatasetError for a time farther outside, or in a gap longer
+        than `longest_gap`; the message states the first and last time of the rows or of the gap."""
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
                 f"{self.path}: {self.name!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
@@ -73,7 +73,7 @@ class TimeSeries:
 
 @dataclass(frozen=True, kw_only=True)
 class ForcesTable:
-    """The forces of a table, by the names in `FORCE_COLUMNS`, and the clock of the times that their unit states."""
+    """The forces of a table by the names in `FORCE_COLUMNS`, and the clock that the unit of the times states."""
 
     forces: Mapping[str, TimeSeries]
     clock: ForcesClock | None
