@@ -35,7 +35,7 @@ class ArrayValue:
                 object.__setattr__(self, name, own)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable, so they are made read-only again.
+        # Unpickling and deep copying give writeable arrays, so the arrays are made read-only here.
         self.__dict__.update(state)
         ArrayValue.__post_init__(self)
 

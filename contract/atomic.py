@@ -53,7 +53,7 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 
 def _check_file(path: Path, there: os.stat_result) -> None:
     if not stat.S_ISREG(there.st_mode):
-        # A device would be replaced by a file instead of being written to.
+        # The result would replace a device, and would not be written to the device.
         raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
     if there.st_nlink > 1:
         raise StillwakeError(

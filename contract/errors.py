@@ -1,4 +1,4 @@
-"""The errors that a user can cause. Their common base class lets the command line print each as one line."""
+"""The errors that a user can cause. Their common base class lets the command line print each error as one line."""
 
 from typing import ClassVar
 

@@ -76,7 +76,7 @@ def spread(
     running: dict[Future, J] = {}
     with dask_client(min(workers, len(jobs)), scheduler) as client:
         while waiting or running:
-            # A job's arguments may be megabytes, so a job is only sent when a slot is free.
+            # A job's arguments may have megabytes, so a job is sent only when a slot is free.
             threads: Mapping[str, int] = client.nthreads()
             looked(threads)
             while waiting and len(running) < max(1, slots(threads)):
@@ -106,7 +106,7 @@ def _result(future: "Future", name: str, kept: str) -> Any:
     if isinstance(error, StillwakeError):
         raise error
     if isinstance(error, KilledWorker):
-        died = f"{error.allowed_failures + 1} workers died over it, killed or out of memory"
+        died = f"{error.allowed_failures + 1} workers died during this job, killed or out of memory"
         raise StillwakeError(f"{name}: {died}; {kept}") from error
     raise StillwakeError(f"{name}: lost by its worker ({error or future.status}); {kept}") from error
 

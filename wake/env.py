@@ -30,9 +30,9 @@ _SILENCE_S: Final = 3.0
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """A Gymnasium environment of the wake. One step is one control period of 0.2 t_c.
 
-    Observation: Cp at the named sensors, in their order, float32. Action: jet flow rate in U_inf W, shape (1,), within
-    +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated at step `episode_steps` and at every
-    later step.
+    Observation: Cp at the named sensors, in the order of the names, float32. Action: jet flow rate in U_inf W, shape
+    (1,), within +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated at step `episode_steps`
+    and at every later step.
 
     At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`. Its `clipped`
     states whether this step's action was clipped; `clipped_count` counts the episode's clipped actions.
@@ -180,7 +180,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
             raise ConfigError(f"start is a {type(start).__name__}: must be a wake.truck.state.State")
         into = start.substep % self.plant.config.substeps
         if into:
-            raise PlantError(f"start lies {into} substeps inside a control period: must lie between two")
+            raise PlantError(f"start lies {into} substeps inside a control period: must lie between two periods")
         return start
 
     def _phase(self, steps: int) -> State:

@@ -42,7 +42,7 @@ def open_plant(
         yield own_wake(config, progress, start=start)
         return
     if start is not None:
-        raise PlantError(f"state {start}: OpenFOAM develops its own; only stillwake's solver accepts a file")
+        raise PlantError(f"state {start}: OpenFOAM develops its own start; only stillwake's solver accepts a file")
     from wake.openfoam.develop import developed, require_truck
     from wake.openfoam.plant import OpenFoamWake
 

@@ -12,7 +12,7 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     """The weights of the MPC cost J (paper, section 2.4.1). J is computed from forces and actions in physical units."""
 
     drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
-    """Weight of the mean C_d over the horizon, minus `mpc.drag_reference`."""
+    """Weight of the difference between the mean C_d over the horizon and `mpc.drag_reference`."""
     drag_fluctuation: NonNegative[float] = 0.1
     """Weight of the range of C_d over the horizon: the largest minus the smallest value."""
     lift: NonNegative[float] = 0.01

@@ -14,7 +14,7 @@ MOST_EXTENDED: Final = 0x1FFF_FFFF
 _TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,3}|[0-9a-fA-F]{8})")
 _SHORT: Final = 3
 """Number of hex digits of an 11-bit identifier in candump's notation. A 29-bit identifier has eight digits; any other
-number of digits is taken for a typing error."""
+number of digits counts as a typing error."""
 _NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
 _PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
 

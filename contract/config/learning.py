@@ -49,8 +49,7 @@ class ModelConfig(Settings, source=paper("table 1")):
 
     @property
     def slim(self) -> "ModelConfig":
-        """Return the deployed networks' shapes. Their dropout is 0, because they are fitted to outputs without
-        noise."""
+        """The shapes of the deployed networks. Their dropout is 0, because they are fitted to outputs without noise."""
         return replace(
             self,
             dynamics_width=self.slim_dynamics_width or self.dynamics_width,
@@ -145,7 +144,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper gives none")] = 200
     """Number of points on the paths from the background to each explained window."""
     seed: Annotated[NonNegative[int], ours("an arbitrary number; the paper gives none")] = 0
-    """Random seed of initial weights, batches, draws and noise."""
+    """Random seed of initial weights, batches and noise."""
 
     def _check_together(self) -> None:
         require(self.segment <= self.batch_size, self, "segment", "at most batch_size")

@@ -1,4 +1,4 @@
-"""A table of all settings, one row each: value, default, unit, bounds, source and meaning.
+"""A table of all settings. A row states a setting's value, default, unit, bounds, source and meaning.
 
 The bounds, the unit and the default's source are in the field's type; the meaning is the text below the field.
 """
@@ -105,7 +105,7 @@ def _settings(prefix: str, group: Any, paper: Any) -> Iterator[Setting]:
 
 
 def _bounds(hint: Any) -> str:
-    """Return the condition that a type sets on a value: the wording of a rule, or the words to choose from."""
+    """Return the condition that a type sets on a value: the wording of a rule, or the allowed words."""
     for part in (hint, *get_args(hint)):
         if isinstance(part, Rule):
             return part.wording

@@ -50,7 +50,7 @@ def _unknown(section: str, key: str) -> str:
 
 @cache
 def _hints() -> Mapping[str, Any]:
-    """Return the type (without metadata) of every setting and the dataclass of every section, by dotted name."""
+    """Return the type of every setting, without metadata, and the dataclass of every section, by dotted name."""
     return dict(_walk(Config, ""))
 
 
@@ -70,7 +70,7 @@ PAPER = "paper"
 BASE_KEY = "base"
 """The key in a TOML file that states which settings the file modifies: the paper's or the release's settings."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings that no longer exist. A file of an earlier version may contain such a setting with the value given here."""
+"""Settings that no longer exist. A file of an earlier version may contain such a setting with this value."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -52,9 +52,9 @@ class E2eConfig(
     window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Number of latest check results that together decide whether a stream is valid."""
     min_ok: Annotated[int, FRAMES] = 2
-    """Smallest number of passed checks in the window with which a stream is valid."""
+    """Smallest number of passed checks in the window for a valid stream."""
     max_errors: Annotated[int, FRAMES] = 2
-    """Largest number of CRC errors in the window with which a stream is valid."""
+    """Largest number of CRC errors in the window for a valid stream."""
 
     def _check_together(self) -> None:
         require(1 <= self.min_ok <= self.window, self, "min_ok", "in 1..window")
@@ -138,8 +138,8 @@ class SensorCheckConfig(
     """Ratio at which the ECU no longer uses a sensor: the mean squared deviation of this sensor from the other sensors'
     estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """Limit like `liar_level`, but for deviations averaged over two shedding cycles, which show small biases and
-    drifts. Healthy sensors reach 16."""
+    """Limit like `liar_level`, but for deviations averaged over two shedding cycles. These averages show small biases
+    and drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
     """Ratio at which two sensors are treated as exchanged: the disagreement among the received pressures, divided by
     the disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""

@@ -2,8 +2,8 @@
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
 calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and
-`recorded.txt` and `expected.txt` for the example program `replay.c`. The names are the same for every program and
-precision. Folders of older versions have no `expected.txt` and no documents; this module needs neither.
+`recorded.txt` and `expected.txt` for the example program `replay.c`. The file names are the same for every program and
+precision. Folders of older versions have no `expected.txt` and no documents; this module does not need them.
 
 A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h`, the sources of the ECU, and programs with a `main`
 function in `examples/`. A folder without this header has only the control step. An example is a controller whose
@@ -146,8 +146,8 @@ def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:
 
 
 def read_recorded(folder: Path) -> ProgramRows:
-    """Read the n recorded rows of a folder, (n, S+1): pressures Cp at the S sensors, then the action commanded one step
-    before in U_inf W. Raises LibraryError if there are no rows, or a row has anything but numbers."""
+    """Read the n recorded rows of a folder, (n, S+1): pressures Cp at the S sensors, then the action of the previous
+    step in U_inf W. Raises LibraryError if there are no rows, or a row has anything but numbers."""
     path = folder / RECORDED
     try:
         if path.stat().st_size > _MAX_BYTES:

@@ -99,8 +99,8 @@ class CalibrationLimits:
     greatest: Calibration
 
     def changed(self, now: Calibration, values: Mapping[str, object]) -> Calibration:
-        """Return the calibration `now` with some values replaced, by name. Raises ConfigError for an unknown name, a
-        value that is not a number, or a value outside the limits."""
+        """Return the calibration `now`, in which `values` replace the values of the same names. Raises ConfigError for
+        an unknown name, a value that is not a number, or a value outside the limits."""
         wanted = dict(zip(CALIBRATION_NAMES, now.values, strict=True))
         for name, value in values.items():
             if name not in CALIBRATION_NAMES:

@@ -24,16 +24,16 @@ NARROWEST: Final = 0.5
 SPEED_SCALE: Final = 0.4
 """Difference from the design speed that the prior reads as 1, as a share of the design speed."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
-"""Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
-above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the pressures of
-mirrored sensors."""
+"""Names of the scheduling inputs of a prior's units: the constant 1, the scaled speed below and above the design speed,
+and the parts of the goal. A prior's tensors have this order. A unit's other inputs are filtered sums of the pressures
+of mirrored sensors."""
 SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
 """Indices of the two speed variables in `SCHEDULED`. With a single variable for all speeds, more training at high
 speeds made a prior worse at low speeds."""
 
 
 class Goal(NamedTuple):
-    """A position in the range of goals; each part is between 0 and 1.
+    """A position in the range of goals. Each part of the position is between 0 and 1.
 
     Attributes:
         effort: square root of the weight on effort divided by `DEAREST_EFFORT`.

@@ -1,7 +1,7 @@
 """One control step of a released controller: its inputs, its outputs, and the classes that compute it.
 
-Every lowering of a controller has this interface. `controller.onnx` in a release bundle has inputs and outputs with the
-names below; the C library has members of structures. L is the window, S the number of sensors and H the horizon:
+Every lowering of a controller has this interface. In `controller.onnx`, inputs and outputs have the names below; in the
+C library they are members of structures. L is the window, S the number of sensors and H the horizon:
 
 =========  ========  =====================================================================================
 input      shape     meaning
@@ -45,7 +45,7 @@ FORCES: Final = 2
 
 
 class ControllerError(StillwakeError):
-    """A controller's failure to compute a control step, which makes the ECU latch a fault."""
+    """A controller's failure to compute a control step. The ECU then latches a fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +105,8 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the expected action and cost of a build's self-test step. A build without fused multiply-add gives
-        these numbers bit for bit. Raises ControllerError if the library has no expected results."""
+        """Return the action and the cost that a build's self-test step must give. A build without fused multiply-add
+        gives these numbers bit for bit. Raises ControllerError if the library has no expected results."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]

@@ -46,8 +46,8 @@ def followed(before: T, new: T, share: float) -> T:
 
 def places(speeds: Sequence[float], length: int) -> Places:
     """Compute the interpolation positions of `length` rows, of which the last row is at the newest period. If the past
-    is too short, there are fewer positions. `speeds` has the speed at each of n periods' samples, oldest first, as a
-    ratio to the design speed, above 0; it is used for the whole period that ends with the sample."""
+    is too short, there are fewer positions. `speeds` has the speeds at the samples of n periods, oldest first, as
+    positive ratios to the design speed. A speed is used for the whole period that ends with its sample."""
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)
     at, age = len(speeds) - 1, 0.0
     for steps in range(length):

@@ -34,7 +34,7 @@ from contract.typed import typed
 
 MODEL_SCHEMA: Final = "stillwake-model/2"
 MODEL_SCHEMA_1: Final = "stillwake-model/1"
-"""First schema, which can still be read: a model of the truck's 90 sensors."""
+"""First schema, which can be read. It is for models of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
 MODEL_WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
@@ -141,7 +141,7 @@ class ModelFolder:
 
     @property
     def provenance(self) -> Provenance:
-        """Origin of the model, as stated by its releases."""
+        """The origin of the model, which the model's releases state."""
         stated = {name: getattr(self.description, name) for name in ("dataset_sha256", "metrics", "versions")}
         return Provenance(**stated, weights_sha256=self.weights_sha256, config=self.config_tree)
 

@@ -30,7 +30,7 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 
 LARGEST_INTEGER: Final = 32767
-"""Largest stored integer. The smallest is its negative, so that the mirror image of a series can be stored too."""
+"""Largest stored integer. The smallest is its negative, so that the mirror image of a series can also be stored."""
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
@@ -65,7 +65,7 @@ CP_QUANTUM: Final = 2.0**-13
 hold Cp within +-4 and the other series within +-1. A series with larger values uses a larger quantum. The bus transmits
 Cp in steps of 2.7e-4 (0.1 Pa at the default operating point)."""
 COARSEST_QUANTUM: Final = 2.0**-8
-"""Largest quantum. Values beyond +-128 are therefore refused; no coefficient of this flow comes near that value."""
+"""Largest quantum. So values beyond +-128 are refused; no coefficient of this flow comes near 128."""
 _CHUNK: Final = 1000
 """Number of control steps that are compressed together."""
 

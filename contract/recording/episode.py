@@ -69,8 +69,8 @@ def _number(value: object) -> float | None:
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""Use of an episode. The model is fitted to "train" episodes only, and tested on "test" episodes. An "extended" episode
-has forcing beyond the training range, a "controlled" one has a controller, a "calm" one begins at the steady wake."""
+"""Use of an episode. The model is fitted to "train" episodes and tested on "test" episodes. An "extended" episode has
+forcing beyond the training range, a "controlled" episode a controller; a "calm" episode begins at the steady wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 UNITS: Final[Mapping[str, str]] = {
@@ -139,7 +139,7 @@ class Episode:
 
 
 def problems_of(name: str, role: object, series: Mapping[str, Array], initial_action: float) -> list[str]:
-    """List every problem of an episode with these parts, one line each; empty if there is no problem."""
+    """List the problems of an episode with these parts, one line each; empty if there is no problem."""
     found: list[str] = []
 
     def refuse(field: str, reason: str) -> None:

@@ -1,4 +1,4 @@
-"""The check of a data set for all properties that would make training or export fail."""
+"""The check of a data set for properties that would make training or export fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -239,7 +239,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
     if dataset.layout.mirror is None:
         alone = dataset.layout.without_partner()
         why = f"{alone[0]} for example: no sensor is at (x, -y)" if alone else "because body or jets are not symmetric"
-        yield f"the sensors have no mirror images, {why}; training has only the recording, half of the data"
+        yield f"the sensors have no mirror images, {why}; so training has no mirrored data, only the recording"
     yield from implausible(dataset)
     yield from (item.text for item in asymmetry(dataset))
     yield from _units(dataset)
@@ -279,7 +279,7 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _forcing(dataset: Dataset) -> Iterator[str]:
-    """Report a forcing of the jets that has a single frequency, equal in all training episodes."""
+    """Report if the jets are forced with the same single frequency in all training episodes."""
     period = dataset.plant.control_period
     if period is None:
         return
@@ -312,7 +312,7 @@ def _units(dataset: Dataset) -> Iterator[str]:
     largest = max((float(np.abs(item.series["action"]).max()) for item in training), default=0.0)
     if limit is not None and 0.0 < largest < _USED * limit:
         yield (
-            f"no action of the training episodes is above {largest:.3g}, the limit is {limit:g}: the model does "
+            f"no action of the training episodes is above {largest:.3g}, but the limit is {limit:g}: the model does "
             f"not learn larger actions; flow.action_limit should be about the largest action that was recorded"
         )
     if not training or period is None:

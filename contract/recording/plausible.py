@@ -1,4 +1,4 @@
-"""Checks for numbers that a pressure sensor, a force balance or a logger hardly ever gives. Each report states the
+"""The checks for numbers that a pressure sensor, a force balance or a logger hardly ever gives. Each report states the
 likely cause and a remedy. No check stops training, because the body may be unusual."""
 
 import itertools
@@ -165,7 +165,7 @@ def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Not
         cause = "a body in a stream has drag above 0, and training would raise it; import with --reference Cd=-1"
         yield f"mean Cd is {mean:.3g}", f"{cause} if the file has the other sign{upside_down}"
     elif mean < _DRAG:
-        yield f"mean Cd is {mean:.3g}", f"a body has {_DRAG:g} or more by its width; {in_newtons.format('Cd')}"
+        yield f"mean Cd is {mean:.3g}", f"a body has {_DRAG:g} or more, based on its width; {in_newtons.format('Cd')}"
     for name, what, size in (("Cd", "mean Cd", mean), ("Cl", "the deviation of Cl", float(lift.std()))):
         if size > _FORCE:
             yield f"{what} is {size:.3g}", f"no body in a stream reaches {_FORCE:g}; {in_newtons.format(name)}"
@@ -192,12 +192,12 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
     already = divisor > 1.0 and size < 10.0 * _FLAT and least >= _LOWEST and most <= _SWINGS[1]
     if size < _FLAT or already:
         before = f", of numbers from {least:.3g} to {most:.3g} divided by {divisor:g}" if already else ""
-        cause = "numbers that have no dimension already need no --reference Cp"
+        cause = "dimensionless numbers need no --reference Cp"
         yield f"all Cp are within {np.abs(pressure).max():.3g}{before}", cause
     weak = (rms < 0.01 * np.median(rms)) & (deviation < 0.01 * np.median(deviation)) & (swing > 0)
     if weak.any():
         yield (
-            f"Cp of {_listed(names, weak)} is less than a hundredth of the other sensors'",
+            f"Cp of {_listed(names, weak)} is less than a hundredth of that of the other sensors",
             f"its unit differs (--reference {names[int(weak.argmax())]}=NUMBER), or the sensor is not connected",
         )
 
@@ -220,7 +220,7 @@ def _divisor(episode: Episode) -> float:
 def _readings(
     names: Sequence[str], table: Array, told: Mask, spread: Array, finest: Array, action: Array
 ) -> Iterator[_Note]:
-    """Report stuck or saturated sensors, copies of another sensor, and repeated rows; skip columns in `told`."""
+    """Report stuck or saturated sensors, copies of another sensor, and repeated rows. Columns in `told` are skipped."""
     rows = len(table)
     changes = np.flatnonzero((np.diff(table, axis=0) != 0).any(axis=1))
     gaps = np.diff(changes)
@@ -288,7 +288,7 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
     for what, sizes, most, least in (
         ("rms Cp", np.array([np.median(np.sqrt(np.square(one[:, :-2]).mean(axis=0))) for one in tables]), _SCALE, 0.0),
         ("mean Cd", np.array([abs(table[:, -2].mean()) for table in tables]), _SCALE, _DRAG),
-        ("the deviation of Cl by that of Cp", lift, _SCALE_OF_LIFT, 0.0),
+        ("the deviation of Cl divided by that of Cp", lift, _SCALE_OF_LIFT, 0.0),
     ):
         low, high = int(np.argmin(np.where(sizes > 0, sizes, np.inf))), int(sizes.argmax())
         if sizes[low] > least and sizes[high] > most * sizes[low]:

@@ -105,7 +105,7 @@ class Made:
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check whose failure does not prevent other checks. If it fails and `lists` is set, return None."""
+        """Make a check that other checks do not depend on. If it fails and `lists` is set, return None."""
         try:
             value = verify()
         except BundleError as error:
@@ -202,7 +202,7 @@ def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapp
 def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
         raise errors.BundleDbcError(
-            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version's"
+            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version"
         )
     return dbc_sha256()
 

@@ -104,6 +104,6 @@ def decode(raw: bytes, root: PublicKey) -> KeyList:
     keys = [body[at : at + _KEY] for at in range(0, len(body), _KEY)]
     for part in (keys[:allowed], keys[allowed:]):
         if part != sorted(set(part)):
-            raise KeyFileError("key list: is damaged (keys must ascend, each once)")
+            raise KeyFileError("key list: is damaged (keys must ascend, and each must occur once)")
     allowed_keys, revoked_keys = (frozenset(map(PublicKey, part)) for part in (keys[:allowed], keys[allowed:]))
     return KeyList(version=version, keys=allowed_keys, revoked=revoked_keys)

@@ -128,7 +128,7 @@ class Manifest:
 
     Attributes:
         created: day of the export, YYYY-MM-DD.
-        precision: "float32" or "int8" (weights; arithmetic is float32).
+        precision: type of the stored weights, "float32" or "int8"; the arithmetic is in float32.
         sensors: names of the sensors, in the order of the controller's window and of the Pressure message.
         window: L, number of past control steps that the controller reads.
         control_period: control period in t_c.
@@ -142,10 +142,10 @@ class Manifest:
         program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`);
             the header of a C library of this program has the same SHA-256.
         provenance: settings, metrics and versions of the training, and the results of the export's gates.
-        sensor_positions: (x, y) of every sensor in the body's reference length W; None if they are not known.
+        sensor_positions: (x, y) of every sensor in the body's reference length W; None if the positions are not known.
         sensor_estimator: figures of `sensors.onnx`; None without that file.
-        security_version: an ECU that has confirmed a release with a greater security version refuses this release. The
-            version is raised when an older release must not be installed again.
+        security_version: number that is raised when older releases must not be installed again. An ECU that has
+            confirmed a release with a greater number refuses this release.
         hardware: name of the ECU hardware to which the release may be flashed; None for any hardware.
         speeds: range of speeds in which the ECU resamples the controller's past for the present speed; None if the
             controller assumes the operating point's speed at all times.
@@ -184,7 +184,7 @@ class Manifest:
 
     @property
     def sizes(self) -> Sizes:
-        """Sizes of the controller, from which the shapes of its interface follow."""
+        """The controller's sizes. The shapes of its interface follow from these sizes."""
         return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
     def __post_init__(self) -> None:
@@ -194,7 +194,7 @@ class Manifest:
 
     def _wrong(self) -> Iterator[str]:
         if self.provenance.get("kind") == "linear":
-            yield "a linear controller, which only version 1.0.0 accepts: examples/linear_feedback.py makes a new one"
+            yield "a linear controller, which only version 1.0.0 accepts: examples/linear_feedback.py exports a new one"
         for what, name in (("name", self.name), ("hardware", self.hardware)):
             if name is not None and not is_name(name):
                 yield f"{what} {quoted(name)}: must be 1 to {MAX_NAME} printable characters"

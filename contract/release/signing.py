@@ -85,7 +85,7 @@ def is_good(signature: bytes, key: bytes, data: bytes) -> bool:
 
 
 def public_key(key: Ed25519PrivateKey) -> PublicKey:
-    """Return the public half of a key pair."""
+    """Return the public key that belongs to a private key."""
     return PublicKey(key.public_key().public_bytes_raw())
 
 

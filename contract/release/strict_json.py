@@ -41,7 +41,7 @@ def encode(tree: Mapping[str, Any]) -> bytes:
 
 
 def digest_of(tree: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a table in hex, for any spacing and order of keys. Raises as `encode` does."""
+    """Return the SHA-256 of a table in hex; spacing and order of keys have no effect. Raises as `encode` does."""
     return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
 
 

@@ -14,15 +14,15 @@ from wake.openfoam.mesh import PATCHES, Mesh
 from wake.openfoam.wall import DRIVEN, pressure_points
 
 FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
-"""Name of the function object that measures the force on each patch."""
+"""Names of the function objects that measure the force on each patch, by patch."""
 PRESSURES: Final = "wallPressures"
 PROBE_OBJECT: Final = "wakeProbe"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseClock:
-    """The end and the time step of an icoFoam run in t_c, and the numbers of time steps between written states and
-    between measurements."""
+    """The clock of an icoFoam run: its end and its time step, in t_c, and the numbers of time steps between written
+    states and between measurements."""
 
     end: float
     dt: float

@@ -1,4 +1,4 @@
-"""The wake without jets: icoFoam computes it once, and it is stored as the start of closed-loop runs."""
+"""The wake without jets. icoFoam computes this wake once; it is stored, and closed-loop runs start from it."""
 
 import re
 import shutil
@@ -91,7 +91,7 @@ def developed(
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
-    # States of earlier versions lack this fact, because the velocity at their inlet cannot change.
+    # States of earlier versions lack this text, because the velocity at their inlet cannot change.
     facts += ", inlet from files"
     if path.is_file():
         kept, made_with = load(path)

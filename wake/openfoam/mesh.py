@@ -165,8 +165,8 @@ def _quads(block: Index) -> Index:
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return four arrays with an entry for each of the four edges of each cell. They are the vertex pair, with the cell
-    on the left; the cell; the same edge's entry for the other cell, or -1 at a boundary; and a code of the vertex
+    """Return four arrays with an entry for each of the four edges of each cell: the vertex pair, with the cell on the
+    left; the cell; the index of the same edge's entry for the other cell, or -1 at a boundary; and a code of the vertex
     pair."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     cell = np.repeat(np.arange(len(cells)), 4)

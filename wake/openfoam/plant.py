@@ -1,7 +1,7 @@
 """The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. The truck, the jets and the clock are the
 same as in stillwake's own solver.
 
-The interface is that of `wake.truck.truck_wake.TruckWake`, with two limits. A run has a longest duration, because
+The interface is that of `wake.truck.truck_wake.TruckWake`, with two limits. The duration of a run is limited, because
 icoFoam needs all times in advance. States exist only at a control period's end, where icoFoam writes its fields.
 """
 
@@ -52,7 +52,7 @@ class CellInterpolation:
         self._weights = csr_array((weights, (rows, columns)), shape=(len(points), len(mesh.centres)))
 
     def __call__(self, values: Array) -> Array:
-        """Interpolate values in the m cells, (m, ...), to the n target points, (n, ...)."""
+        """Interpolate values in the m cells, (m, ...), to the n target points; returns (n, ...)."""
         return np.asarray(self._weights @ values)
 
 

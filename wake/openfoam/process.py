@@ -102,7 +102,7 @@ class IcoFoam(NeverCopied):
 
 
 def _die_with_parent() -> None:
-    """Let the kernel end the child when the thread that started the child ends for any reason."""
+    """Let the kernel end the child when the thread that started the child ends, for whatever reason."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 

@@ -58,8 +58,8 @@ def mean_flow(
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raster:
     """A linear interpolation from the nodes of a tensor grid to square pixels with centres x (width,) and y (height,),
-    both rising. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) hold every pixel's weights of the
-    nodes."""
+    both rising. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) hold the weights of the nodes for each
+    pixel."""
 
     x: Array
     y: Array

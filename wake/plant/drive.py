@@ -26,8 +26,8 @@ Wind = Callable[[float], float]
 
 @dataclass(frozen=True, kw_only=True)
 class Gust:
-    """A wind that oscillates sinusoidally about U_inf. The amplitude is in U_inf, period and start are in t_c. The
-    number of periods is a whole number, so that the gust begins and ends at U_inf."""
+    """A wind that oscillates sinusoidally about U_inf. The amplitude is in U_inf; the period and the start are in t_c.
+    `cycles` is a whole number, so that the gust begins and ends at U_inf."""
 
     amplitude: float
     period: float
@@ -45,7 +45,7 @@ MOST_RATIO: Final = 2.0
 """Largest ratio of a vehicle speed to U, at which Re is 1000. At larger ratios the mesh does not resolve the wake."""
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
-"""Speed of the WLTC that corresponds to U. With U = 25 m/s the profile is the original cycle."""
+"""Speed in the WLTC that becomes U. With U = 25 m/s the profile is the original cycle."""
 
 _WLTC: Final = """
 60.2 62.3 64.7 67.1 69.2 70.7 71.9 72.7 73.4 73.8 74.1 74.0 73.6 72.5 70.8 68.6 66.2 64.0 62.2 60.9 60.2 60.0 60.4 61.4

@@ -23,7 +23,7 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
     varies with noise. The noise is low-pass filtered and divided by its largest magnitude. The amplitude follows a slow
     sinusoid up to 1 + depth, so the strongest part of the signal is clipped and explores the full amplitude."""
     dt = flow.control_period
-    # The filter starts from zero, so its output is discarded for 4 / (cut-off frequency).
+    # The filter starts from zero, so its output is discarded until the time 4 / (cut-off frequency).
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
     lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
     eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
@@ -100,7 +100,7 @@ class EpisodePlan:
     seed: int
     lead: int = 0
     packages: ClassVar[tuple[str, ...]] = ()
-    """Packages whose versions affect the samples, in addition to the packages of the flow solver."""
+    """Packages whose versions affect the samples, besides the packages of the flow solver."""
 
     @property
     def role(self) -> Role:

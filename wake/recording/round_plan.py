@@ -1,9 +1,9 @@
 """The rounds of episodes that are added to a data set. They run under a controller or from the steady wake.
 
 A round under a controller adds the flow states that the controller of the last round reaches (DAgger: Ross, Gordon and
-Bagnell 2011). Calm episodes begin at the steady wake. Small random actions, whose amplitude differs between episodes,
-disturb this wake, and the disturbances grow up to shedding. A model that is trained without calm episodes predicts a
-wrong growth, because no other episode comes near the steady wake.
+Bagnell 2011). Calm episodes begin at the steady wake. Small random actions disturb this wake, and the disturbances grow
+up to shedding. The amplitude of the actions differs between episodes. A model that is trained without calm episodes
+predicts a wrong growth, because no other episode comes near the steady wake.
 """
 
 from collections.abc import Mapping

@@ -38,7 +38,7 @@ class FlowAdjoint(CopiedWhole):
         `action_to`.
 
         Args:
-            bar: sensitivities to the flow at the run's end; overwritten with the sensitivities to the first flow.
+            bar: sensitivities to the flow at the run's end; overwritten with those to the flow at its beginning.
             starts: the flows that `FlowSolver.run` stored, (steps, size of the buffer).
             dt, action_from, action_to, wind: the arguments with which `FlowSolver.run` was called.
         """

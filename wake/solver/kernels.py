@@ -86,8 +86,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops: the compiler does not vectorise a
-    loop whose indices could be negative, or a loop with so many arrays that it cannot prove them distinct.
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The reason is that the compiler
+    does not vectorise a loop whose indices could be negative, or whose arrays are too many to be proved distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -264,7 +264,7 @@ def stages(
     """Run the s Runge-Kutta stages of a step. a and step are (s,); slot_velocity (s, m faces), wind (s,) and gained
     (s,) are the arguments of `advance_stage` for each stage.
 
-    One call runs all stages, because each call takes a microsecond or two to pass its arrays.
+    One call runs all stages, because passing the arrays takes a microsecond or two in each call.
     """
     for k in range(len(a)):
         advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)

@@ -308,7 +308,7 @@ def _split(b: Array, even: Array, odd: Array) -> None:
             even_i[j] = half * (lower[j] + upper[last - j])
         for j in range(np.uintp(h)):
             odd_i[j] = half * (lower[j] - upper[last - j])
-        # The padding is cleared too, because a diverged flow leaves non-finite values there.
+        # The padding is also cleared, because a diverged flow leaves non-finite values there.
         even_i[h:] = odd_i[h:] = half * 0
 
 

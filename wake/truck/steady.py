@@ -65,8 +65,8 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> SteadyWake:
-    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: that of
-    velocity in U_inf / t_c and that of drag in 1 / t_c. Raises PlantError if the flow is not steady after `longest`
+    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the velocity's
+    rate in U_inf / t_c, and the drag's rate in 1 / t_c. Raises PlantError if the flow is not steady after `longest`
     t_c. `progress` is called with the time and the larger rate after every control period."""
     start_from_rest(wake)
     period = wake.config.control_period

@@ -206,7 +206,7 @@ class Surface:
             pressure = self._wall_pressure(x, y, nx, ny)
             _add(drag, -nx * length, pressure)
             _add(lift, -ny * length, pressure)
-            # On a no-slip wall the viscous traction is nu du/dn, tangential because the flow is solenoidal.
+            # On a no-slip wall the viscous traction is nu du/dn. It is tangential, because the flow is solenoidal.
             if abs(ny) > 1e-9:
                 _add(drag, 2.0 * viscosity * length, self._wall_shear(x, y, nx, ny, "u"))
             if abs(nx) > 1e-9:

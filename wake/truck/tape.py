@@ -21,7 +21,7 @@ _MEGABYTE = 1e6
 
 @dataclass(kw_only=True, eq=False)
 class _Period:
-    """The flow at a period's start and, if memory allows, at each step's start; also the period's actions and time."""
+    """The actions and the time of a period, the flow at its start and, if memory allows, at each step's start."""
 
     start: Array
     steps: Array | None
@@ -65,8 +65,8 @@ class Tape(CopiedWhole):
         return len(self._periods)
 
     def advance(self, action: float) -> Sample:
-        """Advance the plant by a period, as `TruckWake.advance` does, and store the data for `back`. Raises PlantError
-        as the plant does, or if the tape becomes too long for its memory."""
+        """Advance the plant by a period, as `TruckWake.advance` does, and store the data that `back` needs. Raises
+        PlantError as the plant does, or if the tape becomes too long for its memory."""
         plant, substeps = self._plant, self._plant.config.substeps
         flow_mb = self._end.nbytes / _MEGABYTE
         self._make_room(flow_mb, substeps)
@@ -112,7 +112,7 @@ class Tape(CopiedWhole):
         plant is within a control period."""
         into = self._plant.substeps_into_period
         if into:
-            raise PlantError(f"a tape begins with a control period, the plant is {into} steps into one")
+            raise PlantError(f"a tape begins with a control period, but the plant is {into} steps into a period")
         self._spare += [period.steps for period in self._periods if period.steps is not None]
         self._periods.clear()
         self.memory_mb = 0.0

@@ -185,7 +185,7 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
             f"{finer}, so that row k has the pressures at t_k and the action commanded then"
         )
     ratio = f"{mean / period:.4g}"
-    hint = f"if t is in s or ms and that is {ratio} of them, import with --reference t={ratio}"
+    hint = f"if t is in s or ms, and W / U_inf is {ratio} in that unit, import with --reference t={ratio}"
     hint = f"; t and flow.control_period are in W / U_inf: {hint}" if abs(mean / period - 1.0) > STEP_TOLERANCE else ""
     raise DatasetError(f"{path}: {problem}{hint}")
 

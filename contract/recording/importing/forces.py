@@ -52,8 +52,8 @@ class TimeSeries:
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
                 f"{self.path}: {self.name!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
-                f"log's rows from {times[0]:.9g} to {times[-1]:.9g} s: it must cover them; see --forces-clock and "
-                f"--forces-shift"
+                f"log's rows from {times[0]:.9g} to {times[-1]:.9g} s: the forces must cover these rows; see "
+                f"--forces-clock and --forces-shift"
             )
         times = np.clip(times, self.t[0], self.t[-1])
         behind = np.searchsorted(self.t, times, side="left")
@@ -88,7 +88,7 @@ def read_forces(
     Args:
         renamed: names of t, Cd and Cl in the file. An array that is not renamed may have its unit in brackets behind
             the name, as `stillwake report` writes it.
-        references: value in the file that equals 1 in the data set, by series.
+        references: values in the file that equal 1 in the data set, by series.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")

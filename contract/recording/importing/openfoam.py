@@ -157,8 +157,8 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
     """Return the values at the times t, interpolated linearly between the rows."""
     if len(t) < 2:
         raise DatasetError(
-            f"{path}: goes from {times[0]:g} to {times[-1]:g} W / U_inf, less than two control periods that probes and "
-            f"coefficients share; times in s need --reference t=NUMBER, W / U_inf in s"
+            f"{path}: goes from {times[0]:g} to {times[-1]:g} W / U_inf: must have two control periods in which both "
+            f"probes and coefficients have rows; if times are in s, give W / U_inf in s as --reference t=NUMBER"
         )
     if (np.diff(times) <= 0).any():
         k = int(np.argmax(np.diff(times) <= 0))
@@ -167,7 +167,7 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
     gap = float(np.diff(times[rows]).max())
     if gap > _GAP * period:
         raise DatasetError(
-            f"{path}: rows are up to {gap:.6g} W / U_inf apart, the control period is {period:g}: write one a period"
+            f"{path}: rows are up to {gap:.6g} W / U_inf apart, the control period is {period:g}: write a row a period"
         )
     return np.column_stack([np.interp(t, times, column) for column in values.T])
 

@@ -72,7 +72,7 @@ def references_of(texts: Sequence[str]) -> dict[str, Reference]:
         if not name or parts is None or not 0.0 < abs(float(parts[1])) < float("inf"):
             raise ConfigError(f"{option}: write NAME=NUMBER and its unit, such as Cd=40N or t=5ms; not 0")
         if name in found:
-            raise ConfigError(f"{option}: {name} has a reference already, {found[name]}")
+            raise ConfigError(f"{option}: {name} already has the reference {found[name]}")
         found[name] = Reference(number=float(parts[1]), unit=parts[2] or None, option=option)
     return found
 
@@ -101,7 +101,7 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
         return 1.0 / reference.number
     other, other_size = _base(reference.unit)
     if base != other:
-        raise DatasetError(f"{path}: {inside!r} is in {unit!r} in the file, which {reference.option} is not")
+        raise DatasetError(f"{path}: {inside!r} is in {unit!r} in the file, but {reference.option} is not")
     return size / (reference.number * other_size)
 
 
