@@ -18,8 +18,8 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 """Array of flags that selects entries of another array."""
 
 MOST_VALUES: Final = 2**27
-"""Largest number of values in a file of unknown origin: 1 GiB in double precision. Eight hours with 90 sensors need no
-more values. A file with more values is refused before it is read."""
+"""Largest number of values in a file of unknown origin: 1 GiB in double precision. This is enough for 90 sensors over
+eight hours. A file with more values is refused before it is read."""
 
 
 class ArrayValue:

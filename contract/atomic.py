@@ -1,4 +1,4 @@
-"""Functions that write a file or folder completely or not at all."""
+"""The functions that write a file or folder completely or not at all."""
 
 import errno
 import os

@@ -22,7 +22,7 @@ class ConfigError(StillwakeError):
 
 
 class ConflictError(ConfigError):
-    """Options or settings that exclude each other."""
+    """A combination of options or settings that exclude each other."""
 
     status: ClassVar[int] = 2
 

@@ -1,4 +1,4 @@
-"""Functions that format texts of unknown origin, whose control characters could disturb a terminal."""
+"""The formatting of texts of unknown origin, whose control characters could disturb a terminal."""
 
 from typing import Final
 

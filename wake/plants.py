@@ -1,4 +1,4 @@
-"""Functions that open the plant of a closed loop by the plant's name."""
+"""The functions that open the plant of a closed loop by the plant's name."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Several wakes in one process, as a Gymnasium vector environment of `stillwake/TruckWake-v0`."""
+"""The Gymnasium vector environment of `stillwake/TruckWake-v0`: several wakes in one process."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -24,7 +24,7 @@ Actions = npt.NDArray[np.float32]
 
 
 class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
-    """N independent `wake.env.TruckWakeEnv`, whose flows advance at the same time on the machine's cores.
+    """A set of N independent `wake.env.TruckWakeEnv`. Their flows advance at the same time on the machine's cores.
 
     Each environment has bit for bit the observations, rewards, `info` and episodes of a single environment with equal
     seed and actions. From one seed, `reset` gives the environments seed, seed + 1 and so on; it also takes a list with
@@ -129,9 +129,9 @@ def _one(settings: dict[str, Any]) -> _Ahead:
 
 
 class BatchTape(CopiedWhole):
-    """One tape (`wake.truck.tape.Tape`) for each wake of a vector environment; the tapes advance together, one control
-    period at a time, on the environment's threads. They advance only the flows: the environment counts no steps and
-    ends no episode. A copy has its own environment.
+    """A set of tapes (`wake.truck.tape.Tape`), one for each wake of a vector environment. The tapes advance together,
+    one control period at a time, on the environment's threads. They advance only the flows: the environment counts no
+    steps and ends no episode. A copy has its own environment.
 
     Args:
         env: the environment, after `reset`; every wake must be at the beginning of a control period.

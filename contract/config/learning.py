@@ -29,7 +29,7 @@ _SLIMMED: Final = paper("section 2.3.2", "the paper reduces only the encoder")
 
 @dataclass(frozen=True, kw_only=True)
 class ModelConfig(Settings, source=paper("table 1")):
-    """Shapes of the three networks (paper, table 1)."""
+    """The shapes of the three networks (paper, table 1)."""
 
     window: Annotated[AtLeastOne[int], STEPS, paper("section 2.2.1")] = 32
     """L: number of past samples that the encoder reads."""
@@ -82,7 +82,7 @@ class FinishConfig(Settings, section="train.finish", source=ours("the paper has 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig(Settings, source=paper("section 2.2.4")):
-    """Joint loss, optimiser and distillation (paper, sections 2.2.4 and 2.3)."""
+    """The joint loss, the optimiser and the distillation (paper, sections 2.2.4 and 2.3)."""
 
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
     """k: number of steps that the dynamics network predicts from each encoded state to compute the loss."""
@@ -200,7 +200,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     """Largest share of a stretch's periods whose pressures are lost; in half of the stretches no pressures are lost."""
     refinement: Positive[float] = 0.75
     """Refinement of the training's grid, like `flow.refinement`. The default takes a quarter of the time of refinement
-    1. Controllers trained on coarser grids than the default behave differently from those trained with 1."""
+    1. Controllers trained on coarser grids than the default behave differently from those with refinement 1."""
     substeps: AtLeastOne[int] = 15
     """Number of time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True

@@ -1,4 +1,4 @@
-"""Functions that read the settings from TOML files and `key.path=value` overrides."""
+"""The functions that read the settings from TOML files and `key.path=value` overrides."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence

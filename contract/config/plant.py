@@ -24,7 +24,7 @@ _REFINEMENT: Final = within(0.1, 10, "a coarser grid does not resolve the jets, 
 
 @dataclass(frozen=True, kw_only=True)
 class FlowConfig(Settings, source=paper("section 2.1")):
-    """Reynolds number, control period, jets and grid of the simulated flow (paper, section 2.1)."""
+    """The Reynolds number, control period, jets and grid of the simulated flow (paper, section 2.1)."""
 
     reynolds: Positive[float] = 500.0
     """Reynolds number U_inf W / nu. The paper's value is three to four orders of magnitude below a truck's value."""
@@ -42,7 +42,7 @@ class FlowConfig(Settings, source=paper("section 2.1")):
 
 @dataclass(frozen=True, kw_only=True)
 class ForcingConfig(Settings, source=paper("section 2.1")):
-    """Open-loop waveform for training, and chirp for tests (paper, section 2.1). Frequencies are in 1/t_c."""
+    """The open-loop waveform for training, and the chirp for tests (paper, section 2.1). Frequencies are in 1/t_c."""
 
     base_frequency: Annotated[Positive[float], FREQUENCY] = 0.2
     """Frequency of the carrier, which is close to the wake's shedding frequency."""
@@ -70,7 +70,7 @@ class ForcingConfig(Settings, source=paper("section 2.1")):
 
 @dataclass(frozen=True, kw_only=True)
 class OpenFoamConfig(Settings, source=ours("the second plant is not the paper's case", page="how-to/use-openfoam.md")):
-    """Mesh and initial flow of the second plant, OpenFOAM. In a coupled run, OpenFOAM uses the time step of `flow`."""
+    """The mesh and first flow of OpenFOAM, the second plant. In a coupled run, it uses the time step of `flow`."""
 
     refinement: Annotated[float, _REFINEMENT, ours("the mesh of the comparison", page="how-to/use-openfoam.md")] = 1.0
     """Divisor of all spacings of the body-fitted mesh; a finer mesh needs a smaller time step."""

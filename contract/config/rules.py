@@ -38,8 +38,8 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as a number in the paper at a place such as "section 2.1"; a note states how the number follows.
-    Equations have the manuscript's numbers, which do not restart with each section."""
+    """Mark a default as the number at a place in the paper, such as "section 2.1". If the number is not there, `note`
+    says how it follows. Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
 
@@ -55,7 +55,7 @@ def ours(reason: str, *, page: str = "") -> Source:
 
 @dataclass(frozen=True)
 class Unit:
-    """Metadata of an `Annotated` type: a unit, as written after a number."""
+    """A unit, as written after a number: metadata of an `Annotated` type."""
 
     name: str
 

@@ -19,7 +19,7 @@ from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """All settings. The sub-trees have the names of the sections in a TOML file."""
+    """The tree of all settings. Its sub-trees have the names of the sections in a TOML file."""
 
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
     body: BodyConfig = field(default_factory=BodyConfig)

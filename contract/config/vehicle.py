@@ -42,7 +42,7 @@ class E2eConfig(
     section="bus.e2e",
     source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
 ):
-    """Conditions under which a receiver treats the frames of an E2E-protected message as a valid stream."""
+    """The conditions under which a receiver treats the frames of an E2E-protected message as a valid stream."""
 
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("lost frames that the ECU bridges", page=_GATE)
@@ -65,7 +65,7 @@ class E2eConfig(
 class BackgroundConfig(
     Settings, section="bus.background", source=ours("a bus without other nodes", page="explanation/simulated-bus.md")
 ):
-    """Traffic of other nodes on the simulated bus. Without this traffic, frames hardly ever wait for the bus."""
+    """The traffic of other nodes on the simulated bus. Without it, frames hardly ever wait for the bus."""
 
     load: Fraction[float] = 0.0
     """Share of the bus time that generated periodic messages take, including stuff bits."""
@@ -129,8 +129,8 @@ class SensorCheckConfig(
     section="ecu.sensor_check",
     source=ours("above the figures of healthy sensors", page=_LIES),
 ):
-    """Thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances. The values of
-    healthy sensors are from the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
+    """The thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances. The values
+    of healthy sensors are from the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
@@ -160,7 +160,7 @@ class BenefitCheckConfig(
     section="ecu.benefit_check",
     source=ours("between useful and harmful control", page=_HELPS),
 ):
-    """Thresholds with which the ECU decides whether control helps (docs/explanation/what-shuts-the-jets.md)."""
+    """The thresholds with which the ECU decides whether control helps (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("outside its design conditions a controller can raise drag", page=_HELPS)] = True
     """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
@@ -187,7 +187,7 @@ class BenefitCheckConfig(
 class SpeedConfig(
     Settings, section="ecu.speed", source=ours("within the limits of a vehicle", page="explanation/other-speeds.md")
 ):
-    """Conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
+    """The conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
 
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
     """Largest age at which a measured speed is used in a control step, if no newer speed arrives."""
@@ -201,7 +201,7 @@ class SpeedConfig(
 
 @dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
-    """Timing and fail-safe behaviour of the ECU."""
+    """The timing and the fail-safe behaviour of the ECU."""
 
     compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
     """Time that the virtual ECU takes for a control step, from the step's start to the command. This time is an assumed
@@ -215,17 +215,17 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Number of consecutive good frames that the ECU needs before a rising edge of the vehicle's request can clear a
     latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
-    """Largest age, from sampling to control step, of pressures that may be used for planning. The default allows one
-    period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect; with 40 ms
-    the side force grows."""
+    """Largest age at which pressures may be used for planning, counted from sampling to control step. The default
+    allows one period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect;
+    with 40 ms the side force grows."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
     """Number of latest periods under control among which `ecu.loss_limit` counts losses."""
     loss_limit: Annotated[int, PERIODS, ours("four sigma above a random loss of 25 %", page=_GATE)] = 25
-    """Number of periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and
-    the fault latches. A controller that gets at most every second sample does not control the flow."""
+    """The jets go to zero and the fault latches if this number of the latest `ecu.loss_window` periods had no usable
+    pressures. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
-    """Number of mistimed steps (a period late or half a period early), among the latest `ecu.deadline_window`, at which
-    the ECU switches itself off. A number above `ecu.deadline_window` disables the check."""
+    """The ECU switches itself off if this number of the latest `ecu.deadline_window` steps were mistimed: a period late
+    or half a period early. A number above `ecu.deadline_window` disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
     """Number of latest steps among which `ecu.deadline_misses` counts mistimed steps."""
     plan_ahead: Annotated[bool, ours("drag falls more", page="reference/results.md#what-limits-the-reduction")] = True
@@ -238,13 +238,13 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     late by less than this time are still used in their own period. The plan is for the next period, so waiting costs
     nothing if the step is finished before the present period ends."""
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
-    """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
+    """Actuator delay that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
     benefit_check: BenefitCheckConfig = field(default_factory=BenefitCheckConfig)
     speed: SpeedConfig = field(default_factory=SpeedConfig)
     command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
-    """Largest change of the jet command per period, in U_inf W, that the ECU's command gate permits. The default is
-    three times the largest change of the training waveform at full amplitude."""
+    """Largest change of the jet command per period that the ECU's command gate permits. The default is three times the
+    largest change of the training waveform at full amplitude."""
 
     def _check_together(self) -> None:
         require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")
@@ -260,18 +260,17 @@ class VehicleConfig(Settings, source=ours("the same as in the ECU", page=_GATE))
     """The simulated vehicle."""
 
     actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
-    """Delay of the jets after a command, in control periods. The controller assumes `ecu.delay_steps`."""
+    """Delay of the jets after a command. The controller assumes `ecu.delay_steps`."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
-    """Largest change of the jets' action per period, in U_inf W, that the jets' driver permits, except for shutting the
-    jets. The default equals the default of `ecu.command_step`; the vehicle enforces its limit independently."""
+    """Largest change of the action per period that the jets' driver permits, except for shutting the jets. The default
+    equals the default of `ecu.command_step`; the vehicle enforces its limit independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
     """Number of latest periods under control among which `vehicle.loss_limit` counts losses; the default is one
     second."""
     loss_limit: Annotated[int, PERIODS] = 25
-    """Number of periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts
-    its jets and withdraws its enable request. The request stays withdrawn until the vehicle itself has stopped
-    requesting control once. The limit is like `ecu.loss_limit`: jets that follow at most every second command are not
-    under control."""
+    """The vehicle shuts its jets and withdraws its enable request if this number of the latest `vehicle.loss_window`
+    periods had no usable command. The request stays withdrawn until the vehicle itself has stopped requesting control
+    once. The limit is like `ecu.loss_limit`: jets that follow at most every second command are not under control."""
 
     def _check_together(self) -> None:
         require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")

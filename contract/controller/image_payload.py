@@ -27,7 +27,7 @@ from contract.errors import BundleContainerError
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
 """Largest permitted magnitude, in Cp, of the figures that describe the residuals of healthy sensors and the wake
-without jets; `LEAST_FIGURE` is the smallest. The squares of these figures are divisors."""
+without jets; `LEAST_FIGURE` is the smallest magnitude. The squares of these figures are divisors."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
 """Types of arrays, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(

@@ -1,4 +1,4 @@
-"""One control step of a released controller: its inputs, its outputs, and the classes that compute it.
+"""The control step of a released controller: its inputs, its outputs, and the classes that compute it.
 
 Every lowering of a controller has this interface. In `controller.onnx`, inputs and outputs have the names below; in the
 C library they are members of structures. L is the window, S the number of sensors and H the horizon:

@@ -93,7 +93,7 @@ REQUIRED: Final = ("t", "action", "Cp", "Cd", "Cl")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Episode:
-    """One uninterrupted recording of n control steps.
+    """An uninterrupted recording of n control steps.
 
     Attributes:
         name: name of the episode, unique within the data set.

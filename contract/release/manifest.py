@@ -90,7 +90,7 @@ class SensorEstimator:
     Entry (j, i) belongs to the residual of sensor i, with an estimate from neither sensor i nor sensor j.
 
     Attributes:
-        fast, slow: (S, S) root mean square, in Cp, of the residuals averaged over `FAST_PERIODS` and `SLOW_PERIODS`.
+        fast, slow: (S, S) root mean square of residuals in Cp that are averaged over `FAST_PERIODS` or `SLOW_PERIODS`.
     """
 
     fast: tuple[tuple[float, ...], ...]

@@ -1,4 +1,4 @@
-"""Rules for copying and pickling stateful objects: an object is copied with everything that it holds, or not at all."""
+"""The rules for copying and pickling stateful objects: an object is copied with all that it holds, or not at all."""
 
 from copy import deepcopy
 from typing import ClassVar, NoReturn, Self

@@ -85,9 +85,9 @@ def developed(
     folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
     """Return the developed wake. It is read from `folder/developed.npz` if it was computed with these settings.
-    Otherwise it is computed from the developed wake of stillwake's solver, which takes minutes, and stored in this
-    file. A later call continues an interrupted computation. Raises PlantError if icoFoam is missing or fails, or the
-    stored file is damaged."""
+    Otherwise it is computed, in minutes, from the developed wake of stillwake's solver, and stored in this file. A
+    later call continues an interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored
+    file is damaged."""
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"

@@ -35,8 +35,8 @@ class Readings:
     """The measurements at one time: the contents of one line from each function object's file.
 
     Attributes:
-        forces: kinematic force vectors, (3, 3, 3): total, pressure and viscous force on each of truck, upper slot and
-            lower slot.
+        forces: kinematic forces, (3, 3, 3): for truck, upper slot and lower slot, the vectors of total, pressure and
+            viscous force.
         pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """

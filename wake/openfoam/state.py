@@ -25,7 +25,7 @@ _POWERS: Final = dict.fromkeys(_FIELDS, 1) | {"p": 2}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoamState:
-    """All data that determine how a case continues.
+    """The data that determine how a case continues.
 
     Attributes:
         files: contents of the case's field files by name.

@@ -42,7 +42,7 @@ class Gust:
 
 _HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0
-"""Largest ratio of a vehicle speed to U, at which Re is 1000. At larger ratios the mesh does not resolve the wake."""
+"""Largest ratio of a vehicle speed to U. Re is then 1000; at larger ratios the mesh does not resolve the wake."""
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
 """Speed in the WLTC that becomes U. With U = 25 m/s the profile is the original cycle."""

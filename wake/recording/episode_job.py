@@ -61,7 +61,7 @@ EpisodeProgress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeJob:
-    """All data for recording one episode, in this process or in another process that shares the folder.
+    """The data for recording one episode, in this process or in another process that shares the folder.
 
     Attributes:
         owner: token of the call of `record` that created the job; the job stops when another call owns the folder.

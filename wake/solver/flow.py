@@ -1,8 +1,8 @@
 """The buffer of velocity and pressure, and the position of each value in this buffer.
 
-The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u (nx + 2, ny + 2) and
-v (nx + 2, ny + 1) have one layer beyond the edges parallel to the component, and one layer beyond the outlet. p (nx +
-1, ny) has one layer beyond the outlet. Unpadded indices (i, j) are those of `wake.solver.grid`.
+The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u (nx + 2, ny + 2) has
+one layer beyond each side and one beyond the outlet. v (nx + 2, ny + 1) has one layer before the inlet and one beyond
+the outlet. p (nx + 1, ny) has one layer beyond the outlet. Unpadded indices (i, j) are those of `wake.solver.grid`.
 """
 
 from dataclasses import dataclass

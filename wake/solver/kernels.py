@@ -44,7 +44,7 @@ class Rates(NamedTuple):
 
 
 class Runs(NamedTuple):
-    """Rows (i, j0, j1) that cover the open u-faces and the open v-faces."""
+    """The rows (i, j0, j1) that cover the open u-faces and the open v-faces."""
 
     u: Index
     v: Index
