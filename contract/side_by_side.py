@@ -108,7 +108,7 @@ def _result(future: "Future", name: str, kept: str) -> Any:
     if isinstance(error, KilledWorker):
         died = f"{error.allowed_failures + 1} workers died during this job, killed or out of memory"
         raise StillwakeError(f"{name}: {died}; {kept}") from error
-    raise StillwakeError(f"{name}: lost by its worker ({error or future.status}); {kept}") from error
+    raise StillwakeError(f"{name}: its worker lost this job ({error or future.status}); {kept}") from error
 
 
 @contextmanager

@@ -33,9 +33,9 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     """Length of the body; 1 gives a square cylinder."""
     leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
     """Radius of the two front corners; 0 leaves them sharp."""
-    sensors_per_side: Annotated[int, within(1, 450, "as many as can be told apart")] = 40
+    sensors_per_side: Annotated[int, within(1, 450, "a layout has at most 1000 sensors")] = 40
     """Number of sensors on each side, evenly spaced between the rounded edge and the base."""
-    sensors_on_base: Annotated[int, within(1, 100, "as many as can be told apart")] = 10
+    sensors_on_base: Annotated[int, within(1, 100, "a layout has at most 1000 sensors")] = 10
     """Number of sensors on the base, evenly spaced between the two slots."""
 
     def _check_together(self) -> None:

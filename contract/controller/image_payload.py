@@ -202,7 +202,7 @@ def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
     definitions = _definitions(layout)
     table = ", ".join(limits.in_c for limits in limits_in(members_in(definitions), definitions))
     text = (
-        "/* Generated: the name of this build's layout of a release's numbers, and what they may be. */\n"
+        "/* Generated: the SHA-256 of this build's layout of a release's numbers, and the numbers' limits. */\n"
         "#ifndef SW_LAYOUT_H\n#define SW_LAYOUT_H\n\n"
         f"#define SW_LAYOUT_SHA256 {{{digest}}}\n#define SW_LIMITS {{{table}}}\n\n#endif\n"
     )
@@ -227,7 +227,7 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
     """Return a payload's layout definitions. Raises BundleContainerError if the layout's SHA-256 is not `sha256`."""
     start = payload.rfind(_TITLE.encode())
     if start < 0 or hashlib.sha256(payload[start:]).digest() != sha256:
-        raise BundleContainerError(f"image: no text of its layout {sha256.hex()[:12]} behind its numbers")
+        raise BundleContainerError(f"image: the text of its layout {sha256.hex()[:12]} is missing or altered")
     return _definitions(payload[start:].decode())
 
 

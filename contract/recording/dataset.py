@@ -245,7 +245,7 @@ def _write_layout(node: h5py.Group, layout: SensorLayout) -> None:
 def _read_layout(path: Path, file: h5py.File) -> SensorLayout:
     for name in ("layout", "layout/names", "layout/positions", "layout/base"):
         if name not in file:
-            raise DatasetError(f"{path}: {name!r} is missing: the sensors' layout is in groups of that name")
+            raise DatasetError(f"{path}: {name!r} is missing: the file must have the sensors' layout")
     node = file["layout"]
     try:
         return SensorLayout(

@@ -249,7 +249,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
     window = config.model.window
     if window % needs.WINDOW_STEP:
         yield (
-            f"model.window = {window}: with a sensor check, the ECU in C takes multiples of {needs.WINDOW_STEP}; "
+            f"model.window = {window}: with a sensor check, the ECU in C accepts multiples of {needs.WINDOW_STEP}; "
             f"the nearest is {needs.window_for_c(window)}"
         )
     if training and max(longest_run(np.abs(item.series["action"]) <= QUIET * limit)[1] for item in training) < window:
@@ -260,7 +260,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
 
 
 def asymmetry(dataset: Dataset) -> Iterator[Finding]:
-    """Report mirrored sensors whose mean pressures differ. The mirror image of such a recording is no possible flow."""
+    """Report mirrored sensors whose mean pressures differ. Such a recording has no valid mirror image."""
     mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in _of_role(dataset, "train")]
     if mirror is None or not training:
         return
@@ -321,6 +321,6 @@ def _units(dataset: Dataset) -> Iterator[str]:
     frequency = dominant_frequency(longest.series["Cl"], period)
     if frequency is not None and not _FREQUENCY[0] <= frequency <= _FREQUENCY[1]:
         yield (
-            f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, most wakes have it at 0.1 to 0.4: "
-            f"t and flow.control_period are in W / U_inf, so divide seconds by that (--reference t=NUMBER)"
+            f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, but most wakes have it at 0.1 to 0.4: "
+            f"t and flow.control_period are in W / U_inf, so divide seconds by W / U_inf (--reference t=NUMBER)"
         )

@@ -156,7 +156,7 @@ def _missing(names: Sequence[str], table: Array, gaps: Mask) -> Iterator[_Note]:
 def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Note]:
     drag, lift, action = table[:, -2], table[:, -1], episode.series["action"]
     mean, pushed = float(drag.mean()), abs(action.mean()) > 0.5 * np.sqrt(np.square(action).mean())
-    in_newtons = "of forces in N, import with rho U_inf^2 / 2 times W and the span as in --reference {}=40N"
+    in_newtons = "for forces in N, import with rho U_inf^2 / 2 times W and the span as in --reference {}=40N"
     upside_down = f"; {in_newtons.format('Cd').replace('=', '=-')}" if mean < -_FORCE else ""
     if abs(lift.mean()) > abs(mean) and not pushed and (symmetric or drag.std() > abs(mean)):
         cause = "the mean lift of a body is small compared with its drag, so the two seem exchanged; import with --map"
@@ -179,9 +179,9 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
     if beyond.any():
         worst = int(np.argmax(np.where(beyond, np.abs(mean) + high - low, -1.0)))
         least, most = pressure[:, worst].min(), pressure[:, worst].max()
-        remedy = f"of a sensor in another unit, give its number for 1 as in --reference {names[worst]}=375Pa"
+        remedy = f"for a sensor in another unit, give the number that means 1 as in --reference {names[worst]}=375Pa"
         if 2 * beyond.sum() > len(names):
-            remedy = "of pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
+            remedy = "for pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
         yield (
             f"Cp of {_listed(names, beyond)} is {mean[worst]:.3g} in the mean, from {least:.3g} to {most:.3g}",
             f"a wall has {_LOWEST:g} to {_HIGHEST:g}; {remedy}",
@@ -344,6 +344,6 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
     for (a, b), how in sorted(copies.items()):
         later, earlier = (f"{episodes[k].name} ({episodes[k].role})" for k in (b, a))
         yield (
-            f"episode {later} {how} {earlier}: a model is tested on rows that it was not fitted to, and no row counts "
-            f"twice; leave one episode out, or remove the common rows"
+            f"episode {later} {how} {earlier}: a model must be tested on rows to which it was not fitted, and no row "
+            f"may count twice; leave one episode out, or remove the common rows"
         )

@@ -56,8 +56,8 @@ class KeyList:
             raise KeyFileError(f"key list: version {self.version}: must be in 1..{LARGEST_VERSION}")
         if not 1 <= len(self.keys) <= MAX_KEYS or len(self.revoked) > MAX_KEYS:
             raise KeyFileError(
-                f"key list: {len(self.keys)} keys and {len(self.revoked)} revoked: must be 1 to {MAX_KEYS} and at most "
-                f"{MAX_KEYS}"
+                f"key list: {len(self.keys)} keys and {len(self.revoked)} revoked: must be 1 to {MAX_KEYS}, and at "
+                f"most {MAX_KEYS} revoked"
             )
         if weak := [key.raw.hex() for key in self.keys if signing.is_of_small_order(key.raw)]:
             raise KeyFileError(f"key list: key {weak[0]} is of small order: anyone can sign anything for it")

@@ -215,7 +215,7 @@ class OnnxEstimator:
         return None if model is None else cls(model, bundle.manifest.sizes)
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates (V, S) in Cp for a window (L, S+1). Raises ControllerError unless they are finite."""
+        """Return the estimates (V, S) in Cp for a window (L, S+1). Raises ControllerError if one is not finite."""
         try:
             (values,) = self._session.run([ESTIMATOR_OUTPUT], {ESTIMATOR_INPUT: window.astype(np.float32)})
         except Exception as error:

@@ -1,4 +1,4 @@
-"""An icoFoam case of the truck: schemes, solvers, boundary conditions, and function objects that measure."""
+"""An icoFoam case of the truck: schemes, solvers, boundary conditions, and function objects for measurements."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -60,7 +60,7 @@ def velocities(mesh: Mesh, patch: str, action: float, stream: float = 1.0) -> st
 
 
 def pipe(folder: Path, patch: str) -> Path:
-    """Return the path of a patch's named pipe in a case in closed loop."""
+    """Return the path of a patch's named pipe in a closed-loop case."""
     return folder / "pipes" / patch / "U"
 
 

@@ -75,7 +75,7 @@ class Raster:
         return cls(x=x, y=y, across=_weights(nodes_x, x), up=_weights(nodes_y, y))
 
     def __call__(self, field: Array) -> Array:
-        """Interpolate a field (len(nodes_x), len(nodes_y)) to pixels (height, width), row 0 at the bottom."""
+        """Interpolate a field (len(nodes_x), len(nodes_y)) to pixels (height, width). Row 0 is at the bottom."""
         return np.asarray(self.up @ (self.across @ field).T)
 
 

@@ -107,9 +107,9 @@ class ControlledRound:
 
 @dataclass(frozen=True, kw_only=True)
 class CalmRound:
-    """A round of `episodes` episodes of `steps` steps. Their amplitudes are spaced evenly on a logarithmic scale from
-    `smallest` to `largest`; a single episode has the smallest amplitude. The other fields are as in `RoundPlan`. Raises
-    ConfigError for a number out of its range or an invalid role."""
+    """A round of `episodes` calm episodes of `steps` steps. The amplitudes of the episodes are spaced evenly on a
+    logarithmic scale from `smallest` to `largest`; a single episode has the smallest amplitude. The other fields are as
+    in `RoundPlan`. Raises ConfigError for a number out of its range or an invalid role."""
 
     episodes: int = 8
     steps: int = 350

@@ -282,7 +282,7 @@ def _solve_half(
     q: Array, qt: Array, pivot: Array, coupling: Array, links: Links, cap: Array,
     field: Array, rhs: Array, first: Array, jump: Array, against: Array,
 ) -> None:  # fmt: skip
-    """Solve in place: `field` holds the right-hand side before and phi after the call."""
+    """Solve in place: `field` holds the right-hand side before the call, and phi after the call."""
     _product(field, q, rhs)
     if links.shape[0] > 0:
         for i in range(rhs.shape[0]):
@@ -303,7 +303,7 @@ def _split(b: Array, even: Array, odd: Array) -> None:
     nx, h, last = b.shape[0], b.shape[1] // 2, np.uintp(b.shape[1] // 2 - 1)
     for i in range(nx):
         lower, upper, even_i, odd_i = b[i, :h], b[i, h:], even[i], odd[i]
-        # An unsigned index cannot be negative and count from the array's end, so the compiler can vectorise the loop.
+        # A negative index would count from the end. An unsigned index prevents this, so the compiler can vectorise.
         for j in range(np.uintp(h)):
             even_i[j] = half * (lower[j] + upper[last - j])
         for j in range(np.uintp(h)):

@@ -49,8 +49,8 @@ class DifferentiableWake(CopiedWhole):
         return self._seen()
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period. `weights` are the derivatives of a scalar with respect to the period's sample; returns
-        the scalar's derivative with respect to the action commanded in that period."""
+        """Go back by a period, and return a scalar's derivative with respect to the action commanded in this period.
+        `weights` are the scalar's derivatives with respect to the period's sample."""
         speed = self._speed
         whole = no_weights(len(self.plant.layout))
         whole.Cp[self._columns] = weights.Cp / speed**2

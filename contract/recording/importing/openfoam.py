@@ -167,7 +167,7 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
     gap = float(np.diff(times[rows]).max())
     if gap > _GAP * period:
         raise DatasetError(
-            f"{path}: rows are up to {gap:.6g} W / U_inf apart, the control period is {period:g}: write a row a period"
+            f"{path}: rows are up to {gap:.6g} W / U_inf apart, the control period is {period:g}: write one per period"
         )
     return np.column_stack([np.interp(t, times, column) for column in values.T])
 

@@ -164,7 +164,7 @@ def read_source(
         raise DatasetError(f"{path}: is a folder without postProcessing" if path.is_dir() else f"{path}: no such file")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}, or be of an OpenFOAM case")
+        raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}, or belong to an OpenFOAM case")
     table = None if suffix in BINARY else read_csv(path)
     stored = stored_arrays(path) if table is None else {}
     wanted = (*names, *layout.names, *(["Cp"] if table is None else []))
