@@ -58,7 +58,7 @@ class DifferentiableFlow(Protocol):
         the scalar's derivatives with respect to the period's sample. The first call is for the last period."""
 
     def state(self) -> FlowState:
-        """Return the present state of the flow, which `begin` accepts."""
+        """Return the flow's present state, which `begin` accepts."""
 
     def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
         """Return two means of the wake without jets, in Cp: the base pressure, and the magnitude of the differences

@@ -120,7 +120,7 @@ def _is_involution(mirror: Index, count: int) -> bool:
 
 
 def _mirror(positions: Array) -> Index | None:
-    """Return, for every column, the column at (x, -y); None if a sensor has no partner."""
+    """Return the column at (x, -y) for every column; None if a sensor has no partner."""
     if positions.ndim != 2 or not len(positions):
         return None
     distance = _distance(positions, positions * (1.0, -1.0))

@@ -99,7 +99,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return self.__dict__ | {"_pool": None}
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Start the calls, and return their futures when all have ended. No flow then runs when an error is raised."""
+        """Start the calls, and return their futures when all have ended. So no flow runs when an error is raised."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
         begun = [self._pool.submit(work, *each) for each in arguments]

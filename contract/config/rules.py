@@ -164,6 +164,6 @@ class Settings:
 
 
 def require(holds: bool, owner: Settings, name: str, wording: str) -> None:
-    """Raise ConfigError, with the value of the named field, if the condition does not hold."""
+    """Raise ConfigError if the condition does not hold. The message states the named field's value."""
     if not holds:
         raise ConfigError(f"{owner.section}.{name} = {quoted(getattr(owner, name))}: must be {wording}")

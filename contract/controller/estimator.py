@@ -68,8 +68,8 @@ def views(sensors: int) -> list[WindowView]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypotheses:
-    """The rows of `estimates` that belong to each hypothesis. The hypotheses are: one of the S sensors reads wrongly,
-    or one of the P pairs is exchanged.
+    """The rows of `estimates` that belong to each hypothesis. A hypothesis is that one of the S sensors reads wrongly,
+    or that one of the P pairs is exchanged.
 
     Attributes:
         view: (S + P, S) row of `estimates` that has the estimate, for each hypothesis and sensor.

@@ -151,7 +151,7 @@ def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
 
 
 def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]) -> Iterator[str]:
-    """Describe numbers that contradict each other; the rules are those of `are_sound_together` in `sw_image.c`."""
+    """Describe numbers that contradict each other; the rules are as in `are_sound_together` of `sw_image.c`."""
     rows = arrays.get("weights.prior_filter_rows")
     if rows is not None:
         memory, all_rows = (_stated(layout, f"SW_PRIOR_{name}", 1) for name in ("MEMORY", "FILTER_ROWS"))
@@ -194,7 +194,7 @@ def layout_of(files: Mapping[str, bytes]) -> str:
 
 
 def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files of a library, with `sw_layout.h` added if it has an ECU."""
+    """Return the files of a library. If the library has an ECU, `sw_layout.h` is added."""
     if ECU_SETTINGS not in files:
         return dict(files)
     layout = layout_of(files)
@@ -253,7 +253,7 @@ def _definitions(layout: str) -> dict[str, str]:
 
 
 def _starts(layout: Mapping[str, str]) -> dict[str, int]:
-    """Return the offset of each struct of a payload by the struct's name, and of the payload's end by the name ""."""
+    """Return the offset of each struct of a payload by its name; the name "" has the offset of the payload's end."""
     found, start = {}, 0
     for struct in (*_STRUCTS, ""):
         found[struct] = start

@@ -9,9 +9,9 @@ input      shape     meaning
 window     (L, S+1)  oldest row first; row k is (Cp_k at the manifest's sensors, a_{k-1})
 plan       (H,)      the previous step's `new_plan`, unchanged; the controller shifts it by one step
 free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
-weights    (8,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
+weights    (8,)      cost weights in the order of `CostWeights`; optional, by default the manifest's weights
 speed      ()        the vehicle's speed as a ratio to the design speed; optional, 1 by default
-limit      ()        bound on |a| in U_inf W; optional, defaults to the manifest's, and is never above it
+limit      ()        bound on |a| in U_inf W; optional, by default and at most the manifest's limit
 =========  ========  =====================================================================================
 
 A graph whose plan does not depend on the speed has no input `speed`. A graph of release 1.0.0 has no input `limit`.

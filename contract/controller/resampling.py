@@ -29,7 +29,7 @@ class Places(NamedTuple):
     share: Array
 
     def of(self, rows: Array) -> Array:
-        """Interpolate the rows (n, ...) of n periods at these m positions; returns (m, ...)."""
+        """Interpolate the rows (n, ...) of n periods at these m positions. Returns (m, ...)."""
         share = self.share.reshape(-1, *[1] * (rows.ndim - 1))
         newer, older = rows[self.newer], rows[self.newer - (self.share > 0.0)]
         return np.asarray(newer + share * (older - newer))

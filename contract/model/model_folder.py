@@ -141,7 +141,7 @@ class ModelFolder:
 
     @property
     def provenance(self) -> Provenance:
-        """The origin of the model, which the model's releases state."""
+        """The origin of the model. The model's releases state this origin."""
         stated = {name: getattr(self.description, name) for name in ("dataset_sha256", "metrics", "versions")}
         return Provenance(**stated, weights_sha256=self.weights_sha256, config=self.config_tree)
 

@@ -121,7 +121,7 @@ class Episode:
 
     @property
     def previous_action(self) -> Array:
-        """Action a_{k-1} for every sample k, shape (n,), which the encoder reads together with Cp_k."""
+        """Actions a_{k-1} of all n samples k, (n,). The encoder reads a_{k-1} together with Cp_k."""
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     def rows(self, columns: Index, sign: float = 1.0) -> Array:

@@ -35,7 +35,7 @@ class MadeEstimator:
 
 
 def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> dict[str, bytes]:
-    """Return all files of the bundle, including the manifest with its hashes and, if a key is given, its signature.
+    """Return all files of the bundle. They include the manifest with all hashes and, if a key is given, the signature.
     Raises BundleFileError for a file name that is a path or is reserved."""
     for name in contents:
         if name in (MANIFEST, SIGNATURE) or not is_plain_name(name):

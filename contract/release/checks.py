@@ -47,8 +47,7 @@ class Bundle:
 
     Attributes:
         files: all files except manifest and signature.
-        digest: SHA-256 of the manifest, which is the same with and without a signature; its first 4 bytes are sent on
-            the bus.
+        digest: SHA-256 of the manifest; it does not depend on the signature. Its first 4 bytes are sent on the bus.
         signer: key of a valid signature of the manifest; None if the bundle is unsigned.
         is_trusted: whether a trusted key was required when the bundle was loaded.
     """

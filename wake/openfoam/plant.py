@@ -52,7 +52,7 @@ class CellInterpolation:
         self._weights = csr_array((weights, (rows, columns)), shape=(len(points), len(mesh.centres)))
 
     def __call__(self, values: Array) -> Array:
-        """Interpolate values in the m cells, (m, ...), to the n target points; returns (n, ...)."""
+        """Interpolate values in the m cells, (m, ...), to the n target points. Returns (n, ...)."""
         return np.asarray(self._weights @ values)
 
 

@@ -134,7 +134,7 @@ def _straight(mesh: Mesh, name: str) -> npt.NDArray[np.bool_]:
 
 
 def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
-    """Return the weights of linear interpolation to the position `place` from the two nearest faces of `wall`."""
+    """Return the weights with which the two nearest faces of `wall` are interpolated linearly at `place`."""
     index = np.flatnonzero(wall)
     index = index[np.argsort(along[index])]
     i = int(np.clip(np.searchsorted(along[index], place) - 1, 0, len(index) - 2))

@@ -134,8 +134,8 @@ class EpisodeJob:
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
-    """Return, as plain JSON, all settings outside the plan that determine the samples, including the versions of
-    `packages`. Raises PlantError if the start's file cannot be read."""
+    """Return all settings outside the plan that determine the samples, including the versions of `packages`, as plain
+    JSON. Raises PlantError if the start's file cannot be read."""
     return {
         "body": asdict(config.body),
         # Older recordings do not hold the refinement, so it is left out. The entry "grid" has the resolution.

@@ -148,7 +148,7 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """Return, as plain JSON, the settings that distinguish this recording's parts from parts of other recordings."""
+    """Return the settings that distinguish this recording's parts from those of other recordings, as plain JSON."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 

@@ -43,7 +43,7 @@ def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
 def check_step(
     grid: Grid, fluid: npt.NDArray[np.bool_], viscosity: float, jet_speed: float, period: float, substeps: int
 ) -> None:
-    """Check, before any flow exists, that a time step is not too large for this grid. Raises PlantError with the number
+    """Check that a time step is not too large for this grid, before any flow exists. Raises PlantError with the number
     that is too large and the sufficient number of substeps. `jet_speed` is the largest jet speed that can be commanded,
     in U_inf; `period` is the control period in t_c."""
     dt = period / substeps
