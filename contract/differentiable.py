@@ -45,8 +45,8 @@ class DifferentiableFlow(Protocol):
         """Continue from a state with an empty tape.
 
         Args:
-            speeds: (n + 1,) speeds as ratios to the design speed, for a run of n periods: the speed at the start, then
-                the speed at each period's sample. Between samples the speed is linear in time.
+            speeds: (n + 1,) speeds of a run of n periods, as ratios to the design speed: at the start, then at each
+                period's sample. Between samples the speed is linear in time.
         """
 
     def advance(self, action: float) -> Seen:

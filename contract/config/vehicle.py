@@ -135,8 +135,8 @@ class SensorCheckConfig(
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
-    """Ratio at which the ECU no longer uses a sensor: the mean squared deviation of this sensor from the other sensors'
-    estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
+    """Ratio at which the ECU no longer uses a sensor. It is the mean squared deviation of this sensor from the other
+    sensors' estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
     """Limit like `liar_level`, but for deviations averaged over two shedding cycles. These averages show small biases
     and drifts. Healthy sensors reach 16."""

@@ -84,11 +84,11 @@ def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWe
     """Return the weights for MPC iterations that start from a prior's plan. The weight is zero for each term for which
     the prior was trained.
 
-    The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range, so a
+    The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range. So a
     gradient that the model computes for such a goal is noise and model error. Iterations do not help for a goal outside
-    the range either: with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in
-    three pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior trained for
-    drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
+    the range either. With four times the largest weight of lift, they increased the cost by 12 % (4 to 21 % in three
+    pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior trained for drag
+    alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """
     known = replace(weights, drag_mean=0.0)
     return replace(known, effort=0.0, lift=0.0) if knows_goal else known

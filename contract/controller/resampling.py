@@ -5,8 +5,8 @@ period is s such steps long. So the rows are interpolated at the convective time
 
 Below the design speed the control periods are shorter than these steps. A controller that reacted fully in every period
 would react faster than it was designed to. The jets act on the pressures at the wall immediately, so the controller
-would drive the air back and forth. Therefore pressures and command move only part of the way in a period (`followed`):
-at s times the design speed, the pressures by the share s and the command by the share s^2.
+would drive the air back and forth. Therefore pressures and command move only part of the way in a period (`followed`).
+At s times the design speed, this share is s for the pressures and s^2 for the command.
 """
 
 from collections.abc import Sequence

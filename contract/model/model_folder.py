@@ -1,7 +1,7 @@
 """A trained model on disk: a directory with `model.safetensors` and `model.json`, written completely or not at all.
 
-`model.safetensors` has the weights with the prefixes `encoder.` (the trained encoder of all sensors, called the
-teacher), `slim.` (the encoder of few sensors), `dynamics.` and `decoder.`; narrower networks, if configured, have
+`model.safetensors` has the weights. The prefix `encoder.` marks the trained encoder of all sensors (the teacher),
+`slim.` marks the encoder of few sensors. Further prefixes are `dynamics.`, `decoder.` and, with narrower networks,
 `slim_dynamics.` and `slim_decoder.`. `model.json` has the assumptions and the origin of the weights:
 
     schema, config (all settings), scaling (contract.release.manifest.Scaling), layout (names, positions, base and

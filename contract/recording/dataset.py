@@ -141,9 +141,9 @@ def schema_of(path: Path) -> str:
 def write(path: Path, dataset: Dataset) -> None:
     """Write a data set, completely or not at all.
 
-    `t` and `action` are stored in double precision, measured series as 16-bit integers: a stored value differs from the
-    original value by at most half the quantum of its series. Raises DatasetError if a series exceeds the range of 16
-    bits; the message states episode and field. Raises StillwakeError if the file cannot be written.
+    `t` and `action` are stored in double precision, measured series as 16-bit integers. So a stored value differs from
+    the original value by at most half the quantum of its series. Raises DatasetError if a series exceeds the range of
+    16 bits; the message states episode and field. Raises StillwakeError if the file cannot be written.
     """
     # The file is built in memory first, because HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()

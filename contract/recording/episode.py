@@ -17,8 +17,8 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of the times in a table of forces for a log: "log" for seconds on the log's clock, "start" for seconds since
-the log's first pressure, "t_c" for units of W / U_inf since that pressure."""
+"""Clock of the times in a table of forces for a log. "log" means seconds on the log's clock, "start" means seconds
+since the log's first pressure, and "t_c" means units of W / U_inf since this pressure."""
 
 
 @dataclass(frozen=True, kw_only=True)

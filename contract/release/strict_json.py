@@ -2,7 +2,7 @@
 reader.
 
 Python's `json` accepts more than the standard: NaN, numbers beyond a double, duplicate keys, lone surrogates, integers
-of any length, nesting to the limit of the stack. A manifest may come from anyone, so this module refuses such content.
+of any length, and very deep nesting. A manifest may come from anyone, so this module refuses such content.
 """
 
 import hashlib

@@ -250,8 +250,8 @@ def record_round(
     """Record a round, and add its episodes to a data set, which is created if it does not exist. Returns the round's
     number: one more than the highest number in the file.
 
-    If a call was interrupted, the next call continues its work; if the interrupted call had already added its round,
-    the next call removes only the parts. Raises DatasetError, before recording, if the file is no data set, or was
+    If a call was interrupted, the next call continues its work. If the interrupted call had already added its round,
+    the next call removes only the parts. Raises DatasetError before recording if the file is no data set, or was
     recorded with another schema or flow; StillwakeError and PlantError as `record` does, or the controller's error.
     `policy` builds the controller in each recording process; without it, only the plans' signals act. The other
     parameters are those of `record`.

@@ -41,8 +41,8 @@ class Boundary:
 
     Attributes:
         fluid: cells whose centre lies in the fluid, (nx, ny).
-        open_u, open_v: faces between two fluid cells, and the faces of the outlet, (nx + 1, ny) and (nx, ny + 1); the
-            faces of the other outer boundaries are not open.
+        open_u, open_v: faces between two fluid cells, and the faces of the outlet; faces of the other outer boundaries
+            are not open. The shapes are (nx + 1, ny) and (nx, ny + 1).
         u_runs, v_runs, cell_runs: rows (i, j0, j1) that cover the open faces and the fluid cells.
         u_ghosts, v_ghosts: maps on the padded arrays u and v.
     """

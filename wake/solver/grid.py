@@ -77,7 +77,7 @@ def truck_grid(refinement: float = 1.0) -> Grid:
 
 
 def box_grid(length: float, refinement: float = 1.0) -> Grid:
-    """Return the grid around a box of width 1 from x = 0 to `length`, with the same resolution at nose and base for
+    """Return the grid around a box of width 1 from x = 0 to `length`. The resolution at nose and base is the same for
     every box; every spacing is divided by `refinement`. Raises ConfigError if a slot has fewer than two cells."""
     # The positions are rounded, so that the truck's positions equal the tabulated positions bit for bit.
     base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)

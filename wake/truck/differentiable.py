@@ -16,7 +16,7 @@ from wake.truck.truck_wake import TruckWake
 
 MEMORY_MB: Final = 7000.0
 """Limit of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 x 10^6 bytes on the mesh of
-`stillwake refine` and 6900 x 10^6 on the default mesh; beyond the limit, the tape computes steps a second time."""
+`stillwake refine` and 6900 x 10^6 on the default mesh. Beyond the limit, the tape computes steps a second time."""
 AT_REST: Final = 60.0
 """Time for which the wake without jets settles at a speed: twelve cycles. The average after it has the same duration.
 The unit is the convective time at that speed."""
@@ -33,7 +33,7 @@ class DifferentiableWake(CopiedWhole):
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
         """Continue from a state with an empty tape. `speeds` (n + 1,) are the speeds at the start and at the samples of
-        the n periods, divided by the design speed; a higher largest speed needs more time steps per period."""
+        the n periods, divided by the design speed. A higher largest speed needs more time steps per period."""
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
         times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0

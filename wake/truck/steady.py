@@ -21,7 +21,7 @@ from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
 """Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. These rates
-fall by a factor e in 23 t_c, so the forces on a steady wake are accurate to 1e-5."""
+fall by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
 
 
 _UNEVEN: Final = 1e-9

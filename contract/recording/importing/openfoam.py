@@ -24,7 +24,7 @@ _PRESSURES: Final = r"p(_[-+.\de]+)?"
 _FORCES: Final = r"(coefficient|forceCoeffs)(_[-+.\de]+)?\.dat"
 _NUMBER: Final = re.compile(r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?")
 _NOT_FOUND: Final = 1e299
-"""A probe with a larger magnitude is outside the mesh, because OpenFOAM then writes -1e300."""
+"""A probe whose value has a larger magnitude is outside the mesh; OpenFOAM then writes -1e300."""
 _GAP: Final = 1.05
 """Largest time between two rows at which values are interpolated, in control periods."""
 _AT: Final = 0.01
