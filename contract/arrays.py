@@ -1,4 +1,4 @@
-"""Types of arrays; the docstring of each function gives an array's shape, unit and order."""
+"""The types of arrays. The docstring of each function states the shape, unit and order of its arrays."""
 
 from typing import Any, Final, TypeAlias
 
@@ -18,8 +18,8 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 """Array of flags that selects entries of another array."""
 
 MOST_VALUES: Final = 2**27
-"""Largest number of values in a file of unknown origin: 1 GiB in double precision, enough for 90 sensors over eight
-hours of a truck's control periods. A file with more values is refused before it is read."""
+"""Largest number of values in a file of unknown origin: 1 GiB in double precision. This is enough for 90 sensors over
+eight hours. A file with more values is refused before it is read."""
 
 
 class ArrayValue:
@@ -35,7 +35,7 @@ class ArrayValue:
                 object.__setattr__(self, name, own)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        # Unpickled and deeply copied arrays are writeable, so they are made read-only again.
+        # Unpickling and deep copying give writeable arrays, so the arrays are made read-only here.
         self.__dict__.update(state)
         ArrayValue.__post_init__(self)
 

@@ -1,4 +1,4 @@
-"""Functions that write a file or folder completely or not at all."""
+"""The functions that write a file or folder completely or not at all."""
 
 import errno
 import os
@@ -15,24 +15,24 @@ _STREAMS = (1, 2)
 
 
 def leads_to(path: Path) -> Path:
-    """Return the path that results from following all links. A file is written to this path, and the links remain.
+    """Follow all links in a path, and return the path at their end. A file is written there, and the links remain.
     Raises StillwakeError for a cyclic link, or a link into a missing folder."""
     place = Path(os.path.realpath(path))
     if place.is_symlink():
         raise StillwakeError(f"cannot write {path}: {os.strerror(errno.ELOOP)}")
     for link in (path, *path.parents):
-        # A link in the path may point to a disk that is not mounted. Only the path itself may be a link to a missing
-        # file, and only in an existing folder; the file is then created there.
+        # A link in the path may point to a disk that is not mounted. Only the last name of the path may be a link to a
+        # missing file. If the file's folder exists, the file is created there.
         if link.is_symlink() and not link.exists() and (link != path or not place.parent.is_dir()):
             raise StillwakeError(f"cannot write {path}: {link} is a link to {link.readlink()}, which is not there")
     return place
 
 
 def check_writable(path: Path, *, folder: bool = False) -> None:
-    """Check, before a computation, whether its result, a file or a folder, can be written to `path`. The check creates
-    and removes a test file in the nearest existing folder. Raises StillwakeError in these cases: `path` is a folder but
-    the result is a file, or the reverse; `path` has no last name, like `..`; this process prints to `path`; the file
-    has another hard link, which would keep the old content; or `path` is not writable."""
+    """Check before a computation whether its result can be written to `path`; with `folder`, the result is a folder. A
+    test file is created in the nearest existing folder and removed. Raises StillwakeError in these cases: `path` is a
+    folder but the result is a file, or the reverse; `path` ends in `..`; this process prints to `path`; the file has
+    another hard link, which would keep the old content; or `path` is not writable."""
     if not folder and path.is_dir():
         raise StillwakeError(f"cannot write {path}: it is a directory, must be a file")
     if folder and path.is_file():
@@ -53,7 +53,7 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
 
 def _check_file(path: Path, there: os.stat_result) -> None:
     if not stat.S_ISREG(there.st_mode):
-        # A device would be replaced by a file instead of being written to.
+        # The result would replace a device, and would not be written to the device.
         raise StillwakeError(f"cannot write {path}: it is neither a file nor a directory")
     if there.st_nlink > 1:
         raise StillwakeError(
@@ -68,13 +68,13 @@ def _check_file(path: Path, there: os.stat_result) -> None:
 
 @contextmanager
 def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
-    """Yield a temporary path in the same folder as the target. The block writes a file or a directory there. If the
-    block succeeds, the file or directory replaces the target; otherwise it is removed.
+    """Yield a temporary path in the target's folder. The `with` block writes a file or a directory there. If the block
+    succeeds, this file or directory replaces the target; otherwise it is removed.
 
-    The target is the place to which `path` leads; links remain. The new content gets the mode of the old content. An
-    old directory remains until the new directory has replaced it. With `keep`, the files of a new directory are instead
-    moved into the old directory, whose other files remain. Missing parent folders are created, and removed again if the
-    block fails. Raises StillwakeError if the target cannot be written.
+    The target is the path at the end of all links in `path`; the links remain. The new content gets the mode of the old
+    content. An old directory remains until the new directory has replaced it. With `keep`, no directory is replaced:
+    the new files are moved into the old directory, whose other files remain. Missing parent folders are created, and
+    removed again if the block fails. Raises StillwakeError if the target cannot be written.
     """
     place = leads_to(path)
     temporary, aside = _temporary(place, "part"), _temporary(place, "old")
@@ -111,7 +111,7 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
             if leftover.is_dir():
                 shutil.rmtree(leftover, ignore_errors=True)
             else:
-                # If nothing could be written there is nothing to remove, and the first error must be reported.
+                # A file that was never written cannot be removed. Only the first error must be reported.
                 with suppress(OSError):
                     leftover.unlink()
         # `rmdir` fails for a folder that is not empty; such a folder remains.
@@ -121,8 +121,8 @@ def replacing(path: Path, *, keep: bool = False) -> Iterator[Path]:
 
 
 def _take_after(new: Path, old: Path) -> None:
-    """Copy the mode and, if possible, the owner of the old file to the new file. In a folder, do the same for each new
-    file whose name an old file has."""
+    """Give the new file the mode and, if possible, the owner of the old file. In a folder, do the same for each new
+    file that has the name of an old file."""
     if new.is_symlink() or old.is_symlink() or not old.exists() or old.is_dir() != new.is_dir():
         return
     for item in new.iterdir() if new.is_dir() else ():

@@ -45,8 +45,8 @@ class DifferentiableFlow(Protocol):
         """Continue from a state with an empty tape.
 
         Args:
-            speeds: (n + 1,) speeds as ratios to the design speed, for a run of n periods: the speed at the start, then
-                the speed at each period's sample. Between samples the speed is linear in time.
+            speeds: (n + 1,) speeds of a run of n periods, as ratios to the design speed: at the start, then at each
+                period's sample. Between samples the speed is linear in time.
         """
 
     def advance(self, action: float) -> Seen:
@@ -54,13 +54,13 @@ class DifferentiableFlow(Protocol):
         PlantError if the flow diverged, or the run is too long for the tape's memory."""
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period, and return the gradient of a scalar with respect to the period's action. `weights` has
-        the scalar's derivatives with respect to the period's sample. Calls go from the last period to the first."""
+        """Go back by a period, and return the derivative of a scalar with respect to the period's action. `weights` has
+        the scalar's derivatives with respect to the period's sample. The first call is for the last period."""
 
     def state(self) -> FlowState:
-        """Return the present state of the flow, which `begin` accepts."""
+        """Return the flow's present state, which `begin` accepts."""
 
     def at_rest(self, state: FlowState, speed: float) -> tuple[float, float] | None:
-        """Return two means of the wake without jets, in Cp: base pressure, and magnitude of the differences between
-        mirrored sensors; None if no sensor is on the base. The speed is constant, in units of the design speed. `state`
-        is a developed wake at the design speed. Raises PlantError if the flow diverged."""
+        """Return two means of the wake without jets, in Cp: the base pressure, and the magnitude of the differences
+        between mirrored sensors. Return None if no sensor is on the base. The constant speed is in units of the design
+        speed. `state` is a developed wake at the design speed. Raises PlantError if the flow diverged."""

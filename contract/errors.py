@@ -1,10 +1,10 @@
-"""The errors that a user can cause. Their common base class lets the command line print each as one line."""
+"""The errors that a user can cause. Their common base class lets the command line print each error as one line."""
 
 from typing import ClassVar
 
 
 def install(extra: str) -> str:
-    """Return the pip command that installs an extra, and also the data that the extra's commands need. The command
+    """Return the pip command that installs an extra, together with the data that the extra's commands need. The command
     installs from a checkout because no package index has stillwake."""
     data = " ./data" if extra in ("sim", "c", "train") else ""
     return f"pip install '.[{extra}]'{data} in a checkout of stillwake"
@@ -22,7 +22,7 @@ class ConfigError(StillwakeError):
 
 
 class ConflictError(ConfigError):
-    """Options or settings that exclude each other."""
+    """A combination of options or settings that exclude each other."""
 
     status: ClassVar[int] = 2
 
@@ -72,7 +72,7 @@ class BundleSignatureError(BundleError):
 
 
 class BundleSignerError(BundleError):
-    """A bundle that is unsigned, or signed by another key than the trusted key."""
+    """A bundle that is unsigned, or signed by a key that is not trusted."""
 
 
 class KeyFileError(StillwakeError):
@@ -84,11 +84,11 @@ class BusError(StillwakeError):
 
 
 class FlashError(StillwakeError):
-    """A flashing that failed; the subclasses in `can_bridge.tester.messages` are the kinds of failure."""
+    """A failure to flash an ECU. The subclasses in `can_bridge.tester.messages` are the kinds of failure."""
 
 
 class PlantError(StillwakeError):
-    """A flow solver that diverged, or that was given a state, mesh or action from which it cannot continue."""
+    """A flow solver that diverged, or that cannot continue from the given state, mesh or action."""
 
 
 class ExportError(StillwakeError):

@@ -1,6 +1,6 @@
 """The dimensions of the truck and of the domain, in body widths W (paper, section 2.1).
 
-`contract.config.body` describes other bodies in this domain; their width is 1, their slots equal the truck's slots.
+`contract.config.body` describes other bodies in this domain. They have the width 1, and slots like the truck's slots.
 
 The front of the body is at x = 0, its axis of symmetry at y = 0. Velocities are in U_inf, times in t_c = W / U_inf,
 pressures are Cp = (p - p_outlet) / (rho U_inf^2 / 2).

@@ -1,8 +1,8 @@
 """The drag ledger: all forces along the road that the jets change, and the power of the jets.
 
 A drag reduction must be compared with its cost. The controller reduces the drag force on the wall. The ledger also has
-the forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of all forces
-in the ledger along the road.
+the forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of the
+ledger's forces along the road.
 """
 
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ class DragLedger(Generic[Value]):
 
 
 LEDGER_FIELDS: Final = tuple(item.name for item in fields(DragLedger))
-"""Names of the ledger's entries, in order; the derived sums are not among them."""
+"""Names of the ledger's entries, in order, without the derived sums."""
 
 
 def ledger_of(series: Mapping[str, Value]) -> DragLedger[Value]:

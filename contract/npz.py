@@ -15,7 +15,7 @@ _HEADERS: Final = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_hea
 
 
 class Arrays(dict[str, npt.NDArray[Any]]):
-    """The arrays of a file by name. Each method raises ValueError for an array of another kind than it returns."""
+    """The arrays of a file by name. A method raises ValueError if an array is not of the kind it returns."""
 
     def __missing__(self, name: str) -> npt.NDArray[Any]:
         raise ValueError(f"it lacks {name!r}")
@@ -38,9 +38,9 @@ class Arrays(dict[str, npt.NDArray[Any]]):
 
 
 def read_npz(path: Path, *, objects: bool = False) -> Arrays:
-    """Read all arrays of a file. With `objects`, an array of Python objects is read as an empty array; otherwise it is
-    refused. Raises OSError if the file cannot be opened; ValueError if the file is no archive of arrays of numbers and
-    texts, is damaged, or holds more than `MOST_VALUES` values."""
+    """Read all arrays of a file. With `objects`, an array of Python objects is read as an empty array; without
+    `objects`, such an array is refused. Raises OSError if the file cannot be opened; ValueError if the file is no
+    archive of arrays of numbers and texts, is damaged, or holds more than `MOST_VALUES` values."""
     if path.exists() and not path.is_file():
         raise ValueError("it is not a file")
     found, total = Arrays(), 0

@@ -1,4 +1,4 @@
-"""Texts of a bundle for display. A text of unknown origin may have control characters, which disturb a terminal."""
+"""The formatting of texts of unknown origin, whose control characters could disturb a terminal."""
 
 from typing import Final
 

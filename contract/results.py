@@ -1,4 +1,4 @@
-"""The files in `results/`: figures, and the facts about their origin."""
+"""The files in `results/`. They contain figures, and facts about the origin of the figures."""
 
 import json
 import os
@@ -17,8 +17,8 @@ _version = cache(version)
 
 
 def write_result(path: Path, *, figures: Any, facts: Mapping[str, Any], on: date) -> None:
-    """Write measured figures as JSON, completely or not at all, with the facts about their origin: settings, seeds,
-    versions, hashes of the inputs, and a description of the machine, which this function adds."""
+    """Write measured figures as JSON, completely or not at all, with facts about their origin: settings, seeds,
+    versions and hashes of the inputs. This function adds a description of the machine."""
     content = {"date": on.isoformat(), "figures": figures, "facts": {**facts, "machine": machine()}}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -1,5 +1,5 @@
-"""The layout of the wall-pressure sensors of a data set or a plant: names, positions, sensors on the base, and mirror
-images. The truck's 90 sensors are `contract.sensors.TRUCK`."""
+"""The layout of the wall-pressure sensors in a data set or on a plant: names, positions, mirror images, and which
+sensors are on the base. The truck's 90 sensors are `contract.sensors.TRUCK`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ SAME_PLACE: Final = 1e-4
 FARTHEST: Final = 1000.0
 """Largest distance of a sensor from the front of the body, in W; a larger number is taken for a mistake."""
 MAX_SENSORS: Final = 1_000
-"""Largest number of sensors. The limit bounds the time for comparing every pair of sensors."""
+"""Largest number of sensors. It limits the time for comparing all pairs of sensors."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,9 +26,9 @@ class SensorLayout:
     Attributes:
         names: names of the sensors, all different, (n,).
         positions: positions (x, y) in the body's reference length W, x along the flow, y across it, (n, 2).
-        base: columns of the sensors on the base, whose mean is the base pressure; may be empty.
-        mirror: column of each sensor's mirror image, (n,), so that Cp[mirror] are the readings in the mirrored flow (y
-            -> -y); None if the sensors have no mirror images or the body is not symmetric.
+        base: columns of the sensors on the base; may be empty. Their mean pressure is the base pressure.
+        mirror: column of each sensor's mirror image, (n,). So Cp[mirror] are the readings in the mirrored flow (y ->
+            -y). None if the sensors have no mirror images or the body is not symmetric.
 
     Raises ConfigError for a contradictory layout.
     """
@@ -92,7 +92,7 @@ class SensorLayout:
         return np.array([self.names.index(name) for name in names], dtype=np.intp)
 
     def only(self, columns: Index) -> "SensorLayout":
-        """Return the layout of some columns, in order, without `mirror`, because mirror images may be missing."""
+        """Return the layout of some columns, in order. `mirror` is None, because mirror images may be missing."""
         return SensorLayout(
             names=tuple(self.names[column] for column in columns),
             positions=self.positions[columns],
@@ -120,7 +120,7 @@ def _is_involution(mirror: Index, count: int) -> bool:
 
 
 def _mirror(positions: Array) -> Index | None:
-    """Return, for every column, the column at (x, -y); None if a sensor has no partner."""
+    """Return the column at (x, -y) for every column; None if a sensor has no partner."""
     if positions.ndim != 2 or not len(positions):
         return None
     distance = _distance(positions, positions * (1.0, -1.0))

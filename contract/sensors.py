@@ -1,7 +1,7 @@
 """The wall-pressure sensors of a body: order, names, positions and mirror images. The truck has 90 (paper, figure 1).
 
-Order and names follow one rule for every body: `upper_00` .. front to rear, `lower_00` .. front to rear, `base_0` ..
-from top to bottom. The truck has 40 sensors on each side and 10 on the base.
+Every body has the same order: `upper_00` .. from front to rear, `lower_00` .. from front to rear, `base_0` .. from top
+to bottom. The truck has 40 sensors on each side and 10 on the base.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ _BASE_Y: Final = (
 )  # fmt: skip
 
 BASE: Final = slice(2 * PER_SIDE, COUNT)
-"""Columns of the sensors on the base. The mean base Cp is the mean over these columns."""
+"""Columns of the sensors on the base. The base pressure is the mean over these columns."""
 
 
 def spaced(length: float, radius: float, per_side: int, base_y: Sequence[float] | Array) -> SensorLayout:

@@ -25,11 +25,11 @@ _DATA: Final = _folder()
 BUNDLE: Final = Path(__file__).resolve().parent / "release" / "shipped"
 """Path of the shipped release."""
 DEVELOPED: Final = _DATA / "developed.npz"
-"""Flow state from which episodes begin: a wake with shedding, without action. `developed` checks that it exists."""
+"""Flow state in which episodes begin: the shedding wake without action. `developed` checks that the file exists."""
 RECORDING: Final = _DATA / "recording.h5"
-"""Data set on which the shipped bundle was trained. `recording` checks that it exists."""
+"""Data set from which the shipped bundle was trained. `recording` checks that the file exists."""
 MODEL: Final = _DATA / "model"
-"""Model folder from which the shipped bundle was exported. `model` checks that it exists."""
+"""Model folder from which the shipped bundle was exported. `model` checks that the folder exists."""
 
 
 def developed() -> Path:

@@ -1,5 +1,5 @@
-"""Parallel work in processes of this machine, or on dask workers, which may run on other machines and may die. No
-process and no temporary file remains, even if the work fails or is stopped."""
+"""The execution of work in parallel processes: on this machine, or in dask workers, which may run on other machines and
+may die. No process and no temporary file remains, even if the work fails or is stopped."""
 
 import logging
 import multiprocessing
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 J = TypeVar("J")
 
 _STOPS: Final = (signal.SIGINT, signal.SIGTERM)
-"""Signals that a terminal sends to every process of a command; only the parent reacts to them."""
+"""Signals that a terminal sends to every process of a command. Only the parent process reacts to these signals."""
 _POLL_S: Final = 0.2
 _CONNECT_S: Final = 10.0
 
@@ -59,13 +59,13 @@ def spread(
     """Run jobs on dask workers in the given order, each in a free slot; a local worker that dies is replaced.
 
     Args:
-        call: returns a job's function and its arguments, which are sent to the worker; called when a slot is free.
+        call: returns the function and the arguments that are sent to a worker for a job; called when a slot is free.
         workers: largest number of local processes to start; there are never more processes than jobs.
         scheduler: address of a running scheduler to use instead of local processes.
-        names: returns, for the error message, the job's name and which part of it is unfinished if its workers die.
+        names: returns two texts for error messages: the job's name, and which results remain stored if the job fails.
         finished: called in this process with every finished job and its result, in the order in which the jobs finish.
         looked: called at every poll with the number of threads of each worker, by the worker's address.
-        slots: returns, from the argument of `looked`, the number of jobs that the workers run at the same time.
+        slots: returns the number of jobs that the workers run at the same time; its argument is that of `looked`.
 
     Raises StillwakeError if the scheduler cannot be reached or has no worker, workers died too often during one job, or
     the job raised a StillwakeError.
@@ -76,7 +76,7 @@ def spread(
     running: dict[Future, J] = {}
     with dask_client(min(workers, len(jobs)), scheduler) as client:
         while waiting or running:
-            # A job's arguments may be megabytes, so a job is only sent when a slot is free.
+            # A job's arguments may have megabytes, so a job is sent only when a slot is free.
             threads: Mapping[str, int] = client.nthreads()
             looked(threads)
             while waiting and len(running) < max(1, slots(threads)):
@@ -106,9 +106,9 @@ def _result(future: "Future", name: str, kept: str) -> Any:
     if isinstance(error, StillwakeError):
         raise error
     if isinstance(error, KilledWorker):
-        died = f"{error.allowed_failures + 1} workers died over it, killed or out of memory"
+        died = f"{error.allowed_failures + 1} workers died during this job, killed or out of memory"
         raise StillwakeError(f"{name}: {died}; {kept}") from error
-    raise StillwakeError(f"{name}: lost by its worker ({error or future.status}); {kept}") from error
+    raise StillwakeError(f"{name}: its worker lost this job ({error or future.status}); {kept}") from error
 
 
 @contextmanager
@@ -144,8 +144,8 @@ def _local_cluster(workers: int) -> "LocalCluster":
     from distributed import LocalCluster
 
     # The cluster's thread and all workers that it starts inherit the blocked signals. In this process the signals are
-    # only delayed until the cluster has started. Python's resource tracker unblocks the signals when it starts, so it
-    # is started before.
+    # only delayed until the cluster has started. Python's resource tracker would unblock the signals when it starts, so
+    # it is started first.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPS)
     try:

@@ -1,5 +1,5 @@
-"""A reader of users' TOML files, and typed values from TOML and JSON trees, converted by msgspec. An error is one line
-with the place, the value and the allowed values."""
+"""A reader of users' TOML files, and a converter of TOML and JSON trees to typed values (with msgspec). An error is one
+line with the place, the value and the allowed values."""
 
 import re
 import tomllib
@@ -50,7 +50,7 @@ def read_toml(source: Traversable, what: str) -> dict[str, Any]:
 
 
 def untyped(value: Any) -> dict[str, Any]:
-    """Convert a dataclass to the tree from which `typed` reads it, without its fields that are None."""
+    """Convert a dataclass to a tree that `typed` can read. Fields that are None are left out."""
     return {name: item for name, item in asdict(value).items() if item is not None}
 
 
@@ -102,7 +102,7 @@ def _check_names(tree: object, kind: type, above: str, *, complete: bool) -> Non
 
 
 def _set_in_order(value: object) -> None:
-    """Put all fields into `vars` in declaration order; msgspec sets only the tree's fields, in its order."""
+    """Put all fields into `vars` in declaration order; msgspec sets only the tree's fields, in the tree's order."""
     if isinstance(value, list | tuple):
         for item in value:
             _set_in_order(item)
@@ -115,7 +115,7 @@ def _set_in_order(value: object) -> None:
 
 
 def _part_of(hint: Any) -> Any:
-    """Return the dataclass in a field's type, also in an optional or a list type; None if there is no dataclass."""
+    """Return the dataclass in a field's type, which may be optional or a list; None if there is no dataclass."""
     if get_origin(hint) is Mapping:
         return None  # its keys are chosen by the user
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)

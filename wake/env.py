@@ -30,12 +30,12 @@ _SILENCE_S: Final = 3.0
 class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     """A Gymnasium environment of the wake. One step is one control period of 0.2 t_c.
 
-    Observation: Cp at the named sensors, in their order, float32. Action: jet flow rate in U_inf W, shape (1,), within
-    +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated at step `episode_steps` and every
-    later step.
+    Observation: Cp at the named sensors, in the order of the names, float32. Action: jet flow rate in U_inf W, shape
+    (1,), within +-0.075. Reward: -Cd of the wall. An episode never terminates; it is truncated at step `episode_steps`
+    and at every later step.
 
-    At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`, whether this
-    step's action was `clipped` to the bound, and the number of clipped actions in this episode, `clipped_count`.
+    At every step `info` holds the drag ledger, with the names and units of `wake.plant.sample.Sample`. Its `clipped`
+    states whether this step's action was clipped; `clipped_count` counts the episode's clipped actions.
 
     `reset` starts at a random phase of the shedding cycle: between 0 and `max_phase_steps` uncontrolled control periods
     after the start state. Equal seeds and actions give trajectories that are equal bit for bit, with any number of
@@ -44,8 +44,8 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
     - `phase_steps`: the phase in control periods, in place of a random phase;
     - `start`: a `wake.truck.state.State` to start from, at a control period's start.
 
-    A copy (`copy.copy` or `copy.deepcopy`, with equal results) or a pickle, taken at any time, is an independent
-    environment that continues bit for bit like the original: flow, actions, episode, and random generators.
+    A copy or a pickle can be taken at any time. It is an independent environment that continues bit for bit like the
+    original: flow, actions, episode, and random generators. `copy.copy` and `copy.deepcopy` have equal results.
 
     Args:
         sensor_names: the observed sensors; by default all sensors, 90 for the truck.
@@ -158,7 +158,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         self._phases = other._phases
 
     def __getstate__(self) -> dict[str, Any]:
-        # A picture draws one particular plant, so a copy builds a new picture of its own plant when it first renders.
+        # A picture draws one plant, so a copy builds a new picture, of its own plant, when it first renders.
         return self.__dict__ | {"_picture": None}
 
     def _start(self, options: Mapping[str, Any]) -> State:
@@ -180,7 +180,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
             raise ConfigError(f"start is a {type(start).__name__}: must be a wake.truck.state.State")
         into = start.substep % self.plant.config.substeps
         if into:
-            raise PlantError(f"start lies {into} substeps inside a control period: must lie between two")
+            raise PlantError(f"start lies {into} substeps inside a control period: must lie between two periods")
         return start
 
     def _phase(self, steps: int) -> State:
@@ -200,7 +200,7 @@ class TruckWakeEnv(CopiedWhole, gymnasium.Env[Observation, npt.NDArray[np.float3
         return ledger | {"clipped": clipped, "clipped_count": self._clipped_count}
 
 
-# Importing this module registers the environment, because Gymnasium 1.0 no longer reads entry points.
+# This module registers the environment when it is imported, because Gymnasium 1.0 no longer reads entry points.
 gymnasium.register(
     id="stillwake/TruckWake-v0",
     entry_point="wake.env:TruckWakeEnv",

@@ -1,4 +1,4 @@
-"""Functions that open the plant of a closed loop by the plant's name."""
+"""The functions that open the plant of a closed loop by the plant's name."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -34,15 +34,15 @@ def open_plant(
         name: "wake" for stillwake's solver, or "openfoam".
         output: run folder, in which OpenFOAM's case runs and OpenFOAM's developed start is stored.
         duration: duration of the run in t_c; OpenFOAM needs it in advance.
-        progress: called with (time, total) while a start develops in OpenFOAM or settles on another grid.
-        start: file of the state in which stillwake's solver starts, with the clock set to zero and the jets shut; by
-            default the shipped start, which is adapted to another `flow.refinement`.
+        progress: called with (time, total) while a start state develops in OpenFOAM or settles on another grid.
+        start: file of the state in which stillwake's solver starts, with its clock at zero and shut jets. The default
+            is the shipped start, interpolated to the grid of `flow.refinement`.
     """
     if name == "wake":
         yield own_wake(config, progress, start=start)
         return
     if start is not None:
-        raise PlantError(f"state {start}: OpenFOAM develops its own; only stillwake's solver accepts a file")
+        raise PlantError(f"state {start}: OpenFOAM develops its own start; only stillwake's solver accepts a file")
     from wake.openfoam.develop import developed, require_truck
     from wake.openfoam.plant import OpenFoamWake
 

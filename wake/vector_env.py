@@ -1,4 +1,4 @@
-"""Several wakes in one process, as a Gymnasium vector environment of `stillwake/TruckWake-v0`."""
+"""The Gymnasium vector environment of `stillwake/TruckWake-v0`: several wakes in one process."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -24,13 +24,13 @@ Actions = npt.NDArray[np.float32]
 
 
 class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
-    """N independent `wake.env.TruckWakeEnv`, whose flows advance at the same time on the machine's cores.
+    """A set of N independent `wake.env.TruckWakeEnv`. Their flows advance at the same time on the machine's cores.
 
-    Each environment's observations, rewards, `info` and episodes equal, bit for bit, those of a single environment with
-    equal seed and actions. `reset` takes one seed, from which the environments get seed, seed + 1 and so on, or a list
-    with one seed or None for each environment. The options of `TruckWakeEnv.reset` apply to all environments;
-    `reset_mask`, a Boolean array, selects those to reset. A copy or a pickle, taken between two steps, is an
-    independent environment that continues bit for bit. `wake.vector_env.BatchTape(env)` differentiates the batch.
+    Each environment has bit for bit the observations, rewards, `info` and episodes of a single environment with equal
+    seed and actions. From one seed, `reset` gives the environments seed, seed + 1 and so on; it also takes a list with
+    a seed or None for each environment. The options of `TruckWakeEnv.reset` apply to all environments; `reset_mask`, a
+    Boolean array, selects the environments to reset. A copy or a pickle, taken between two steps, is an independent
+    environment that continues bit for bit. `wake.vector_env.BatchTape(env)` differentiates the batch.
 
     Args:
         num_envs: number of wakes.
@@ -84,7 +84,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return found
 
     def at_once(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[T]:
-        """Call `work` with each tuple of arguments, on this environment's threads, and return the results in order."""
+        """Call `work` with each tuple of arguments on this environment's threads. Return the results in order."""
         return [one.result() for one in self._begun(work, arguments)]
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -99,7 +99,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
         return self.__dict__ | {"_pool": None}
 
     def _begun(self, work: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[Future[T]]:
-        """Start the calls, and return them when all have ended. So no flow still advances when an error is raised."""
+        """Start the calls, and return their futures when all have ended. So no flow runs when an error is raised."""
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="wake")
         begun = [self._pool.submit(work, *each) for each in arguments]
@@ -108,7 +108,7 @@ class TruckWakeVectorEnv(CopiedWhole, SyncVectorEnv):
 
 
 class _Ahead(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose `step` returns a result from another thread, if that thread has computed a result."""
+    """An environment whose `step` returns the result of another thread, if such a thread has computed this step."""
 
     def __init__(self, env: TruckWakeEnv) -> None:
         super().__init__(env)
@@ -129,9 +129,9 @@ def _one(settings: dict[str, Any]) -> _Ahead:
 
 
 class BatchTape(CopiedWhole):
-    """One tape (`wake.truck.tape.Tape`) for each wake of a vector environment; the tapes advance together, one control
-    period at a time, on the environment's threads. They advance only the flows: the environment counts no steps and
-    ends no episode. A copy has its own environment.
+    """A set of tapes (`wake.truck.tape.Tape`), one for each wake of a vector environment. The tapes advance together,
+    one control period at a time, on the environment's threads. They advance only the flows: the environment counts no
+    steps and ends no episode. A copy has its own environment.
 
     Args:
         env: the environment, after `reset`; every wake must be at the beginning of a control period.
@@ -143,7 +143,7 @@ class BatchTape(CopiedWhole):
         self.tapes = [Tape(wake.plant, memory_mb / env.num_envs) for wake in env.wakes]
 
     def advance(self, actions: Array) -> list[Sample]:
-        """Advance each of the N flows by a control period, over which its jets ramp to its action; `actions` has shape
+        """Advance each of the N flows by a control period, in which its jets ramp to its action; `actions` has shape
         (N,). Raises PlantError as `Tape.advance` does."""
         pairs = zip(self.tapes, map(float, actions), strict=True)
         return self._env.at_once(Tape.advance, pairs)
@@ -154,6 +154,6 @@ class BatchTape(CopiedWhole):
         return np.array(self._env.at_once(Tape.back, zip(self.tapes, weights, strict=True)))
 
     def restart(self) -> None:
-        """Empty all tapes, so that they begin at the present flows, and use their memory again."""
+        """Empty all tapes, so that they begin at the present flows, and reuse their memory."""
         for tape in self.tapes:
             tape.restart()

@@ -1,1 +1,1 @@
-"""The tree of all settings, built from frozen dataclasses, and the functions that read it."""
+"""The tree of all settings, and the functions that read this tree from files. The settings are frozen dataclasses."""

@@ -1,4 +1,4 @@
-"""The settings of the body's shape and sensors, for the project's own solver, and the layout of the sensors."""
+"""The settings of the body's shape and sensors, and the layout of sensors that follows from these settings."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final
@@ -33,9 +33,9 @@ class BodyConfig(Settings, source=paper("section 2.1")):
     """Length of the body; 1 gives a square cylinder."""
     leading_edge_radius: Annotated[float, _RADIUS, WIDTHS] = LEADING_EDGE_RADIUS
     """Radius of the two front corners; 0 leaves them sharp."""
-    sensors_per_side: Annotated[int, within(1, 450, "as many as can be told apart")] = 40
-    """Number of sensors on each side, upper and lower, evenly spaced between the rounded edge and the base."""
-    sensors_on_base: Annotated[int, within(1, 100, "as many as can be told apart")] = 10
+    sensors_per_side: Annotated[int, within(1, 450, "a layout has at most 1000 sensors")] = 40
+    """Number of sensors on each side, evenly spaced between the rounded edge and the base."""
+    sensors_on_base: Annotated[int, within(1, 100, "a layout has at most 1000 sensors")] = 10
     """Number of sensors on the base, evenly spaced between the two slots."""
 
     def _check_together(self) -> None:
@@ -43,8 +43,8 @@ class BodyConfig(Settings, source=paper("section 2.1")):
 
     @property
     def wake_probe(self) -> tuple[float, float]:
-        """Position at which the transverse velocity is probed. Its distance from the base equals the distance of the
-        truck's probe, at (10, 0), from the truck's base."""
+        """Position of the wake probe, which measures the transverse velocity. The probe is as far behind the base as
+        the truck's probe, at (10, 0), is behind the truck's base."""
         # Rounding makes the truck's value exactly 10.
         return round(self.length + 2.353, 9), 0.0
 
@@ -54,11 +54,11 @@ TRUCK_BODY: Final = BodyConfig()
 
 
 def layout_of(body: BodyConfig) -> SensorLayout:
-    """Return the sensors' names and their positions on the body's surface, in W: the paper's for the truck, equally
-    spaced for other bodies."""
+    """Return the names of the sensors and their positions on the body's surface, in W. The truck has the positions in
+    the paper; other bodies have equally spaced sensors."""
     if body == TRUCK_BODY:
         return sensors.TRUCK
     between_slots = np.linspace(1.0, -1.0, body.sensors_on_base + 2)[1:-1] * (HALF_WIDTH - JET_WIDTH)
-    # The two halves are made exact mirror images before they are rounded; + 0.0 turns -0.0 into 0.0.
+    # The two halves are made exact mirror images before they are rounded. Adding 0.0 turns -0.0 into 0.0.
     base_y = np.round(0.5 * (between_slots - between_slots[::-1]), 6) + 0.0
     return sensors.spaced(body.length, body.leading_edge_radius, body.sensors_per_side, base_y)

@@ -12,7 +12,7 @@ class CostWeights(Settings, section="mpc.weights", source=paper("section 2.4.1")
     """The weights of the MPC cost J (paper, section 2.4.1). J is computed from forces and actions in physical units."""
 
     drag_mean: Annotated[NonNegative[float], paper("equation 13", "the term has no factor")] = 1.0
-    """Weight of (mean C_d over the horizon) - `mpc.drag_reference`."""
+    """Weight of the difference between the mean C_d over the horizon and `mpc.drag_reference`."""
     drag_fluctuation: NonNegative[float] = 0.1
     """Weight of the range of C_d over the horizon: the largest minus the smallest value."""
     lift: NonNegative[float] = 0.01
@@ -50,9 +50,9 @@ class MpcConfig(Settings, source=paper("section 2.4.2")):
     """Number of Adam iterations in each control step."""
     learning_rate: Positive[float] = 1e-3
     """Learning rate of the Adam iterations."""
-    epsilon: Annotated[Positive[float], ours("Kingma and Ba's; the paper gives none")] = 1e-8
+    epsilon: Annotated[Positive[float], ours("from Kingma and Ba; the paper gives none")] = 1e-8
     """Constant that Adam adds to the root of the gradient's second moment. If the constant is far below the gradient's
-    magnitude, the first step equals the learning rate; if it is far above, the first step is the gradient times
+    magnitude, the first step equals the learning rate. If it is far above, the first step is the gradient times
     learning rate / `mpc.epsilon`."""
     drag_reference: Annotated[Finite[float], paper("section 2.4.1")] = 1.051
     """C_d,ref: mean drag coefficient without control. This constant shifts the cost, but changes no plan."""

@@ -14,7 +14,7 @@ MOST_EXTENDED: Final = 0x1FFF_FFFF
 _TEXT: Final = re.compile(r"0[xX]([0-9a-fA-F]{1,3}|[0-9a-fA-F]{8})")
 _SHORT: Final = 3
 """Number of hex digits of an 11-bit identifier in candump's notation. A 29-bit identifier has eight digits; any other
-number of digits is taken for a typing error."""
+number of digits counts as a typing error."""
 _NOTATION: Final = "0x and 3 hex digits (11 bits, up to 0x7FF), or 0x and 8 (29 bits, up to 0x1FFFFFFF)"
 _PAGE: Final = "reference/diagnosis.md#identifiers-on-the-bus"
 
@@ -30,8 +30,8 @@ class CanId(NamedTuple):
 
 
 def parse_id(value: int | str) -> CanId | None:
-    """Parse the identifier in a setting: up to three hex digits for 11 bits, eight for 29 bits. An int is read as three
-    hex digits if three suffice, otherwise as eight. Return None if the text is no identifier."""
+    """Parse the identifier in a setting: up to three hex digits for 11 bits, eight for 29 bits. An int stands for three
+    hex digits if three are enough, otherwise for eight. Return None if the text is no identifier."""
     if isinstance(value, int):
         value = f"0x{value:03X}" if value < 1 << 4 * _SHORT else f"0x{value:08X}"
     found = _TEXT.fullmatch(value)
@@ -50,19 +50,19 @@ class DiagnosisConfig(
     Settings, section="bus.diagnosis", source=standard("ISO 15765-4", "the first ECU of legislated diagnosis")
 ):
     """The CAN identifiers with which a tester and a calibration tool reach the ECU. An identifier with three digits,
-    such as `0x7E0`, has 11 bits; one with eight digits, such as `0x18DA10F1`, has 29. The ECU and the tool need equal
-    settings."""
+    such as `0x7E0`, has 11 bits; an identifier with eight digits, such as `0x18DA10F1`, has 29 bits. The ECU and the
+    tool need equal settings."""
 
     request_id: Annotated[int | str, _ID] = "0x7E0"
     """Identifier of the tester's requests to this ECU alone (physical addressing)."""
     response_id: Annotated[int | str, _ID] = "0x7E8"
     """Identifier of the ECU's answers to the tester."""
     functional_id: Annotated[int | str, _ID_OR_NONE, ours("requests to every ECU get no answer", page=_PAGE)] = ""
-    """Identifier of the tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1; if it is
-    empty, the ECU ignores such requests."""
-    xcp_command_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D0"
+    """Identifier of the tester's requests to every ECU (functional addressing), usually 0x7DF or 0x18DB33F1. Without
+    this identifier, the ECU ignores such requests."""
+    xcp_command_id: Annotated[int | str, _ID, ours("not used by another message", page=_PAGE)] = "0x7D0"
     """Identifier of the calibration tool's commands."""
-    xcp_response_id: Annotated[int | str, _ID, ours("free beside the others", page=_PAGE)] = "0x7D8"
+    xcp_response_id: Annotated[int | str, _ID, ours("not used by another message", page=_PAGE)] = "0x7D8"
     """Identifier of the ECU's packets to the calibration tool."""
     xcp: Annotated[bool, ours("a calibration tool works without a change of settings", page=_PAGE)] = True
     """Whether the ECU answers a calibration tool (XCP). If false, the ECU in C contains no code for XCP."""
@@ -101,7 +101,7 @@ class DiagnosisConfig(
 
     @property
     def heard(self) -> frozenset[CanId]:
-        """Identifiers of the frames for diagnosis and calibration that an ECU receives."""
+        """Identifiers of the diagnosis and calibration frames that an ECU receives."""
         return frozenset(filter(None, (self.request, self.functional, self.xcp_command if self.xcp else None)))
 
     @property
@@ -124,7 +124,7 @@ _LIKE: Final = {
     "xcp_command_id": "xcp_command_id",
     "xcp_response_id": "xcp_command_id",
 }
-"""Names of identifier settings. Each maps to a setting whose identifier must have the same length, 11 or 29 bits."""
+"""The name of each identifier setting, and of a setting whose identifier must have the same number of bits."""
 
 
 @cache

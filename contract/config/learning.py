@@ -29,7 +29,7 @@ _SLIMMED: Final = paper("section 2.3.2", "the paper reduces only the encoder")
 
 @dataclass(frozen=True, kw_only=True)
 class ModelConfig(Settings, source=paper("table 1")):
-    """Shapes of the three networks (paper, table 1)."""
+    """The shapes of the three networks (paper, table 1)."""
 
     window: Annotated[AtLeastOne[int], STEPS, paper("section 2.2.1")] = 32
     """L: number of past samples that the encoder reads."""
@@ -49,8 +49,7 @@ class ModelConfig(Settings, source=paper("table 1")):
 
     @property
     def slim(self) -> "ModelConfig":
-        """Return the deployed networks' shapes. Their dropout is 0, because they are fitted to outputs without
-        noise."""
+        """The shapes of the deployed networks. Their dropout is 0, because they are fitted to outputs without noise."""
         return replace(
             self,
             dynamics_width=self.slim_dynamics_width or self.dynamics_width,
@@ -66,9 +65,9 @@ class ModelConfig(Settings, source=paper("table 1")):
 
 @dataclass(frozen=True, kw_only=True)
 class FinishConfig(Settings, section="train.finish", source=ours("the paper has no finish", page="how-to/train.md")):
-    """The finish: the last passes of the joint fit. They predict more steps than the 5 of the earlier passes, and
-    reduce the prediction error at the controller's horizon. A training that begins with so many steps fails: it
-    predicts only the mean forces.
+    """The finish: the last passes of the joint fit. The earlier passes predict 5 steps. The finish predicts more steps,
+    to reduce the error at the controller's horizon. A training that begins with so many steps fails: it predicts only
+    the mean forces.
 
     In the finish, each of these fields replaces the field of `train` with the same name.
     """
@@ -83,7 +82,7 @@ class FinishConfig(Settings, section="train.finish", source=ours("the paper has 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainConfig(Settings, source=paper("section 2.2.4")):
-    """Joint loss, optimiser and distillation (paper, sections 2.2.4 and 2.3)."""
+    """The joint loss, the optimiser and the distillation (paper, sections 2.2.4 and 2.3)."""
 
     unroll: Annotated[AtLeastOne[int], STEPS] = 5
     """k: number of steps that the dynamics network predicts from each encoded state to compute the loss."""
@@ -109,17 +108,17 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Number of consecutive windows drawn together; 1 draws each window separately. Consecutive windows share most of
     their computation, so segments of 8 windows make an iteration several times cheaper at an equal batch size."""
     streamed: Annotated[bool, paper("section 2.2.1", "the encoder reads windows")] = False
-    """Whether the joint fit reads each drawn segment once and carries the LSTM's state from row to row, instead of
-    reading each window from its start. The passes of `finish` always read windows."""
+    """Whether the joint fit reads each segment once and carries the LSTM's state from row to row, instead of reading
+    each window from its start. The passes of `finish` always read windows."""
     schedule: Annotated[Literal["constant", "one_cycle"], paper("section 2.2.4", "one learning rate")] = "constant"
     """Course of the learning rate over a phase: `constant`, or `one_cycle`, which raises it to `train.learning_rate`
     and then lowers it to 0."""
     finish: FinishConfig = field(default_factory=FinishConfig)
     stream_epochs: Annotated[NonNegative[float], PASSES, paper("section 2.3.2", "the encoder reads windows")] = 0.0
-    """Number of passes of the distillation that read the recording as a stream. They precede the passes that read
-    windows, and cost far less. After them, reading windows reduces the error only a little further."""
+    """Number of passes of the distillation that read the recording as a stream. They come before the passes that read
+    windows, and take far less time. The later passes reduce the error only a little further."""
     distil_epochs: Annotated[Positive[float], PASSES, ours("as in the joint fit; the paper gives none")] = 300.0
-    """Number of passes of the slim encoder's distillation that read windows."""
+    """Number of passes that read windows in the distillation of the slim encoder."""
     predictor_epochs: Annotated[Positive[float], PASSES, _ENCODER_ALONE] = 10.0
     """Number of passes over the roll-outs from which the slim dynamics and decoder are distilled."""
     predictor_lessons: Annotated[AtLeastOne[int], _ENCODER_ALONE] = 65536
@@ -129,15 +128,15 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     """Weight of a term in the distillation of dynamics and decoder: the error of the cost's gradient with respect to
     the plan. The errors of latents and forces have weight 1."""
     sensor_noise: Annotated[NonNegative[float], paper("appendix B", "noise in tests only")] = 0.0
-    """Standard deviation of the noise on the slim encoder's inputs during distillation, and on the sensors that greedy
-    and random selection compare, in global standard deviations of pressure (paper, appendix B). Without noise, a sensor
-    far upstream with small fluctuations has as much influence as a sensor on the base."""
+    """Standard deviation of sensor noise, in global standard deviations of pressure (paper, appendix B). The
+    distillation adds the noise to the slim encoder's inputs; greedy and random selection assume it on all sensors.
+    Without noise, a sensor far upstream with small fluctuations has as much influence as a sensor on the base."""
     sensors: Annotated[AtLeastOne[int], paper("section 3.2")] = 4
     """Number of sensors that the slim encoder reads."""
     selection: Annotated[SelectionMethod, paper("section 2.3.1")] = "shap"
     """Method that chooses the slim encoder's sensors. `shap` is the paper's method; the others are for comparison."""
     shap_background: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 100
-    """Number of windows drawn as the background of SHAP, which represents the typical input."""
+    """Number of random windows that represent the typical input (the background of SHAP)."""
     shap_explained: Annotated[AtLeastOne[int], WINDOWS, paper("section 2.3.1")] = 500
     """Number of windows that SHAP explains to compute the sensors' scores."""
     shap_repeats: Annotated[AtLeastOne[int], paper("section 2.3.1")] = 10
@@ -145,7 +144,7 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
     shap_samples: Annotated[AtLeastOne[int], ours("the default of the package shap; the paper gives none")] = 200
     """Number of points on the paths from the background to each explained window."""
     seed: Annotated[NonNegative[int], ours("an arbitrary number; the paper gives none")] = 0
-    """Random seed of initial weights, batches, draws and noise."""
+    """Random seed of initial weights, batches and noise."""
 
     def _check_together(self) -> None:
         require(self.segment <= self.batch_size, self, "segment", "at most batch_size")
@@ -153,12 +152,12 @@ class TrainConfig(Settings, source=paper("section 2.2.4")):
 
 @dataclass(frozen=True, kw_only=True)
 class RefineConfig(Settings, source=ours("the paper has no prior", page="explanation/through-the-flow.md")):
-    """The training of the prior, the network for the optimiser's initial plan. It runs in closed loop with gradients
-    through the flow solver. The cost over a stretch (an interval of the closed loop) is differentiated with respect to
+    """The training of the prior, the network that computes the optimiser's initial plan. The prior controls simulated
+    flows. The cost over a stretch, an interval of such a run, is differentiated through the flow solver with respect to
     the prior's weights."""
 
     memory: Annotated[int, at_least(2), STEPS] = 64
-    """Number of past rows (sensor differences and action of a control period) that the prior reads."""
+    """Number of past rows that the prior reads: the sensor differences and action of a control period."""
     units: AtLeastOne[int] = 24
     """Width of the prior's hidden layer."""
     updates: AtLeastOne[int] = 450
@@ -170,7 +169,7 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     longest: Annotated[int, at_least(2), STEPS] = 125
     """Length of a stretch in the second half of the updates."""
     streams: AtLeastOne[int] = 4
-    """Number of simulated flows that the prior controls; the flows take turns, each running one stretch."""
+    """Number of simulated flows that the prior controls. They run in turn, one stretch each."""
     stretches: AtLeastOne[int] = 10
     """Number of stretches after which the first flow restarts from the developed wake. Each further flow restarts after
     2 stretches more than the flow before it."""
@@ -200,13 +199,13 @@ class RefineConfig(Settings, source=ours("the paper has no prior", page="explana
     loss: Fraction[float] = 0.0
     """Largest share of a stretch's periods whose pressures are lost; in half of the stretches no pressures are lost."""
     refinement: Positive[float] = 0.75
-    """Refinement of the training's grid, like `flow.refinement`. With the default, training takes a quarter of its time
-    with refinement 1. No coarser grid gives a controller that behaves as with refinement 1."""
+    """Refinement of the training's grid, like `flow.refinement`. The default takes a quarter of the time of refinement
+    1. Controllers trained on coarser grids than the default behave differently from those with refinement 1."""
     substeps: AtLeastOne[int] = 15
     """Number of time steps per control period on the training's grid at the design speed; higher speeds use more."""
     single_precision: bool = True
-    """Whether the training computes the flow in single precision. It takes two thirds of the time of double precision;
-    the gradients agree to 1e-5."""
+    """Whether the training computes the flow in single precision. This takes two thirds of the time of double
+    precision; the gradients agree to 1e-5."""
     batch: AtLeastOne[int] = 1
     """Number of stretches over which an update averages the gradient. Each stretch belongs to a different flow."""
     slowest: Annotated[float, within(0.1, 1.0, "the design speed belongs to the range")] = 1.0

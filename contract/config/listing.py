@@ -1,4 +1,4 @@
-"""A table of all settings, one row each: value, default, unit, bounds, source and meaning.
+"""A table of all settings. A row states a setting's value, default, unit, bounds, source and meaning.
 
 The bounds, the unit and the default's source are in the field's type; the meaning is the text below the field.
 """
@@ -23,7 +23,7 @@ class Setting:
     Attributes:
         name: dotted name of the setting, as written after `--set`.
         unit: unit of the number; "" for a ratio, for text, or for a count whose name states what is counted.
-        bounds: condition on the value, in words; if the value must be one of several words, these words.
+        bounds: condition on the value, in words, or the list of the allowed words.
         meaning: one paragraph on what the setting does; "" if the name is enough.
     """
 
@@ -43,7 +43,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A section with its dotted name, its meaning in one paragraph, and its settings without those of subsections."""
+    """A section: its dotted name, a paragraph on its meaning, and its settings except those of subsections."""
 
     name: str
     meaning: str
@@ -56,9 +56,9 @@ def sections(config: Config) -> tuple[Section, ...]:
 
 
 def as_toml(listed: Sequence[Section], *, base: str | None = None) -> str:
-    """Write the listed settings as a TOML file that `contract.config.loading.load` reads back unchanged. `base` is the
-    name of the settings that the file modifies, "paper" or "release"; None leaves out the line that states it. TOML
-    cannot express "none": a setting that is None is left out and gets the paper's value when the file is read."""
+    """Write the listed settings as a TOML file that `contract.config.loading.load` reads back unchanged. `base` names
+    the settings that the file modifies, "paper" or "release"; None leaves out the line with this name. TOML cannot
+    express "none": a setting that is None is left out and gets the paper's value when the file is read."""
     parts = [] if base is None else [f"base = {_toml(base)}\n"]
     for section in listed:
         if held := [one for one in section.settings if one.value is not None]:
@@ -105,7 +105,7 @@ def _settings(prefix: str, group: Any, paper: Any) -> Iterator[Setting]:
 
 
 def _bounds(hint: Any) -> str:
-    """Return the condition that a type sets on a value: the wording of a rule, or the words to choose from."""
+    """Return the condition that a type sets on a value: the wording of a rule, or the allowed words."""
     for part in (hint, *get_args(hint)):
         if isinstance(part, Rule):
             return part.wording

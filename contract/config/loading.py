@@ -1,4 +1,4 @@
-"""Functions that read the settings from TOML files and `key.path=value` overrides."""
+"""The functions that read the settings from TOML files and `key.path=value` overrides."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,8 +16,8 @@ from contract.typed import LONGEST_SHOWN, read_toml, typed
 
 
 def check_names(tree: Mapping[str, Any], above: str = "") -> None:
-    """Check that every name in a tree is in `Config`, and that sections and values are not confused. Raises
-    ConfigError, which states the wrong name and the correct names that are most similar."""
+    """Check that every name in a tree is in `Config`, and that sections and values are not confused. Raises ConfigError
+    with the wrong name and the most similar correct names."""
     for key, value in tree.items():
         name = f"{above}.{key}" if above else key
         if name not in _hints():
@@ -50,7 +50,7 @@ def _unknown(section: str, key: str) -> str:
 
 @cache
 def _hints() -> Mapping[str, Any]:
-    """Return the type (without metadata) of every setting and the dataclass of every section, by dotted name."""
+    """Return the type of every setting, without metadata, and the dataclass of every section, by dotted name."""
     return dict(_walk(Config, ""))
 
 
@@ -68,14 +68,14 @@ _RELEASE = "release"
 PAPER = "paper"
 """Name of the unmodified settings, which have the paper's values."""
 BASE_KEY = "base"
-"""The key in a TOML file that states which settings the file modifies: those of the paper or of the release."""
+"""The key in a TOML file that states which settings the file modifies: the paper's or the release's settings."""
 RETIRED: Final = {"refine.iterations": False}
-"""Settings that no longer exist. A file of an earlier version may contain such a setting with the value given here."""
+"""Settings that no longer exist. A file of an earlier version may contain such a setting with this value."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Loaded:
-    """The loaded settings, and the dotted names of the settings that the TOML file and the overrides gave."""
+    """The loaded settings, and the dotted names of the settings that are in the TOML file or in the overrides."""
 
     config: Config
     in_file: frozenset[str] = frozenset()
@@ -121,7 +121,7 @@ def load(path: Path | None = None, overrides: Sequence[str] = (), *, base: Confi
 
 
 def training(*, quick: bool = False) -> Config:
-    """Return the release's settings, changed for training a model without a prior, and for a quick training."""
+    """Return the settings for training a model without a prior; `quick` makes the training short."""
     tree = _packaged(_RELEASE)
     for name in ("trained", "quick") if quick else ("trained",):
         _merge(tree, _packaged(name))

@@ -1,7 +1,7 @@
-"""The scales that convert between the non-dimensional flow and the engineering units of the bus.
+"""The scales that convert between dimensionless values of the flow and the engineering units on the bus.
 
 The defaults describe a full-size truck on a motorway. The simulated flow remains the paper's two-dimensional flow at Re
-= 500: the operating point sets the scales of time and other quantities only, and does not turn the flow into a real
+= 500. The operating point only sets the scales of time and other quantities; it does not turn the flow into a real
 truck's wake.
 """
 

@@ -2,8 +2,8 @@
 
     horizon: Annotated[int, at_least(2), STEPS, paper("section 2.4")] = 25
 
-`Settings` checks the rules of its fields when it is created. A condition on two fields is checked by a call of
-`require` in the class's own `_check_together`. A number without a unit is a ratio, or a count whose name states what is
+`Settings` checks the rules of its fields when it is created. To check a condition on two fields, a class defines
+`_check_together`, which calls `require`. A number without a unit is a ratio, or a count whose name states what is
 counted. No value is converted. A field without a source has the source of its section.
 """
 
@@ -38,8 +38,8 @@ class Source:
 
 
 def paper(place: str, note: str = "") -> Source:
-    """Mark a default as the paper's number at a place, e.g. "section 2.1", or as a number that follows as the note
-    says. Equations have the manuscript's numbers, which do not restart with each section."""
+    """Mark a default as the number at a place in the paper, such as "section 2.1". If the number is not there, `note`
+    says how it follows. Equations have the manuscript's numbers, which do not restart with each section."""
     return Source("paper", place=place, note=note)
 
 
@@ -55,7 +55,7 @@ def ours(reason: str, *, page: str = "") -> Source:
 
 @dataclass(frozen=True)
 class Unit:
-    """Metadata of an `Annotated` type: a unit, as written after a number."""
+    """A unit, as written after a number: metadata of an `Annotated` type."""
 
     name: str
 
@@ -83,13 +83,13 @@ T = TypeVar("T", int, float)
 
 TINY: Final = 1e-45
 HUGE: Final = 1e12
-"""Largest magnitude of a nonzero real setting; `TINY` is the smallest. The bounds also apply to a float32 value from
-calibration."""
+"""Largest magnitude of a nonzero real setting; `TINY` is the smallest. The bounds also apply to calibrated weights,
+which are float32."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """A condition on a text, or on a number, which must also be finite.
+    """A condition on a text or a number. A number must also be finite.
 
     Attributes:
         wording: text of the condition that completes the sentence "the value must be ...".
@@ -164,6 +164,6 @@ class Settings:
 
 
 def require(holds: bool, owner: Settings, name: str, wording: str) -> None:
-    """Raise ConfigError, with the value of the named field, if the condition does not hold."""
+    """Raise ConfigError if the condition does not hold. The message states the named field's value."""
     if not holds:
         raise ConfigError(f"{owner.section}.{name} = {quoted(getattr(owner, name))}: must be {wording}")

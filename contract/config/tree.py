@@ -1,10 +1,10 @@
-"""The tree of all settings, shared by all packages.
+"""The tree of all settings, which all packages use.
 
 A default is the paper's number if the paper states a number. Each setting states the source of its default
 (`contract.config.rules`).
 
-Lengths are in W, times in t_c, and actions a, which are jet flow rates, in U_inf W. Values are checked when they are
-set, so every existing `Config` is valid. `contract.config.loading` reads trees from TOML and applies overrides.
+Lengths are in W, times in t_c. Actions a are jet flow rates in U_inf W. Values are checked when they are set, so every
+existing `Config` is valid. `contract.config.loading` reads trees from TOML and applies overrides.
 """
 
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ from contract.config.vehicle import BusConfig, EcuConfig, VehicleConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """All settings. The sub-trees have the names of the sections in a TOML file."""
+    """The tree of all settings. Its sub-trees have the names of the sections in a TOML file."""
 
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
     body: BodyConfig = field(default_factory=BodyConfig)

@@ -26,8 +26,8 @@ from contract.config.rules import (
 
 LARGEST_NOMINAL_BITRATE: Final = 1_000_000
 LARGEST_DATA_BITRATE: Final = 8_000_000
-"""Largest bit rates, in bit/s, of the arbitration phase and the data phase with transceivers specified in ISO
-11898-2:2016 and CiA 601-4."""
+"""Largest bit rates of the arbitration phase and the data phase, in bit/s. Transceivers by ISO 11898-2:2016 and CiA
+601-4 allow no higher rates."""
 
 _CAN_FD: Final = standard("SAE J2284-4", "CAN FD in vehicles, 500 kbit/s with data at 2 Mbit/s")
 _DELAY: Final = within(0, 10_000, "a longer delay exceeds every horizon")
@@ -42,19 +42,19 @@ class E2eConfig(
     section="bus.e2e",
     source=ours("AUTOSAR E2E leaves these numbers to the project", page="explanation/protection.md"),
 ):
-    """Conditions under which a receiver treats the frames of an E2E-protected message as a valid stream."""
+    """The conditions under which a receiver treats the frames of an E2E-protected message as a valid stream."""
 
     max_delta: Annotated[
         int, within(1, 127, "half the counter's period"), FRAMES, ours("lost frames that the ECU bridges", page=_GATE)
     ] = 4
-    """Largest increment of the counter with which a frame is still accepted as the next frame. The default 4 allows a
-    loss of three frames in a row; the ECU's fail-safe bridges the same number."""
+    """A frame is accepted if its counter exceeds the last frame's counter by at most this number. The default 4 allows
+    a loss of three frames in a row; the ECU's fail-safe bridges the same number."""
     window: Annotated[AtLeastOne[int], FRAMES] = 5
     """Number of latest check results that together decide whether a stream is valid."""
     min_ok: Annotated[int, FRAMES] = 2
-    """Smallest number of passed checks in the window with which a stream is valid."""
+    """Smallest number of passed checks in the window for a valid stream."""
     max_errors: Annotated[int, FRAMES] = 2
-    """Largest number of CRC errors in the window with which a stream is valid."""
+    """Largest number of CRC errors in the window for a valid stream."""
 
     def _check_together(self) -> None:
         require(1 <= self.min_ok <= self.window, self, "min_ok", "in 1..window")
@@ -65,10 +65,10 @@ class E2eConfig(
 class BackgroundConfig(
     Settings, section="bus.background", source=ours("a bus without other nodes", page="explanation/simulated-bus.md")
 ):
-    """Traffic of other nodes on the simulated bus; without it, frames hardly ever wait for the bus."""
+    """The traffic of other nodes on the simulated bus. Without it, frames hardly ever wait for the bus."""
 
     load: Fraction[float] = 0.0
-    """Share of the bus time that generated periodic messages take, stuff bits included."""
+    """Share of the bus time that generated periodic messages take, including stuff bits."""
     dbc: str = ""
     """DBC file whose messages replace the generated messages. Each message has random contents and the cycle time in
     the file (`GenMsgCycleTime`)."""
@@ -89,8 +89,8 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
 
     interface: str = SIMULATED
     """Kind of CAN interface. `simulated` is stillwake's own bus in virtual time. The other interfaces run in real time:
-    `virtual`, `udp_multicast`, `slcan`, `socketcan` or another interface of python-can. With `python-can`, python-can's
-    own configuration selects the interface, in the section that `bus.channel` names."""
+    `virtual`, `udp_multicast`, `slcan`, `socketcan` or another interface of python-can. With `python-can`,
+    `bus.channel` names the section of python-can's own configuration that selects the interface."""
     channel: Annotated[str, ours("stillwake's own name")] = "stillwake"
     """Name (virtual), multicast address (udp_multicast, e.g. 239.74.163.2), serial port (slcan) or network device
     (socketcan, e.g. can0) of the bus. The simulated bus does not use this setting."""
@@ -102,7 +102,7 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
     """Set of messages: `fd` for CAN FD; `classic` for classic CAN, with eight data bytes, coarser pressures and a
     weaker CRC."""
     key: Annotated[str, ours("each user makes a secret key", page="explanation/protection.md")] = ""
-    """File with a 128-bit key. If it is given, both nodes authenticate every frame (AUTOSAR SecOC) and refuse
+    """File with a 128-bit key. With a key, both nodes authenticate every frame (AUTOSAR SecOC) and refuse
     unauthenticated frames. Only CAN FD frames have space for the authenticator."""
     background: BackgroundConfig = field(default_factory=BackgroundConfig)
     e2e: E2eConfig = field(default_factory=E2eConfig)
@@ -113,12 +113,12 @@ class BusConfig(Settings, source=ours("needs no hardware", page="explanation/sim
             value = getattr(self, name)
             require(value.isprintable() and bool(value.strip()), self, name, f"the name of {article} {name}")
         if self.frames == "classic":
-            room = "empty with bus.frames = classic: its eight bytes have no room for a MAC"
+            room = "empty with bus.frames = classic: its eight bytes have no space for a MAC"
             require(not self.key, self, "key", room)
             counter = "in 1..7 with bus.frames = classic, whose counter has 4 bits"
             require(self.e2e.max_delta < 8, self.e2e, "max_delta", counter)
         else:
-            faster = f"in nominal_bitrate..{LARGEST_DATA_BITRATE}: the data phase of CAN FD is the faster one"
+            faster = f"in nominal_bitrate..{LARGEST_DATA_BITRATE}: the data phase of CAN FD must not be slower"
             fits = self.nominal_bitrate <= self.data_bitrate <= LARGEST_DATA_BITRATE
             require(fits, self, "data_bitrate", faster)
 
@@ -129,29 +129,29 @@ class SensorCheckConfig(
     section="ecu.sensor_check",
     source=ours("above the figures of healthy sensors", page=_LIES),
 ):
-    """Thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances. The values given
-    for healthy sensors were computed over the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
+    """The thresholds above which the ECU no longer uses a pressure sensor. Levels are ratios of variances. The values
+    of healthy sensors are from the whole shipped recording (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("a sensor that reads wrongly costs most of the drag reduction", page=_LIES)] = True
     """Whether the ECU checks the pressures with the bundle's estimator, and continues without a faulty sensor."""
     liar_level: Positive[float] = 14.0
-    """Ratio at which the ECU no longer uses a sensor: the mean squared deviation of its reading from the other sensors'
-    estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
+    """Ratio at which the ECU no longer uses a sensor. It is the mean squared deviation of this sensor from the other
+    sensors' estimate, divided by the mean squared disagreement of the other sensors. Healthy sensors reach 8."""
     bias_level: Positive[float] = 20.0
-    """Limit like `liar_level`, but for deviations averaged over two shedding cycles, which show small biases and
-    drifts. Healthy sensors reach 16."""
+    """Limit like `liar_level`, but for deviations averaged over two shedding cycles. These averages show small biases
+    and drifts. Healthy sensors reach 16."""
     swap_level: Positive[float] = 2.5
     """Ratio at which two sensors are treated as exchanged: the disagreement among the received pressures, divided by
     the disagreement after the two readings are exchanged. Healthy sensors reach 0.9."""
     doubt_level: Positive[float] = 16.0
-    """Disagreement among the pressures at which a period counts as doubtful, if no single sensor explains it. Once the
-    ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside the range
-    of the training data."""
+    """A period is doubtful if the pressures disagree by this level, and no single sensor explains the disagreement.
+    Once the ECU no longer uses a sensor, the limit is twice this value. Healthy sensors reach 12 with forcing outside
+    the range of the training data."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
     """Count of doubtful periods at which the jets go to zero and the fault latches. Any other period subtracts 1 from
     the count."""
     flat_periods: Annotated[AtLeastOne[int], PERIODS, ours("longer than healthy readings repeat", page=_LIES)] = 10
-    """Number of consecutive periods with bit-identical readings after which a sensor is taken for stuck."""
+    """Number of consecutive periods with bit-identical readings after which a sensor counts as stuck."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +160,7 @@ class BenefitCheckConfig(
     section="ecu.benefit_check",
     source=ours("between useful and harmful control", page=_HELPS),
 ):
-    """Thresholds with which the ECU decides whether control helps (docs/explanation/what-shuts-the-jets.md)."""
+    """The thresholds with which the ECU decides whether control helps (docs/explanation/what-shuts-the-jets.md)."""
 
     enabled: Annotated[bool, ours("outside its design conditions a controller can raise drag", page=_HELPS)] = True
     """Whether the ECU compares base pressures with and without control, and shuts the jets if control does not help."""
@@ -176,8 +176,8 @@ class BenefitCheckConfig(
     """Largest mean difference between mirrored sensors at which control counts as helping, relative to the mean
     difference without control."""
     doubt_periods: Annotated[AtLeastOne[int], PERIODS, ours("a shedding cycle")] = 25
-    """Count at which the jets are shut for a test. A period in which control did not help adds 1, a period in which
-    control helped subtracts 1. The fault latches if the test fails."""
+    """Count at which the jets are shut for a test. A period in which control did not help adds 1, and a period in which
+    it helped subtracts 1. The fault latches if the test fails."""
 
     def _check_together(self) -> None:
         require(self.least_gain < 1.0, self, "least_gain", "below 1")
@@ -187,21 +187,21 @@ class BenefitCheckConfig(
 class SpeedConfig(
     Settings, section="ecu.speed", source=ours("within the limits of a vehicle", page="explanation/other-speeds.md")
 ):
-    """Conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
+    """The conditions under which the ECU accepts the vehicle's speed, for a release that covers a range of speeds."""
 
     oldest_ms: Annotated[Positive[float], MILLISECONDS] = 500.0
     """Largest age at which a measured speed is used in a control step, if no newer speed arrives."""
     most_acceleration: Annotated[Positive[float], Unit("m/s2")] = 15.0
     """Largest acceleration of a vehicle. A speed is rejected if its change would need a larger acceleration."""
     margin: Annotated[Fraction[float], ours("a 10 % wind and a gust", page="explanation/other-speeds.md")] = 0.12
-    """Share by which the vehicle's speed may be outside the release's range before the jets are shut. The air speed may
-    then still be in the range. Within this margin the ECU uses the nearest end of the range. The jets restart when the
-    speed is in the range."""
+    """Share by which the vehicle's speed may be outside the release's range before the jets are shut, because the air
+    speed may still be in the range. Within this margin the ECU uses the nearest end of the range. The jets restart when
+    the speed is in the range."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
-    """Timing and fail-safe behaviour of the ECU."""
+    """The timing and the fail-safe behaviour of the ECU."""
 
     compute_time_ms: Annotated[NonNegative[float], MILLISECONDS, ours("a stated share of the 20 ms of a period")] = 8.0
     """Time that the virtual ECU takes for a control step, from the step's start to the command. This time is an assumed
@@ -212,20 +212,20 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     """Number of further periods without usable pressures, each of which halves the command. After them the command is
     zero and the fault latches."""
     rearm_frames: Annotated[AtLeastOne[int], FRAMES, ours("a tenth of a second", page=_GATE)] = 5
-    """Number of consecutive good frames that must precede the rising edge of the vehicle's request to clear a latched
-    fault."""
+    """Number of consecutive good frames that the ECU needs before a rising edge of the vehicle's request can clear a
+    latched fault."""
     pressure_age: Annotated[Positive[float], PERIODS] = 1.5
-    """Largest age, from sampling to control step, of pressures that may be used for planning. The default allows one
-    period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect; with 40 ms
-    the side force grows."""
+    """Largest age at which pressures may be used for planning, counted from sampling to control step. The default
+    allows one period of waiting for the step, and half a period of transmission. A delay of 20 ms has little effect;
+    with 40 ms the side force grows."""
     loss_window: Annotated[AtLeastOne[int], PERIODS, ours("a second", page=_GATE)] = 50
     """Number of latest periods under control among which `ecu.loss_limit` counts losses."""
     loss_limit: Annotated[int, PERIODS, ours("four sigma above a random loss of 25 %", page=_GATE)] = 25
-    """Number of periods without usable pressures, among the latest `ecu.loss_window`, at which the jets go to zero and
-    the fault latches. A controller that gets at most every second sample does not control the flow."""
+    """The jets go to zero and the fault latches if this number of the latest `ecu.loss_window` periods had no usable
+    pressures. A controller that gets at most every second sample does not control the flow."""
     deadline_misses: Annotated[AtLeastOne[int], STEPS] = 3
-    """Number of mistimed steps (a period late or half a period early), among the latest `ecu.deadline_window`, at which
-    the ECU switches itself off. A number above `ecu.deadline_window` disables the check."""
+    """The ECU switches itself off if this number of the latest `ecu.deadline_window` steps were mistimed: a period late
+    or half a period early. A number above `ecu.deadline_window` disables the check."""
     deadline_window: Annotated[AtLeastOne[int], STEPS] = 10
     """Number of latest steps among which `ecu.deadline_misses` counts mistimed steps."""
     plan_ahead: Annotated[bool, ours("drag falls more", page="reference/results.md#what-limits-the-reduction")] = True
@@ -238,13 +238,13 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
     late by less than this time are still used in their own period. The plan is for the next period, so waiting costs
     nothing if the step is finished before the present period ends."""
     delay_steps: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
-    """Actuator delay in control periods that the controller compensates (paper, appendix B)."""
+    """Actuator delay that the controller compensates (paper, appendix B)."""
     sensor_check: SensorCheckConfig = field(default_factory=SensorCheckConfig)
     benefit_check: BenefitCheckConfig = field(default_factory=BenefitCheckConfig)
     speed: SpeedConfig = field(default_factory=SpeedConfig)
     command_step: Annotated[Positive[float], FLOW_RATE, ours("half the full range", page=_GATE)] = 0.075
-    """Largest change of the jet command per period, in U_inf W, that the ECU's command gate permits. The default is
-    three times the largest change of the training waveform at full amplitude."""
+    """Largest change of the jet command per period that the ECU's command gate permits. The default is three times the
+    largest change of the training waveform at full amplitude."""
 
     def _check_together(self) -> None:
         require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")
@@ -256,22 +256,21 @@ class EcuConfig(Settings, source=ours("the paper has no ECU", page=_GATE)):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VehicleConfig(Settings, source=ours("the same as the ECU's", page=_GATE)):
+class VehicleConfig(Settings, source=ours("the same as in the ECU", page=_GATE)):
     """The simulated vehicle."""
 
     actuator_delay: Annotated[int, _DELAY, PERIODS, paper("appendix B", "the case without delay")] = 0
-    """Delay of the jets after a command, in control periods. The controller assumes `ecu.delay_steps`."""
+    """Delay of the jets after a command. The controller assumes `ecu.delay_steps`."""
     action_step: Annotated[Positive[float], FLOW_RATE] = 0.075
-    """Largest change of the jets' action per period, in U_inf W, that the jets' driver permits, except for shutting the
-    jets. The default equals that of `ecu.command_step`; the vehicle enforces its limit independently."""
+    """Largest change of the action per period that the jets' driver permits, except for shutting the jets. The default
+    equals the default of `ecu.command_step`; the vehicle enforces its limit independently."""
     loss_window: Annotated[AtLeastOne[int], PERIODS] = 50
     """Number of latest periods under control among which `vehicle.loss_limit` counts losses; the default is one
     second."""
     loss_limit: Annotated[int, PERIODS] = 25
-    """Number of periods without a usable command, among the latest `vehicle.loss_window`, at which the vehicle shuts
-    its jets and withdraws its enable request. The request stays withdrawn until the vehicle itself has stopped
-    requesting control once. This limit is the counterpart of `ecu.loss_limit`: jets that follow at most every second
-    command are not under control."""
+    """The vehicle shuts its jets and withdraws its enable request if this number of the latest `vehicle.loss_window`
+    periods had no usable command. The request stays withdrawn until the vehicle itself has stopped requesting control
+    once. The limit is like `ecu.loss_limit`: jets that follow at most every second command are not under control."""
 
     def _check_together(self) -> None:
         require(1 <= self.loss_limit <= self.loss_window, self, "loss_limit", "in 1..loss_window")

@@ -1,13 +1,13 @@
-"""The file names and formats in a C library's folder, which has one control step in C99 and the ECU around the step.
+"""The file names and formats in a C library's folder. The library has a control step in C99, and the ECU that runs it.
 
 `export` writes the folder; the ECU and the emulated microcontroller read it. The folder's `stillwake.h` describes the
 calls. The folder has sources that are equal for all programs, the generated `sw_settings.h` and `sw_weights.c`, and
-`recorded.txt` and `expected.txt` for the example program `replay.c`. The names are the same for every program and
-precision. Folders of older versions have no `expected.txt` and no documents; this module needs neither.
+`recorded.txt` and `expected.txt` for the example program `replay.c`. The file names are the same for every program and
+precision. Folders of older versions have no `expected.txt` and no documents; this module does not need them.
 
 A folder with `sw_ecu_settings.h` also has the whole ECU: `sw_ecu.h`, the sources of the ECU, and programs with a `main`
-function in `examples/`. A folder without that header has the control step alone, for example if the bus does not
-transmit the controller's sensors.
+function in `examples/`. A folder without this header has only the control step. An example is a controller whose
+sensors the bus does not transmit.
 """
 
 import re
@@ -26,30 +26,30 @@ from contract.printable import quoted, shown
 PROGRAM_SETTINGS: Final = "sw_settings.h"
 """Header with sizes and settings of one program, and the hashes of that program and of the DBC."""
 ECU_SETTINGS: Final = "sw_ecu_settings.h"
-"""Header with DBC messages, release figures and vehicle settings, which only folders with the ECU have."""
+"""Header with DBC messages, release figures and vehicle settings. Only folders with the ECU have this header."""
 PROGRAM_WEIGHTS: Final = "sw_weights.c"
 """Source file with the arrays that `sw_weights.h` declares."""
 REPLAY: Final = "replay.c"
-"""Example program, which runs control steps from recorded rows on a host and is not part of the library."""
+"""Example program that is not part of the library. It runs control steps from recorded rows on a host."""
 RECORDED: Final = "recorded.txt"
-"""Input rows of the example program; each row has the pressures, then the action commanded one step before."""
+"""Input rows of the example program. Each row has the pressures, then the action of the previous step."""
 NO_LIBRARY: Final = "this is not a folder written by `stillwake export --c`"
 EXPECTED: Final = "expected.txt"
 """Expected answers of the example program to the recorded rows."""
 DOCUMENTS: Final = ("README.md", "CMakeLists.txt", "LICENSE", "zephyr/module.yml", "zephyr/CMakeLists.txt")
-"""Files of the folder that are not compiled and, except for sizes in the text, are equal for all libraries: the readme,
-the rules for CMake and Zephyr, and the licence."""
+"""Files of the folder that are not compiled: the readme, the rules for CMake and Zephyr, and the licence. They are
+equal for all libraries, except for sizes in the text."""
 BILL: Final = "sbom.cdx.json"
 """Name of the folder's bill of materials, in CycloneDX."""
 BOARD: Final = ("board", "loader")
-"""Folders with a board's drivers, start-up code and main loop, and with flashing and diagnosis."""
+"""Folders with code for a board (drivers, start-up, main loop), and with code for flashing and diagnosis."""
 COMPILE_FLAGS: Final = "compile_flags.txt"
 """Name of the file with compiler flags for editors (clangd), one flag per line; only in sample folders."""
 
 ProgramRows = npt.NDArray[np.float32]
 
 _MAX_BYTES: Final = 64 * 2**20
-"""Largest size of all sources of a folder, in bytes; as text, the paper's weights take a few megabytes."""
+"""Largest size of a folder's sources, in bytes. The text of the paper's weights takes a few megabytes."""
 
 _NUMBER: Final = re.compile("[0-9]{1,9}")
 _ESCAPED: Final = re.compile(r"\\(.)")
@@ -86,7 +86,7 @@ class ProgramSettings:
         return int(value)
 
     def multiply_accumulates(self) -> int:
-        """Return the number of multiplications by weights in a control step; one forward pass has no adjoint pass."""
+        """Return the number of multiplications by weights in a control step; the last pass has no adjoint pass."""
         names = ("WINDOW", "SENSORS", "LSTM", "HEAD", "LATENT", "DYN1", "DYN2", "DECODER", "BLOCKS")
         window, sensors, lstm, head, latent, dyn1, dyn2, decoder, blocks = (self.number(f"SW_{one}") for one in names)
         encoder = window * 4 * lstm * (sensors + 1 + lstm) + head * (lstm + latent)
@@ -146,8 +146,8 @@ def read_sources(folder: Path, *, board: bool = False) -> dict[str, bytes]:
 
 
 def read_recorded(folder: Path) -> ProgramRows:
-    """Read the n recorded rows of a folder, (n, S+1): pressures Cp at the S sensors, then the action commanded one step
-    before in U_inf W. Raises LibraryError if there are no rows, or a row has anything but numbers."""
+    """Read the n recorded rows of a folder, (n, S+1): pressures Cp at the S sensors, then the action of the previous
+    step in U_inf W. Raises LibraryError if there are no rows, or a row has anything but numbers."""
     path = folder / RECORDED
     try:
         if path.stat().st_size > _MAX_BYTES:

@@ -1,5 +1,5 @@
-"""The parameters of a release as a C struct: a constant for the compiler, and the constant's bytes after compilation.
-Both are built from one description, so compiled-in parameters equal the parameters of an image
+"""The parameters of a release as a C struct: the source text of a constant, and the constant's bytes after compilation.
+Text and bytes are built from one description, so compiled-in parameters equal those of an image
 (`contract.controller.image_payload`)."""
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ class Numbers:
 
     Attributes:
         struct: name of the struct's type in C.
-        members: values by the members' names, in the struct's order and in the types that C uses.
+        members: values by the members' names, in the order of the struct and with the types in C.
         alignment: alignment of every member in bytes; None uses the alignment of each member's type.
     """
 

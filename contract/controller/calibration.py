@@ -27,7 +27,7 @@ _MOST_STEPS: Final = 2**32 - 1
 
 
 def as_float32(value: float) -> float:
-    """Return the nearest float32, as the double with the fewest decimal digits that rounds to it: 0.1 stays 0.1."""
+    """Round a value to float32, and return the shortest decimal number that gives this float32: 0.1 stays 0.1."""
     with np.errstate(over="ignore"):
         return float(str(np.float32(value)))
 
@@ -40,8 +40,8 @@ def _kept(name: str, value: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """A set of calibration values. Each is rounded to float32, its type on the bus, in C and in the controller's input,
-    so that a value read back equals the value written. Raises ConfigError if a value does not fit into its 4 bytes.
+    """A set of calibration values. All except `delay_steps` are rounded to float32, their type on the bus and in the
+    controller, so that a value is read back as written. Raises ConfigError if a value does not fit into its 4 bytes.
 
     Attributes:
         action_limit: largest |a| that the ECU's command gate permits, in U_inf W.
@@ -70,7 +70,7 @@ class Calibration:
     @classmethod
     def of(cls, values: Sequence[float]) -> "Calibration":
         """Build a calibration from `values`. Raises ConfigError for a value that does not fit into its 4 bytes."""
-        # A weight that is not a number is refused here with its name, before it reaches `CostWeights`.
+        # `_kept` refuses a weight that is not finite, and states its name, before `CostWeights` is built.
         *weights, action_limit, command_step = map(_kept, CALIBRATION_NAMES, values[:-1])
         return cls(
             weights=CostWeights.of(weights),
@@ -99,8 +99,8 @@ class CalibrationLimits:
     greatest: Calibration
 
     def changed(self, now: Calibration, values: Mapping[str, object]) -> Calibration:
-        """Return the calibration `now` with some values replaced, by name. Raises ConfigError for an unknown name, a
-        value that is not a number, or a value outside the limits."""
+        """Return the calibration `now`, in which `values` replace the values of the same names. Raises ConfigError for
+        an unknown name, a value that is not a number, or a value outside the limits."""
         wanted = dict(zip(CALIBRATION_NAMES, now.values, strict=True))
         for name, value in values.items():
             if name not in CALIBRATION_NAMES:

@@ -1,11 +1,11 @@
 """The interface and the weights of a bundle's `sensors.onnx`, a network that estimates each pressure from the others.
 
-The ECU's sensor check asks whether each reading agrees with the other readings. If not, it asks which sensor must be
-left out, or which two sensors exchanged, so that the rest agree. So one call estimates every pressure from several
-views of a window. With S sensors there are
+The ECU's sensor check compares each reading with the other readings. If they disagree, it searches for a sensor to
+leave out, or for two sensors to exchange, so that the readings agree. For this search, one call estimates every
+pressure from several views of a window. With S sensors there are
 
 * S views with one sensor left out,
-* S (S - 1) / 2 views with two sensors left out, to estimate a sensor when another sensor is suspected too,
+* S (S - 1) / 2 views with two sensors left out, to estimate one sensor while another sensor is suspected,
 * S views for each pair of sensors, in which the pair's readings are exchanged and one sensor is left out.
 
 ========= ========  ==================================================================================================
@@ -30,7 +30,7 @@ ESTIMATOR: Final = "sensors.onnx"
 ESTIMATOR_INPUT: Final = "window"
 ESTIMATOR_OUTPUT: Final = "estimates"
 REACH: Final = 16.0
-"""Limit to which standardised readings are clipped. Healthy sensors stay within 11 in the shipped recording, and the
+"""Limit to which standardised readings are clipped. Healthy sensors stay within 11 in the shipped recording. The
 estimate of a faulty sensor needs no larger value. The estimator in integer arithmetic has the same limit."""
 
 
@@ -68,11 +68,11 @@ def views(sensors: int) -> list[WindowView]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypotheses:
-    """The rows of `estimates` that belong to each hypothesis. The hypotheses are: one of the S sensors reads wrongly,
-    or one of the P pairs is exchanged.
+    """The rows of `estimates` that belong to each hypothesis. A hypothesis is that one of the S sensors reads wrongly,
+    or that one of the P pairs is exchanged.
 
     Attributes:
-        view: (S + P, S) row of `estimates` to use for each hypothesis and sensor.
+        view: (S + P, S) row of `estimates` that has the estimate, for each hypothesis and sensor.
         reading: (S + P, S) index of the reading that is compared with this estimate, for each hypothesis and sensor.
     """
 
@@ -91,8 +91,8 @@ class Hypotheses:
         return cls(view=np.array(liars + swaps), reading=np.array(own + crossed))
 
     def residuals(self, readings: Array, estimates: Array) -> Array:
-        """Return the residuals (S + P, S), reading minus estimate, in Cp. The estimates of row j < S do not use sensor
-        j; its entry j is the residual of sensor j, estimated from all others."""
+        """Return the residuals (S + P, S), reading minus estimate, in Cp. Row j < S belongs to estimates without sensor
+        j. Entry j of this row is the residual of sensor j, estimated from all other sensors."""
         return np.asarray(readings[self.reading] - estimates[self.view, np.arange(len(readings))])
 
 
@@ -105,9 +105,9 @@ def estimator_shapes(window: int, sensors: int) -> Mapping[str, tuple[int, ...]]
 class EstimatorNetwork:
     """The network that computes all views, fitted by `train.sensor_estimator`.
 
-    Its input has two parts. The first is the standardised window, clipped to `REACH`, row by row, oldest row first; the
-    columns of sensors that are left out are zero. The second is one flag for every sensor, 1 if the sensor is left out.
-    The hidden layers have ReLU. The output is standardised Cp.
+    Its input has two parts. The first part is the standardised window, clipped to `REACH`, with the oldest row first;
+    the columns of sensors that are left out are zero. The second part is a flag for every sensor, 1 if the sensor is
+    left out. The hidden layers have ReLU. The output is standardised Cp.
 
     Attributes:
         window: L, number of rows of the window.
@@ -126,7 +126,7 @@ class EstimatorNetwork:
         return len(self.mean) - 1
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates (V, S) for a window (L, S+1), as the graph computes them; (n, V, S) for n windows."""
+        """Return the graph's estimates: (V, S) for one window (L, S+1), or (n, V, S) for n windows."""
         sensors, rows = self.sensors, []
         for view in views(sensors):
             seen = np.ones(sensors + 1)

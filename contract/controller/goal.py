@@ -22,18 +22,18 @@ DEAREST_LIFT: Final = 1.0
 NARROWEST: Final = 0.5
 """Smallest limit of the jets for which a prior is trained, as a share of the release's limit."""
 SPEED_SCALE: Final = 0.4
-"""Difference between a vehicle's speed and the design speed that is scaled to 1, as a share of the design speed."""
+"""Difference from the design speed that the prior reads as 1, as a share of the design speed."""
 SCHEDULED: Final = ("one", "slower", "faster", "effort", "lift", "limit")
-"""Names of the scheduling inputs of a prior's units, in the order of the prior's tensors: 1, the scaled speed below and
-above the design speed, and the parts of the goal. A unit's other inputs are filtered sums of the pressures of
-mirrored sensors."""
+"""Names of the scheduling inputs of a prior's units: the constant 1, the scaled speed below and above the design speed,
+and the parts of the goal. A prior's tensors have this order. A unit's other inputs are filtered sums of the pressures
+of mirrored sensors."""
 SPEED_PLACES: Final = (SCHEDULED.index("slower"), SCHEDULED.index("faster"))
-"""Indices of the two speed variables in `SCHEDULED`. There are two because, with one variable for all speeds, more
-training at high speeds made a prior worse at low speeds."""
+"""Indices of the two speed variables in `SCHEDULED`. With a single variable for all speeds, more training at high
+speeds made a prior worse at low speeds."""
 
 
 class Goal(NamedTuple):
-    """A position in the range of goals; each part is between 0 and 1.
+    """A position in the range of goals. Each part of the position is between 0 and 1.
 
     Attributes:
         effort: square root of the weight on effort divided by `DEAREST_EFFORT`.
@@ -47,7 +47,7 @@ class Goal(NamedTuple):
 
     @classmethod
     def of(cls, weights: CostWeights, share_of_limit: float = 1.0) -> "Goal":
-        """Compute the position of weights, and of a jet limit as a share of the release's limit."""
+        """Compute the goal for weights and for a limit of the jets, as a share of the release's limit."""
         return cls(
             effort=_root(weights.effort, weights.drag_mean * DEAREST_EFFORT),
             lift=_root(weights.lift, weights.drag_mean * DEAREST_LIFT),
@@ -81,14 +81,14 @@ def of_two_speeds(parts: Array) -> Array:
 
 
 def unknown_to_prior(weights: CostWeights, *, knows_goal: bool = True) -> CostWeights:
-    """Return the weights for MPC iterations that start from a prior's plan. Terms that the prior takes into account get
-    weight zero.
+    """Return the weights for MPC iterations that start from a prior's plan. The weight is zero for each term for which
+    the prior was trained.
 
-    The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range, so a
-    gradient that the model computes for such a goal is noise and model error. A goal outside the range gets no
-    iterations either: with four times the largest weight of lift, iterations increased the cost by 12 % (4 to 21 % in
-    three pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior trained for
-    drag alone has no input for other goals, so the iterations keep the weights of effort and lift.
+    The plan of a prior that was trained with gradients through the flow is stationary for the goals in its range. So a
+    gradient that the model computes for such a goal is noise and model error. Iterations do not help for a goal outside
+    the range either. With four times the largest weight of lift, they increased the cost by 12 % (4 to 21 % in three
+    pairs of runs); with four times the largest weight of effort, they did not lower the cost. A prior trained for drag
+    alone has no input for other goals, so the iterations keep the weights of effort and lift.
     """
     known = replace(weights, drag_mean=0.0)
     return replace(known, effort=0.0, lift=0.0) if knows_goal else known

@@ -2,8 +2,8 @@
 
 The parameters are `sw_payload` of `sw_image.h`. The text is the layout; C does not read it. It has one line for every
 setting and every struct on which the positions or the meaning of the parameters depend. The text's SHA-256 identifies
-the layout, in the image's header and in a build's `sw_layout.h`. A build refuses parameters of another layout. Nothing
-else in a library's headers belongs to a release, except the identity of the compiled-in release.
+the layout, in the image's header and in a build's `sw_layout.h`. A build refuses parameters of another layout. Apart
+from the layout, the library's headers state only one fact about a release: the identity of the compiled-in release.
 
 An ECU must not use an invalid number as an index or a bound. The rules for valid numbers are stated in this module
 only. A build's `sw_layout.h` has a table of these rules, with which `sw_image_open` checks an image in C;
@@ -27,7 +27,7 @@ from contract.errors import BundleContainerError
 LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
 """Largest permitted magnitude, in Cp, of the figures that describe the residuals of healthy sensors and the wake
-without jets; `LEAST_FIGURE` is the smallest. The squares of these figures are divisors."""
+without jets; `LEAST_FIGURE` is the smallest magnitude. The squares of these figures are divisors."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
 """Types of arrays, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
@@ -39,7 +39,7 @@ _POSITIVE: Final = frozenset(
 )
 _NOT_NEGATIVE: Final = frozenset({"weights", "default_weights", "slowest", "decoder_largest"})
 _ESTIMATOR_MOST: Final = 2.0**17
-"""Largest magnitude of the estimator's weights for which every estimate is finite."""
+"""Largest magnitude of the estimator's weights. With such weights every estimate is finite."""
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
 """Integer that represents the largest scale of a layer's rows; `_GAIN_ONE` represents the largest gain of a layer. Both
@@ -53,8 +53,8 @@ Range = tuple[float, float]
 
 
 class Limits(NamedTuple):
-    """The bounds of some numbers in a payload, which form `groups` groups of `run` consecutive numbers. The first group
-    begins at byte `place`, and each further group begins `stride` bytes after the group before."""
+    """The bounds of some numbers in a payload. The numbers form `groups` groups of `run` consecutive numbers. The first
+    group begins at byte `place`, and each further group begins `stride` bytes after the group before."""
 
     name: str
     dtype: str
@@ -104,13 +104,12 @@ def wrong_in(payload: bytes, layout: Mapping[str, str]) -> str | None:
 
 
 def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> tuple[Range, ...]:
-    """Return the allowed ranges of an array's numbers, one for each of the constants that the array interleaves; empty
-    if any number is allowed."""
+    """Return the allowed range of each constant that an array interleaves; empty if any number is allowed."""
     if dtype.startswith("float"):
         info: Any = np.finfo(dtype)
         return _of_floats(struct, member, layout, float(info.tiny), float(info.max))
     if dtype == "int8":
-        # The value -128 is excluded because a sum of products with it may overflow.
+        # The value -128 is excluded because a sum of products with -128 may overflow.
         return ((-127.0, 127.0),)
     if member in ("base", "pairs"):
         return ((0.0, _stated(layout, "SW_SENSORS", 256) - 1.0),)
@@ -147,12 +146,12 @@ def _widest_integer(layout: Mapping[str, str]) -> float:
 
 
 def _stated(layout: Mapping[str, str], name: str, otherwise: int) -> int:
-    """Return a definition as a number; `otherwise`, which disables a check, if the layout lacks it (without an ECU)."""
+    """Return a definition as a number. Without an ECU, it may be missing: `otherwise` then disables a check."""
     return int(layout.get(name, otherwise))
 
 
 def _together(arrays: Mapping[str, npt.NDArray[Any]], layout: Mapping[str, str]) -> Iterator[str]:
-    """Describe numbers that contradict each other; the rules are those of `are_sound_together` in `sw_image.c`."""
+    """Describe numbers that contradict each other; the rules are as in `are_sound_together` of `sw_image.c`."""
     rows = arrays.get("weights.prior_filter_rows")
     if rows is not None:
         memory, all_rows = (_stated(layout, f"SW_PRIOR_{name}", 1) for name in ("MEMORY", "FILTER_ROWS"))
@@ -179,8 +178,8 @@ _IDENTITY: Final = "SW_PROGRAM_SHA256"
 _OF_ECU: Final = ("SW_RELEASE_LAYOUT", "SW_RELEASE_BYTES", "SW_PAST", "SW_SENSOR_CHECK")
 """Settings of `sw_ecu_settings.h` on which the parameters depend; the other settings describe the vehicle."""
 _TITLE: Final = "layout 2 of a stillwake controller image\n"
-"""First line of a layout. Its number rises if a member's meaning changes while the member's size stays. In layout 1,
-the wake without jets was given as a share of the wake at the design speed."""
+"""First line of a layout. Its number rises if the meaning of a member changes but not its size. In layout 1, the wake
+without jets was given as a share of the wake at the design speed."""
 _STRUCTS: Final = ("SW_RELEASE", "SW_WEIGHTS", "SW_HOT", "SW_ESTIMATOR")
 """The structs of a payload, in their order."""
 
@@ -195,7 +194,7 @@ def layout_of(files: Mapping[str, bytes]) -> str:
 
 
 def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the files of a library, with `sw_layout.h` added if it has an ECU."""
+    """Return the files of a library. If the library has an ECU, `sw_layout.h` is added."""
     if ECU_SETTINGS not in files:
         return dict(files)
     layout = layout_of(files)
@@ -203,7 +202,7 @@ def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
     definitions = _definitions(layout)
     table = ", ".join(limits.in_c for limits in limits_in(members_in(definitions), definitions))
     text = (
-        "/* Generated: the name of this build's layout of a release's numbers, and what they may be. */\n"
+        "/* Generated: the SHA-256 of this build's layout of a release's numbers, and the numbers' limits. */\n"
         "#ifndef SW_LAYOUT_H\n#define SW_LAYOUT_H\n\n"
         f"#define SW_LAYOUT_SHA256 {{{digest}}}\n#define SW_LIMITS {{{table}}}\n\n#endif\n"
     )
@@ -228,12 +227,12 @@ def layout_in(payload: bytes, sha256: bytes) -> dict[str, str]:
     """Return a payload's layout definitions. Raises BundleContainerError if the layout's SHA-256 is not `sha256`."""
     start = payload.rfind(_TITLE.encode())
     if start < 0 or hashlib.sha256(payload[start:]).digest() != sha256:
-        raise BundleContainerError(f"image: no text of its layout {sha256.hex()[:12]} behind its numbers")
+        raise BundleContainerError(f"image: the text of its layout {sha256.hex()[:12]} is missing or altered")
     return _definitions(payload[start:].decode())
 
 
 def check_numbers(payload: bytes, sha256: bytes) -> None:
-    """Raise BundleContainerError for a payload that no ECU accepts: too short, or with a number outside its limits."""
+    """Raise BundleContainerError for a payload that no ECU accepts: too short, or with an invalid number."""
     layout = layout_in(payload, sha256)
     if _starts(layout)[""] > payload.rfind(_TITLE.encode()):
         raise BundleContainerError(f"image: a payload of {len(payload)} bytes is too short for its layout")
@@ -254,7 +253,7 @@ def _definitions(layout: str) -> dict[str, str]:
 
 
 def _starts(layout: Mapping[str, str]) -> dict[str, int]:
-    """Return the offset of each struct of a payload by the struct's name, and of the payload's end by the name ""."""
+    """Return the offset of each struct of a payload by its name; the name "" has the offset of the payload's end."""
     found, start = {}, 0
     for struct in (*_STRUCTS, ""):
         found[struct] = start

@@ -1,7 +1,7 @@
-"""One control step of a released controller: its inputs, its outputs, and the classes that compute it.
+"""The control step of a released controller: its inputs, its outputs, and the classes that compute it.
 
-Every lowering has this interface: `controller.onnx` in a release bundle with the names below, the C library as members
-of its structures. L is the window, S the number of sensors and H the horizon:
+Every lowering of a controller has this interface. In `controller.onnx`, inputs and outputs have the names below; in the
+C library they are members of structures. L is the window, S the number of sensors and H the horizon:
 
 =========  ========  =====================================================================================
 input      shape     meaning
@@ -9,9 +9,9 @@ input      shape     meaning
 window     (L, S+1)  oldest row first; row k is (Cp_k at the manifest's sensors, a_{k-1})
 plan       (H,)      the previous step's `new_plan`, unchanged; the controller shifts it by one step
 free       (H,)      1 where the optimiser may change the shifted plan, 0 where it is committed (delay)
-weights    (8,)      cost weights in the order of `CostWeights`; optional, defaults to the manifest's
+weights    (8,)      cost weights in the order of `CostWeights`; optional, by default the manifest's weights
 speed      ()        the vehicle's speed as a ratio to the design speed; optional, 1 by default
-limit      ()        bound on |a| in U_inf W; optional, defaults to the manifest's, and is never above it
+limit      ()        bound on |a| in U_inf W; optional, by default and at most the manifest's limit
 =========  ========  =====================================================================================
 
 A graph whose plan does not depend on the speed has no input `speed`. A graph of release 1.0.0 has no input `limit`.
@@ -37,7 +37,7 @@ from contract.errors import StillwakeError
 INPUTS: Final = ("window", "plan", "free", "weights", "speed", "limit")
 OUTPUTS: Final = ("new_plan", "forces", "terms", "cost")
 TERMS: Final = tuple(item.name for item in fields(CostWeights))
-"""Names of the cost terms, in the order of every array of terms."""
+"""Names of the cost terms. Every array of terms has this order."""
 REFUSALS: Final = {1: "a number is not finite", 2: "this build, or the processor's mode, violates IEEE 754"}
 """Meanings of the C library's status codes, except 0, which means success."""
 FORCES: Final = 2
@@ -45,7 +45,7 @@ FORCES: Final = 2
 
 
 class ControllerError(StillwakeError):
-    """A controller's failure to compute a control step, which makes the ECU latch a fault."""
+    """A controller's failure to compute a control step. The ECU then latches a fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class ControlStep:
 
 
 class Controller(Protocol):
-    """An object that computes control steps, as the ECU and the gates of the export use it."""
+    """An object that computes control steps for the ECU and for the export's gates."""
 
     def control_step(
         self,
@@ -85,7 +85,7 @@ class Controller(Protocol):
         speed: float = 1.0,
         limit: float | None = None,
     ) -> ControlStep:
-        """Compute a step, by default with the controller's own weights and limit. Raises ControllerError."""
+        """Compute a step, by default with the controller's own weights and limit; may raise ControllerError."""
 
 
 class RunnableController(Controller, Protocol):
@@ -105,10 +105,10 @@ class CompiledLibrary(Controller, Protocol):
         """Size of the scratch memory that the caller has to provide."""
 
     def known_answer(self) -> tuple[float, float]:
-        """Return the expected action and cost of a build's self-test step. A build without fused multiply-add gives
-        these numbers bit for bit. Raises ControllerError if the library has no expected results."""
+        """Return the action and the cost that a build's self-test step must give. A build without fused multiply-add
+        gives these numbers bit for bit. Raises ControllerError if the library has no expected results."""
 
 
 CompileLibrary = Callable[[Mapping[str, bytes], Sizes], CompiledLibrary]
 """A function that compiles files for the given sizes into a library on this machine, or raises LibraryError. The
-command line passes such a function to `export`, which thus needs no compiler of its own to check C code."""
+command line passes such a function to `export`, which needs it to check C code and has no compiler of its own."""

@@ -1,13 +1,12 @@
 """The past at another speed: rows of control periods, resampled to steps of `flow.control_period` in convective time.
 
 A controller expects rows that are `flow.control_period` convective times apart. At s times the design speed, a control
-period lasts s of these steps. So the rows are interpolated at the convective times (lengths travelled) that the
-controller expects.
+period is s such steps long. So the rows are interpolated at the convective times that the controller expects.
 
 Below the design speed the control periods are shorter than these steps. A controller that reacted fully in every period
 would react faster than it was designed to. The jets act on the pressures at the wall immediately, so the controller
-would drive the air back and forth. Therefore pressures and command move only part of the way in a period (`followed`):
-at s times the design speed, the pressures by the share s and the command by the share s^2.
+would drive the air back and forth. Therefore pressures and command move only part of the way in a period (`followed`).
+At s times the design speed, this share is s for the pressures and s^2 for the command.
 """
 
 from collections.abc import Sequence
@@ -30,7 +29,7 @@ class Places(NamedTuple):
     share: Array
 
     def of(self, rows: Array) -> Array:
-        """Interpolate the rows (n, ...) of n periods at these m positions; returns (m, ...)."""
+        """Interpolate the rows (n, ...) of n periods at these m positions. Returns (m, ...)."""
         share = self.share.reshape(-1, *[1] * (rows.ndim - 1))
         newer, older = rows[self.newer], rows[self.newer - (self.share > 0.0)]
         return np.asarray(newer + share * (older - newer))
@@ -40,15 +39,15 @@ T = TypeVar("T", Array, float)
 
 
 def followed(before: T, new: T, share: float) -> T:
-    """Return the value at the given share of the way from `before` to `new`; both are stored pressures or commands.
-    From the design speed on, the share is 1 or more and the value is `new`."""
+    """Return the value that lies at a share of the way from `before` to `new`. Values are stored pressures or commands.
+    At the design speed and above, the share is 1 or more and the result is `new`."""
     return new if share >= 1.0 else before + share * (new - before)
 
 
 def places(speeds: Sequence[float], length: int) -> Places:
-    """Compute the interpolation positions of `length` rows; the last row is at the newest period. If the past is too
-    short, there are fewer positions. `speeds` has the speed at each of n periods' samples, oldest first, as a ratio to
-    the design speed, above 0; it is used for the whole period that ends with the sample."""
+    """Compute the interpolation positions of `length` rows, of which the last row is at the newest period. If the past
+    is too short, there are fewer positions. `speeds` has the speeds at the samples of n periods, oldest first, as
+    positive ratios to the design speed. A speed is used for the whole period that ends with its sample."""
     newer, share = np.empty(length, dtype=np.intp), np.empty(length)
     at, age = len(speeds) - 1, 0.0
     for steps in range(length):

@@ -1,7 +1,7 @@
 """A trained model on disk: a directory with `model.safetensors` and `model.json`, written completely or not at all.
 
-`model.safetensors` has the weights with the prefixes `encoder.` (the trained encoder of all sensors, called the
-teacher), `slim.` (the encoder of few sensors), `dynamics.` and `decoder.`; narrower networks, if configured, have
+`model.safetensors` has the weights. The prefix `encoder.` marks the trained encoder of all sensors (the teacher),
+`slim.` marks the encoder of few sensors. Further prefixes are `dynamics.`, `decoder.` and, with narrower networks,
 `slim_dynamics.` and `slim_decoder.`. `model.json` has the assumptions and the origin of the weights:
 
     schema, config (all settings), scaling (contract.release.manifest.Scaling), layout (names, positions, base and
@@ -9,8 +9,8 @@ teacher), `slim.` (the encoder of few sensors), `dynamics.` and `decoder.`; narr
     dataset_sha256, weights_sha256, metrics, ranking, versions
 
 A model of the first schema has no layout in its file; its sensors are those of the truck. This module returns tensors
-as arrays. From these, `train` builds networks and `export` builds a controller program. safetensors is imported only
-when needed, because a vehicle imports this package without having safetensors.
+as arrays, from which `train` builds networks and `export` builds a controller program. safetensors is imported only
+when needed, because a vehicle uses this package but does not install safetensors.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ from contract.typed import typed
 
 MODEL_SCHEMA: Final = "stillwake-model/2"
 MODEL_SCHEMA_1: Final = "stillwake-model/1"
-"""First schema, which can still be read: a model of the truck's 90 sensors."""
+"""First schema, which can be read. It is for models of the truck's 90 sensors."""
 DESCRIPTION: Final = "model.json"
 MODEL_WEIGHTS: Final = "model.safetensors"
 TEACHER: Final = "encoder"
@@ -45,7 +45,7 @@ RESTING: Final = "resting"
 """Name of a tensor that accompanies the prior's tensors: K rows of speed, base pressure and swing of the wake without
 jets (`contract.release.manifest.RestingWake`), (K, 3)."""
 PREDICTOR: Final = ("dynamics", "decoder")
-"""Networks that a model may also have in a narrower form, stored with the prefix `SLIM`."""
+"""Networks that a model may have in a second, narrower form. The names of narrower networks begin with `SLIM`."""
 
 _NETWORKS: Final = (TEACHER, SLIM, PRIOR, *PREDICTOR, *(f"{SLIM}_{name}" for name in PREDICTOR))
 _HASH: Final = "weights_sha256"
@@ -63,9 +63,9 @@ class Description:
         layout, scaling: layout and scaling of all sensors, in the same order.
         sensors: names of the sensors that the slim encoder reads, in the order of its inputs.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
-        metrics: errors under the names "teacher", "slim" and, with narrower networks, "deployed"
-            (`train.distillation.evaluate.EncoderMetrics`), and "slim_latent" (L1/sigma of the slim encoder's latents
-            against the teacher's latents).
+        metrics: errors by name. "teacher", "slim" and, with narrower networks, "deployed" are each a
+            `train.distillation.evaluate.EncoderMetrics`. "slim_latent" is the L1/sigma of the slim encoder's latents
+            against the teacher's latents.
         ranking: method and order of the sensors; for SHAP also mean and standard deviation of every sensor's score, and
             the stability of the best sets.
         versions: versions of the software; "torch_threads" is the number of threads during training.
@@ -88,7 +88,7 @@ class Description:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """The origin of a trained model, as stated by the releases that are exported from the model."""
+    """The origin of a trained model. Releases that are exported from the model state this origin."""
 
     dataset_sha256: str
     weights_sha256: str
@@ -97,7 +97,7 @@ class Provenance:
     config: Mapping[str, Any]
 
     def training(self) -> dict[str, Any]:
-        """Return the `provenance` of a bundle's manifest, whose hashes are in other fields."""
+        """Return the `provenance` for a bundle's manifest. The manifest has the hashes in other fields."""
         return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
 
 
@@ -120,7 +120,7 @@ class ModelFolder:
         return {key.partition(".")[2]: value for key, value in self.tensors.items() if key.split(".")[0] == name}
 
     def deployed(self, name: str) -> dict[str, npt.NDArray[Any]]:
-        """Return the vehicle's tensors of `dynamics` or `decoder`: those of the narrower network, if it exists."""
+        """Return the tensors that a vehicle uses for `dynamics` or `decoder`, from the narrower network if possible."""
         return self.network(f"{SLIM}_{name}") or self.network(name)
 
     @property
@@ -141,7 +141,7 @@ class ModelFolder:
 
     @property
     def provenance(self) -> Provenance:
-        """Origin of the model, as stated by its releases."""
+        """The origin of the model. The model's releases state this origin."""
         stated = {name: getattr(self.description, name) for name in ("dataset_sha256", "metrics", "versions")}
         return Provenance(**stated, weights_sha256=self.weights_sha256, config=self.config_tree)
 
@@ -153,7 +153,7 @@ def check_free(path: Path) -> None:
 
 
 def write(path: Path, description: Description, tensors: Tensors) -> None:
-    """Write the model directory, replacing a model. Raises StillwakeError if it is no model or not writable."""
+    """Write a model directory; it may replace a model. Raises StillwakeError like `check_free`, or if writing fails."""
     import safetensors.numpy
 
     check_free(path)

@@ -1,1 +1,1 @@
-"""Recorded episodes: the data set's format, its reader and writer, and how episodes are added."""
+"""The recorded episodes: the format of a data set, its reader and writer, and how episodes are added."""

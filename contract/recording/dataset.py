@@ -30,13 +30,13 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 
 LARGEST_INTEGER: Final = 32767
-"""Largest stored integer. The smallest is its negative, so that the mirror image of a series can be stored too."""
+"""Largest stored integer. The smallest is its negative, so that the mirror image of a series can also be stored."""
 
 
 def pack(values: Array, finest: float, coarsest: float) -> tuple[npt.NDArray[np.int16], float]:
-    """Convert finite values of any shape to integers and their quantum: the smallest `finest` times a power of two with
-    which every value fits into 16 bits. Raises ValueError if a value lies outside +-32767 * coarsest; no value is
-    clipped or wraps around."""
+    """Convert finite values of any shape to integers and their quantum. The quantum is `finest` times the smallest
+    power of two with which every value fits into 16 bits. Raises ValueError if a value lies outside +-32767 * coarsest;
+    no value is clipped or wraps around."""
     quantum, peak = finest, float(np.abs(values).max(initial=0.0))
     while np.rint(peak / quantum) > LARGEST_INTEGER:
         quantum *= 2.0
@@ -52,9 +52,9 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
 
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
-"""Older schema, which can still be read: the truck's sensors by name, ten series, the facts in the provenance."""
+"""Older schema, which can be read. It has the truck's sensors by name, ten series, and facts in the provenance."""
 DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which can still be read. It has float32 series, and the sum `Cd_slot` of pressure and viscous force."""
+"""First schema, which can be read. It has float32 series, and the sum `Cd_slot` of pressure and viscous force."""
 SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
@@ -62,10 +62,10 @@ EXACT_SERIES: Final = frozenset({"t", "action"})
 QUANTUM: Final = 2.0**-15
 CP_QUANTUM: Final = 2.0**-13
 """Smallest quantum of Cp; the smallest quantum of all other measured series is `QUANTUM`. With these quanta, 16 bits
-hold Cp within +-4 and the other series within +-1. A series with larger values uses the next power of two with which
-its values fit. The bus transmits Cp in steps of 2.7e-4 (0.1 Pa at the default operating point)."""
+hold Cp within +-4 and the other series within +-1. A series with larger values uses a larger quantum. The bus transmits
+Cp in steps of 2.7e-4 (0.1 Pa at the default operating point)."""
 COARSEST_QUANTUM: Final = 2.0**-8
-"""Largest quantum. Values beyond +-128 are therefore refused; no coefficient of this flow comes near that value."""
+"""Largest quantum. So values beyond +-128 are refused; no coefficient of this flow comes near 128."""
 _CHUNK: Final = 1000
 """Number of control steps that are compressed together."""
 
@@ -141,9 +141,9 @@ def schema_of(path: Path) -> str:
 def write(path: Path, dataset: Dataset) -> None:
     """Write a data set, completely or not at all.
 
-    `t` and `action` are stored in double precision, measured series as 16-bit integers: each stored value is within
-    half of the quantum that is stored with its series. Raises DatasetError if a series exceeds the range of 16 bits;
-    the message states episode and field. Raises StillwakeError if the file cannot be written.
+    `t` and `action` are stored in double precision, measured series as 16-bit integers. So a stored value differs from
+    the original value by at most half the quantum of its series. Raises DatasetError if a series exceeds the range of
+    16 bits; the message states episode and field. Raises StillwakeError if the file cannot be written.
     """
     # The file is built in memory first, because HDF5 gives no clear error when a disk is full.
     image = io.BytesIO()
@@ -189,7 +189,7 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
 
 def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> None:
     """Add episodes at the end of a data set, or create it if there is no file. The old file remains until the new file
-    is complete, and the old episodes keep their values bit for bit. Raises as `read_to_append` and `write` do, or
+    is complete, and the values of old episodes do not change. Raises the errors of `read_to_append` and `write`, and
     DatasetError if a name is already used."""
     there = _to_append(path, facts, layout)
     write(path, replace(there, episodes=(*there.episodes, *episodes)))
@@ -245,7 +245,7 @@ def _write_layout(node: h5py.Group, layout: SensorLayout) -> None:
 def _read_layout(path: Path, file: h5py.File) -> SensorLayout:
     for name in ("layout", "layout/names", "layout/positions", "layout/base"):
         if name not in file:
-            raise DatasetError(f"{path}: {name!r} is missing: the sensors' layout is in groups of that name")
+            raise DatasetError(f"{path}: {name!r} is missing: the file must have the sensors' layout")
     node = file["layout"]
     try:
         return SensorLayout(
@@ -298,8 +298,8 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
     if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The first schema only has the sum of the two forces on the slot faces. The sum is read as the pressure force,
-        # which is its main part.
+        # The first schema has only the sum of the two forces on the slot faces. The sum is read as the pressure force,
+        # because the pressure force is the larger part.
         series["Cd_slot_pressure"] = series.pop("Cd_slot")
         series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {key: node.attrs[key] for key in _ATTRIBUTES if key in node.attrs}
@@ -316,7 +316,7 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
         found.append(f"episode {name}: attribute 'provenance' is not JSON")
     if not isinstance(provenance, dict):
         found.append(f"episode {name}: attribute 'provenance' is not a JSON object")
-    # A series that could not be read is already listed, so "is missing" is not repeated for it.
+    # A series that could not be read is already in the list, so it is not reported as missing, too.
     found += [
         line
         for line in problems_of(name, attributes.get("role", "train"), series, initial_action)
@@ -343,7 +343,7 @@ def _fields_of(schema: str) -> tuple[str, ...]:
 
 
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
-    """Read floats unchanged, integers times their quantum. For an invalid series, append a problem; return None."""
+    """Read a series; multiply integers by their quantum. If the series is invalid, append a problem and return None."""
     unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"

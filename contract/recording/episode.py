@@ -17,13 +17,13 @@ from contract.errors import DatasetError
 from contract.ledger import LEDGER_FIELDS, DragLedger, ledger_of
 
 ForcesClock = Literal["log", "start", "t_c"]
-"""Clock of the times in a table of forces for a log: "log" for seconds on the log's clock, "start" for seconds since
-the log's first pressure, "t_c" for units of W / U_inf since that pressure."""
+"""Clock of the times in a table of forces for a log. "log" means seconds on the log's clock, "start" means seconds
+since the log's first pressure, and "t_c" means units of W / U_inf since this pressure."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlantFacts:
-    """Facts about the plant, with which a training's settings must agree; an unknown fact is None.
+    """The facts about a plant. The settings of a training must agree with these facts; an unknown fact is None.
 
     Attributes:
         control_period: time between two samples, in t_c = W / U_inf.
@@ -59,7 +59,7 @@ def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
 
 
 def first_known(facts: Iterable[PlantFacts]) -> PlantFacts:
-    """Combine facts: each fact has its value from the first item in which the value is known."""
+    """Combine facts: each fact gets its value from the first item that states a value."""
     known = [{name: value for name, value in one.as_dict().items() if value is not None} for one in facts]
     return PlantFacts(**ChainMap(*known))
 
@@ -69,8 +69,8 @@ def _number(value: object) -> float | None:
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]
-"""Use of an episode. The model is fitted to "train" episodes only, and tested on "test" episodes. An "extended" episode
-has forcing beyond the training range, a "controlled" one has a controller, a "calm" one begins at the steady wake."""
+"""Use of an episode. The model is fitted to "train" episodes and tested on "test" episodes. An "extended" episode has
+forcing beyond the training range, a "controlled" episode a controller; a "calm" episode begins at the steady wake."""
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 UNITS: Final[Mapping[str, str]] = {
@@ -93,7 +93,7 @@ REQUIRED: Final = ("t", "action", "Cp", "Cd", "Cl")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Episode:
-    """One uninterrupted recording of n control steps.
+    """An uninterrupted recording of n control steps.
 
     Attributes:
         name: name of the episode, unique within the data set.
@@ -121,7 +121,7 @@ class Episode:
 
     @property
     def previous_action(self) -> Array:
-        """Action a_{k-1} for every sample k, shape (n,), which the encoder reads together with Cp_k."""
+        """Actions a_{k-1} of all n samples k, (n,). The encoder reads a_{k-1} together with Cp_k."""
         return np.concatenate([[self.initial_action], self.series["action"][:-1]])
 
     def rows(self, columns: Index, sign: float = 1.0) -> Array:
@@ -139,7 +139,7 @@ class Episode:
 
 
 def problems_of(name: str, role: object, series: Mapping[str, Array], initial_action: float) -> list[str]:
-    """List every problem of an episode with these parts, one line each; empty if there is no problem."""
+    """List the problems of an episode with these parts, one line each; empty if there is no problem."""
     found: list[str] = []
 
     def refuse(field: str, reason: str) -> None:

@@ -1,4 +1,4 @@
-"""The check of a data set for all properties that would make training or export fail."""
+"""The check of a data set for properties that would make training or export fail."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,11 +23,11 @@ CLOCK_TOLERANCE: Final = 1e-3
 """Largest deviation of the mean time step from the control period, as a share of the period. Over a horizon of 25
 steps, the model's clock is then wrong by a fortieth of a step."""
 LIMIT_TOLERANCE: Final = 1e-6
-"""Largest excess of an action over the limit, as a share of the limit, that rounding in a text file explains."""
+"""Largest excess of an action over the limit that rounding in a text file can cause, as a share of the limit."""
 QUIET: Final = 0.05
 """Share of the action limit below which an action counts as zero or weak."""
 _SPAN: Final = (0.05, 50.0)
-"""Plausible extents of the sensors' positions, in W; positions in mm or m are mostly outside this range."""
+"""Smallest and largest plausible extent of the sensors' positions, in W. Most extents in mm or m are outside."""
 _USED: Final = 0.25
 """Smallest plausible ratio of the largest training action to the limit. With a wrong unit, the ratio is far smaller."""
 _FREQUENCY: Final = (0.02, 2.0)
@@ -36,19 +36,19 @@ in seconds, the peak is mostly outside this range."""
 _NARROW: Final = 0.1
 """Relative width of a frequency band that counts as one frequency."""
 _POOR: Final = 0.9
-"""Share of the actions' power in one narrow band above which the forcing counts as a single frequency. The share is 1
-for a sine, even with an envelope, 0.24 for the paper's training waveform and 0.42 for its chirp."""
+"""The forcing counts as a single frequency if a narrow band has more than this share of the actions' power. The share
+is 1 for a sine, even with an envelope, 0.24 for the paper's training waveform, and 0.42 for its chirp."""
 _SKEWED: Final = 0.5
 """Largest difference between the means of two mirrored sensors, in standard deviations of their pressures. The
 difference is 0.1 in the whole shipped recording, and 0.25 in one of its episodes."""
 _SAME: Final = 1e-6
-"""Relative difference up to which a fact about the plant and the setting of the same name count as equal."""
+"""Largest relative difference at which a fact about the plant and the setting of the same name count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A problem or a warning about a data set, in one line with the place and what would be right. `stops` is the work
-    that the problem prevents; None for a warning."""
+    """A problem or a warning about a data set. `text` is one line that states the place and a remedy; `stops` is the
+    work that the problem prevents, None for a warning."""
 
     stops: Literal["training", "export"] | None
     text: str
@@ -239,7 +239,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
     if dataset.layout.mirror is None:
         alone = dataset.layout.without_partner()
         why = f"{alone[0]} for example: no sensor is at (x, -y)" if alone else "because body or jets are not symmetric"
-        yield f"the sensors have no mirror images, {why}; training has only the recording, half of the data"
+        yield f"the sensors have no mirror images, {why}; so training has no mirrored data, only the recording"
     yield from implausible(dataset)
     yield from (item.text for item in asymmetry(dataset))
     yield from _units(dataset)
@@ -249,7 +249,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
     window = config.model.window
     if window % needs.WINDOW_STEP:
         yield (
-            f"model.window = {window}: with a sensor check, the ECU in C takes multiples of {needs.WINDOW_STEP}; "
+            f"model.window = {window}: with a sensor check, the ECU in C accepts multiples of {needs.WINDOW_STEP}; "
             f"the nearest is {needs.window_for_c(window)}"
         )
     if training and max(longest_run(np.abs(item.series["action"]) <= QUIET * limit)[1] for item in training) < window:
@@ -260,7 +260,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
 
 
 def asymmetry(dataset: Dataset) -> Iterator[Finding]:
-    """Report mirrored sensors whose mean pressures differ. The mirror image of such a recording is no possible flow."""
+    """Report mirrored sensors whose mean pressures differ. Such a recording has no valid mirror image."""
     mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in _of_role(dataset, "train")]
     if mirror is None or not training:
         return
@@ -279,7 +279,7 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
 
 
 def _forcing(dataset: Dataset) -> Iterator[str]:
-    """Report a forcing of the jets that has a single frequency, equal in all training episodes."""
+    """Report if the jets are forced with the same single frequency in all training episodes."""
     period = dataset.plant.control_period
     if period is None:
         return
@@ -296,7 +296,7 @@ def _forcing(dataset: Dataset) -> Iterator[str]:
         peaks.append(peak)
     if peaks:
         yield (
-            f"the actions of all training episodes are of one frequency, {peaks[0]:.3g} U_inf / W: a model of it "
+            f"the actions of all training episodes are of one frequency, {peaks[0]:.3g} U_inf / W: a model "
             f"cannot learn other responses; sweep the frequencies that a controller may use"
         )
 
@@ -312,7 +312,7 @@ def _units(dataset: Dataset) -> Iterator[str]:
     largest = max((float(np.abs(item.series["action"]).max()) for item in training), default=0.0)
     if limit is not None and 0.0 < largest < _USED * limit:
         yield (
-            f"no action of the training episodes is above {largest:.3g}, the limit is {limit:g}: the model does "
+            f"no action of the training episodes is above {largest:.3g}, but the limit is {limit:g}: the model does "
             f"not learn larger actions; flow.action_limit should be about the largest action that was recorded"
         )
     if not training or period is None:
@@ -321,6 +321,6 @@ def _units(dataset: Dataset) -> Iterator[str]:
     frequency = dominant_frequency(longest.series["Cl"], period)
     if frequency is not None and not _FREQUENCY[0] <= frequency <= _FREQUENCY[1]:
         yield (
-            f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, most wakes have it at 0.1 to 0.4: "
-            f"t and flow.control_period are in W / U_inf, so divide seconds by that (--reference t=NUMBER)"
+            f"Cl of {longest.name} has its peak at {frequency:.3g} U_inf / W, but most wakes have it at 0.1 to 0.4: "
+            f"t and flow.control_period are in W / U_inf, so divide seconds by W / U_inf (--reference t=NUMBER)"
         )

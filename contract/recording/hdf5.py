@@ -1,4 +1,4 @@
-"""A reader of HDF5 files of unknown origin: it refuses external data and unprintable names, and bounds the size."""
+"""A reader of HDF5 files of unknown origin: it refuses external data and unprintable names, and limits the size."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The numbers of control steps that an episode must have for training and export, and the reasons for them.
+"""The smallest numbers of control steps of an episode for training and export, and the reasons for these numbers.
 
 Windows do not cross an episode's boundary, so each episode must contain all steps that are read together.
 """
@@ -22,11 +22,11 @@ CALIBRATION_WINDOWS: Final = 400
 
 LEAST_CALIBRATION: Final = 50
 """Smallest number of windows with which int8 rounding is calibrated: two shedding cycles of the truck. With fewer
-windows, the measured ranges of the activations may miss parts of the cycle, and on the vehicle a value outside a
-calibrated range saturates."""
+windows, the measured ranges of the activations may not cover the cycle. On the vehicle, a value outside its range
+saturates."""
 
 WINDOW_STEP: Final = 8
-"""Number of steps of which the window must be a multiple, so that the ECU in C can check the sensors."""
+"""The window must be a multiple of this number of steps, so that the ECU in C can check the sensors."""
 
 
 @dataclass(frozen=True, kw_only=True)

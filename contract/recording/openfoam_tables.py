@@ -1,4 +1,4 @@
-"""Tables over time that OpenFOAM's function objects write, joined over restarts."""
+"""A reader of the time tables of OpenFOAM's function objects. It joins the tables that restarts of a case write."""
 
 import re
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from contract.arrays import Array
 
 _SAME = 1e-6
-"""Largest difference between two rounded times of the same instant."""
+"""Largest difference between two times that were rounded from the same instant."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,8 +30,8 @@ class FoamTable:
 def read_foam_table(folder: Path, file: str, *, cut_off: bool = False) -> FoamTable | None:
     """Read the table whose file name matches `file` in a function object's folder. The folder has a subfolder for every
     start of the case. The rows of a start replace all rows of earlier starts from the time at which this start begins.
-    `cut_off` ignores an incomplete last line, which occurs while the case is running. Return None if there is no such
-    file. Raises OSError, or ValueError that states file and line."""
+    With `cut_off`, an incomplete last line, as in a running case, is ignored. Return None if there is no such file.
+    Raises OSError, or ValueError that states file and line."""
     starts = sorted((start, len(path.name), path) for path, start in _starts(folder, file))
     header: tuple[str, ...] = ()
     rows: list[Array] = []

@@ -1,4 +1,4 @@
-"""Checks for numbers that a pressure sensor, a force balance or a logger hardly ever gives. Each report states the
+"""The checks for numbers that a pressure sensor, a force balance or a logger hardly ever gives. Each report states the
 likely cause and a remedy. No check stops training, because the body may be unusual."""
 
 import itertools
@@ -12,8 +12,8 @@ from contract.recording.dataset import Dataset, Episode
 
 
 def dominant_frequency(values: Array, period: float) -> float | None:
-    """Return the frequency of the largest peak of a series' spectrum, to an eighth of 1 / duration, with a Hann window;
-    None for less than 16 samples or a constant series."""
+    """Return the frequency of the largest peak in a series' spectrum with a Hann window, to an eighth of 1 / duration.
+    Return None for fewer than 16 samples or a constant series."""
     fluctuation = values - values.mean()
     if len(values) < 16 or not fluctuation.any():
         return None
@@ -52,34 +52,34 @@ _FLAT: Final = 0.01
 _SCALE: Final = 3.0
 """Largest plausible ratio of mean Cd or rms Cp between files. Control rarely removes more than half of the drag."""
 _SCALE_OF_LIFT: Final = 10.0
-"""Largest plausible ratio between two files of std Cl / std Cp, because one wake causes both deviations."""
+"""Largest plausible factor between the std Cl / std Cp of two files. Cl and Cp vary together, with the wake."""
 _FAR: Final = (4.0, 10.0)
 """Smallest distances at which a repeated extreme value, such as -99, 99.99 or -9.99, is taken for a missing reading.
 The first is the distance from the next value. The second is the distance from the median of the other values, in
 interquartile ranges of these values."""
 _STILL: Final = 20
-"""Number of rows for which a sensor may be constant while the other sensors change: most of a shedding cycle."""
+"""Number of rows after which a constant sensor may be stuck if the other sensors change: most of a shedding cycle."""
 _STEPS: Final = 4.0
-"""Smallest change, in steps of a sensor's resolution, that must be expected of a constant sensor for it to count as
-stuck. The expected change follows from the variation of the other sensors."""
+"""A constant sensor is stuck if it should have changed by more than this number of steps of its resolution. The
+expected change follows from the variation of the other sensors."""
 _FINEST: Final = 2.0**-12
-"""Smallest step between values that is assumed for a series: twice the quantum with which a data set stores Cp."""
+"""Smallest resolution that is assumed for a series: twice the quantum with which a data set stores Cp."""
 _CLIPPED: Final = 0.03
-"""Share of rows, in runs of three or more at a sensor's largest or smallest value, above which it may be saturated."""
+"""A sensor may be saturated if more than this share of rows has its extreme value, in runs of three or more."""
 _SHOWN: Final = 3
 """Largest number of episodes or sensors that one line lists."""
 _CELLS: Final = 256
 """Number of cells into which one standard deviation of a column is divided. Values in one cell count as equal; values
 within 16 cells count as similar."""
 _ALIKE: Final = (10, 0.25)
-"""Number of equal rows in order, or share of equal rows in any order, above which a file counts as a copy."""
+"""A file is a copy with this number of equal rows in the same order, or this share of equal rows in any order."""
 
 _Note = tuple[str, str]
 """A note: the observation in an episode, and its cause with the remedy."""
 
 
 def implausible(dataset: Dataset) -> Iterator[str]:
-    """Report a line per cause, with the episodes and values that show it; then a line per difference between files."""
+    """Report a line per cause, with the episodes and values that show it; then report differences between files."""
     names = (*dataset.layout.names, "Cd", "Cl")
     tables = [np.column_stack([item.series[name] for name in ("Cp", "Cd", "Cl")]) for item in dataset.episodes]
     missing = [_stand_for_none(table) for table in tables]
@@ -156,7 +156,7 @@ def _missing(names: Sequence[str], table: Array, gaps: Mask) -> Iterator[_Note]:
 def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Note]:
     drag, lift, action = table[:, -2], table[:, -1], episode.series["action"]
     mean, pushed = float(drag.mean()), abs(action.mean()) > 0.5 * np.sqrt(np.square(action).mean())
-    in_newtons = "of forces in N, import with rho U_inf^2 / 2 times W and the span as in --reference {}=40N"
+    in_newtons = "for forces in N, import with rho U_inf^2 / 2 times W and the span as in --reference {}=40N"
     upside_down = f"; {in_newtons.format('Cd').replace('=', '=-')}" if mean < -_FORCE else ""
     if abs(lift.mean()) > abs(mean) and not pushed and (symmetric or drag.std() > abs(mean)):
         cause = "the mean lift of a body is small compared with its drag, so the two seem exchanged; import with --map"
@@ -165,7 +165,7 @@ def _forces(episode: Episode, table: Array, *, symmetric: bool) -> Iterator[_Not
         cause = "a body in a stream has drag above 0, and training would raise it; import with --reference Cd=-1"
         yield f"mean Cd is {mean:.3g}", f"{cause} if the file has the other sign{upside_down}"
     elif mean < _DRAG:
-        yield f"mean Cd is {mean:.3g}", f"a body has {_DRAG:g} or more by its width; {in_newtons.format('Cd')}"
+        yield f"mean Cd is {mean:.3g}", f"a body has {_DRAG:g} or more, based on its width; {in_newtons.format('Cd')}"
     for name, what, size in (("Cd", "mean Cd", mean), ("Cl", "the deviation of Cl", float(lift.std()))):
         if size > _FORCE:
             yield f"{what} is {size:.3g}", f"no body in a stream reaches {_FORCE:g}; {in_newtons.format(name)}"
@@ -179,9 +179,9 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
     if beyond.any():
         worst = int(np.argmax(np.where(beyond, np.abs(mean) + high - low, -1.0)))
         least, most = pressure[:, worst].min(), pressure[:, worst].max()
-        remedy = f"of a sensor in another unit, give its number for 1 as in --reference {names[worst]}=375Pa"
+        remedy = f"for a sensor in another unit, give the number that means 1 as in --reference {names[worst]}=375Pa"
         if 2 * beyond.sum() > len(names):
-            remedy = "of pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
+            remedy = "for pressures in Pa against p_inf, import with rho U_inf^2 / 2 as in --reference Cp=240Pa"
         yield (
             f"Cp of {_listed(names, beyond)} is {mean[worst]:.3g} in the mean, from {least:.3g} to {most:.3g}",
             f"a wall has {_LOWEST:g} to {_HIGHEST:g}; {remedy}",
@@ -192,12 +192,12 @@ def _pressures(episode: Episode, names: Sequence[str], pressure: Array) -> Itera
     already = divisor > 1.0 and size < 10.0 * _FLAT and least >= _LOWEST and most <= _SWINGS[1]
     if size < _FLAT or already:
         before = f", of numbers from {least:.3g} to {most:.3g} divided by {divisor:g}" if already else ""
-        cause = "numbers that have no dimension already need no --reference Cp"
+        cause = "dimensionless numbers need no --reference Cp"
         yield f"all Cp are within {np.abs(pressure).max():.3g}{before}", cause
     weak = (rms < 0.01 * np.median(rms)) & (deviation < 0.01 * np.median(deviation)) & (swing > 0)
     if weak.any():
         yield (
-            f"Cp of {_listed(names, weak)} is less than a hundredth of the other sensors'",
+            f"Cp of {_listed(names, weak)} is less than a hundredth of that of the other sensors",
             f"its unit differs (--reference {names[int(weak.argmax())]}=NUMBER), or the sensor is not connected",
         )
 
@@ -220,7 +220,7 @@ def _divisor(episode: Episode) -> float:
 def _readings(
     names: Sequence[str], table: Array, told: Mask, spread: Array, finest: Array, action: Array
 ) -> Iterator[_Note]:
-    """Report stuck or saturated sensors, copies of another sensor, and repeated rows; skip columns in `told`."""
+    """Report stuck or saturated sensors, copies of another sensor, and repeated rows. Columns in `told` are skipped."""
     rows = len(table)
     changes = np.flatnonzero((np.diff(table, axis=0) != 0).any(axis=1))
     gaps = np.diff(changes)
@@ -271,7 +271,7 @@ def _readings(
 
 
 def _activity(table: Array, k: int, spread: Array, action: Array, all_actions: Array) -> float:
-    """Return the variation of the other sensors or of the jets in these rows, relative to that in all rows."""
+    """Return the variation of the other sensors or of the jets in these rows, relative to the variation in all rows."""
     others = np.delete(np.arange(len(spread)), k)
     others = others[spread[others] > 0]
     moved = float(np.median(table[:, others].std(axis=0) / spread[others])) if others.size else 0.0
@@ -288,7 +288,7 @@ def _scales(episodes: Sequence[Episode], tables: Sequence[Array]) -> Iterator[st
     for what, sizes, most, least in (
         ("rms Cp", np.array([np.median(np.sqrt(np.square(one[:, :-2]).mean(axis=0))) for one in tables]), _SCALE, 0.0),
         ("mean Cd", np.array([abs(table[:, -2].mean()) for table in tables]), _SCALE, _DRAG),
-        ("the deviation of Cl by that of Cp", lift, _SCALE_OF_LIFT, 0.0),
+        ("the deviation of Cl divided by that of Cp", lift, _SCALE_OF_LIFT, 0.0),
     ):
         low, high = int(np.argmin(np.where(sizes > 0, sizes, np.inf))), int(sizes.argmax())
         if sizes[low] > least and sizes[high] > most * sizes[low]:
@@ -306,7 +306,7 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
     rows = np.concatenate([np.round(table[:, chosen] / cells) for table in tables]).astype(np.int64)
     owner = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
     step = np.concatenate([np.arange(len(table)) for table in tables])
-    # A periodic wake repeats itself within one file too, so only rows that differ from all other rows of their file
+    # A periodic wake also repeats itself within a file, so only rows that differ from all other rows of their file
     # count.
     _, back, counts = np.unique(np.column_stack([owner, rows >> 4]), axis=0, return_inverse=True, return_counts=True)
     alone = counts[back.ravel()] == 1
@@ -344,6 +344,6 @@ def _copies(episodes: Sequence[Episode], tables: Sequence[Array], spread: Array)
     for (a, b), how in sorted(copies.items()):
         later, earlier = (f"{episodes[k].name} ({episodes[k].role})" for k in (b, a))
         yield (
-            f"episode {later} {how} {earlier}: a model is tested on rows that it was not fitted to, and no row counts "
-            f"twice; leave one episode out, or remove the common rows"
+            f"episode {later} {how} {earlier}: a model must be tested on rows to which it was not fitted, and no row "
+            f"may count twice; leave one episode out, or remove the common rows"
         )

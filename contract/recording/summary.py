@@ -1,4 +1,4 @@
-"""A summary of a data set: figures of every episode, and the settings that fit its plant."""
+"""A summary of a data set: the figures of every episode, and the settings that follow from the data set."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ _PRACTICAL: Final = (10, 60)
 """Smallest and largest number of control steps per cycle for which horizon and window are derived from the cycle. With
 fewer steps the jets' ramp is coarse; with more steps a control step takes too long."""
 LEAST_CALM: Final = 25
-"""Smallest number of unforced steps whose mean represents the uncontrolled flow: one cycle of the truck's wake."""
+"""Smallest number of unforced steps whose mean drag represents the uncontrolled flow: one cycle of the truck's wake."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +83,7 @@ def fitting_settings(dataset: Dataset) -> str:
 
 def _settings_lines(dataset: Dataset) -> Iterator[str]:
     plant, period = dataset.plant, dataset.plant.control_period
-    yield "# Settings that follow from the data set; for all others the release's values hold."
+    yield "# Settings that follow from the data set; all other settings have the release's values."
     yield "[flow]"
     for name, value in plant.as_dict().items():
         yield f"{name} = {value!r}" if value is not None else f"# {name}: not known"
@@ -106,7 +106,7 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
         yield f"horizon = {round(HORIZON_CYCLES * cycle)}  # one cycle"
         yield ""
         yield "[model]"
-        whole = f"to a multiple of {WINDOW_STEP}, which the ECU in C takes"
+        whole = f"to a multiple of {WINDOW_STEP}, which the ECU in C accepts"
         yield f"window = {window_for_c(WINDOW_CYCLES * cycle)}  # {WINDOW_CYCLES} cycles, {whole}"
     if len(dataset.layout) < 4:
         yield ""

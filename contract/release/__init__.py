@@ -1,1 +1,1 @@
-"""Release bundles: container, manifest, signature, and the checks made when a bundle is loaded."""
+"""The release bundles: container, manifest, signature, and the checks that are made when a bundle is loaded."""

@@ -1,8 +1,8 @@
-"""The release bundle: a directory with everything that is flashed onto an ECU.
+"""The release bundle: a directory with all files that are flashed onto an ECU.
 
-`manifest.json` states the controller's vehicle, the data set, weights and program from which the controller was built,
-and the SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of the
-manifest's bytes (`contract.release.signing`), and so covers everything that the manifest states.
+`manifest.json` states the controller's vehicle, the origin of the controller (data set, weights, program), and the
+SHA-256 of every other file and of the DBC. `manifest.sig`, if present, is an Ed25519 signature of the manifest's bytes
+(`contract.release.signing`). So it also protects everything that the manifest states.
 
 `controller.onnx` computes one control step (`contract.controller.interface`). `sensors.onnx`, if present, estimates the
 pressures from each other for the ECU's sensor check (`contract.controller.estimator`).
@@ -35,7 +35,7 @@ class MadeEstimator:
 
 
 def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> dict[str, bytes]:
-    """Return all files of the bundle, including the manifest with its hashes and, if a key is given, its signature.
+    """Return all files of the bundle. They include the manifest with all hashes and, if a key is given, the signature.
     Raises BundleFileError for a file name that is a path or is reserved."""
     for name in contents:
         if name in (MANIFEST, SIGNATURE) or not is_plain_name(name):
@@ -48,9 +48,8 @@ def pack(manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateK
 
 
 def write(path: Path, manifest: Manifest, contents: Mapping[str, bytes], key: Ed25519PrivateKey | None = None) -> None:
-    """Write a bundle directory, completely or not at all; without a key the bundle is unsigned. Raises BundleError for
-    a bad file name, or if the path is a directory with other contents; StillwakeError if the directory cannot be
-    written."""
+    """Write a bundle directory, completely or not at all. Without a key the bundle is unsigned. Raises BundleError for
+    a bad file name, or if the directory has other contents; StillwakeError if the directory cannot be written."""
     packed = pack(manifest, contents, key)
     check_replaceable(path)
     write_files(path, packed)
@@ -65,8 +64,8 @@ def check_replaceable(path: Path) -> None:
 
 
 def sign(path: Path, key: Ed25519PrivateKey, judge: Callable[[Bundle], object] | None = None) -> Bundle:
-    """Verify everything in a bundle except its signature, and sign the bundle in place, unless `judge` raises an error.
-    Raises BundleError as `load` does; StillwakeError if the bundle cannot be written."""
+    """Verify a bundle except its signature, call `judge`, and sign the bundle in place. If `judge` raises an error, the
+    bundle is not signed. Raises BundleError as `load` does; StillwakeError if the bundle cannot be written."""
     contents = read_files(path)
     contents.pop(SIGNATURE, None)
     bundle = read_checked(path, contents)
@@ -101,11 +100,10 @@ def renew(
 ) -> Bundle:
     """Write a bundle again under another name, for this version's DBC, and sign it.
 
-    The old bundle may be for another DBC, but must pass all other checks. Its controller is copied unchanged, because
-    its inputs are pressures in Cp and flow rates in U_inf W, not frames, Pa or m/s. The control period and the budget
-    follow from the operating point; the new manifest's provenance has the old manifest's hash. Raises BundleError as
-    `load` does, and for a bad name or a target directory with other contents; StillwakeError if the new bundle cannot
-    be written.
+    The old bundle may be for another DBC, but must pass all other checks. The controller is copied unchanged, because
+    it reads pressures in Cp and flow rates in U_inf W, not frames, Pa or m/s. The control period in s and the budget
+    follow from the operating point. The new provenance has the old manifest's hash. Raises BundleError as `load` does,
+    and for a bad name or a target directory with other contents; StillwakeError if the new bundle cannot be written.
 
     Args:
         created: day of the new bundle, YYYY-MM-DD.
@@ -157,7 +155,7 @@ def load(path: Path, trusted: PublicKey | None = None, *, any_dbc: bool = False)
 
 
 def verified(name: str, contents: Mapping[str, bytes], trusted: Collection[PublicKey]) -> Bundle:
-    """Verify the files of a bundle in memory, as `load` does. One of the keys in `trusted` must have signed it."""
+    """Verify the files of a bundle in memory, as `load` does. A key in `trusted` must have signed the bundle."""
     return read_checked(Path(name), contents, frozenset(trusted))
 
 

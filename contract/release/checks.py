@@ -4,9 +4,9 @@ The manifest's own hash detects accidental changes. A signature by a trusted key
 
 A graph may come from anyone. ONNX Runtime refuses unknown operators. `contract.runtime` refuses other inputs, outputs
 and shapes, and runs a first step in bounded time and memory. `check_graph` refuses two kinds of content before ONNX
-Runtime reads the bytes: constants in other files, and operators outside the ONNX standard. Each kind puts a certain
-text somewhere into the file, and no exported graph contains this text. When a graph is signed, it is checked more
-strictly (`export.release.judged`).
+Runtime reads the bytes: constants in other files, and operators outside the ONNX standard. Each kind of content puts a
+certain text into the file, and no exported graph contains this text. Signing a graph includes stricter checks
+(`export.release.judged`).
 """
 
 import hashlib
@@ -38,7 +38,7 @@ FORBIDDEN: Final = {
 
 _T = TypeVar("_T")
 Trusted = PublicKey | frozenset[PublicKey] | None
-"""The trusted keys, one of which must have signed the bundle; None if no signature is required."""
+"""The trusted keys. One of these keys must have signed the bundle; None if no signature is required."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,8 +47,7 @@ class Bundle:
 
     Attributes:
         files: all files except manifest and signature.
-        digest: SHA-256 of the manifest, which is the same with and without a signature; its first 4 bytes are sent on
-            the bus.
+        digest: SHA-256 of the manifest; it does not depend on the signature. Its first 4 bytes are sent on the bus.
         signer: key of a valid signature of the manifest; None if the bundle is unsigned.
         is_trusted: whether a trusted key was required when the bundle was loaded.
     """
@@ -82,7 +81,7 @@ class Check:
 
 
 def sha256(data: bytes) -> str:
-    """Return the SHA-256 of bytes in hex, the form that manifests have."""
+    """Return the SHA-256 of bytes in hex, as manifests state it."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -92,20 +91,20 @@ def dbc_bytes() -> bytes:
 
 
 def dbc_sha256() -> str:
-    """Return the SHA-256 of this version's DBC in hex, as manifests and generated headers state it."""
+    """Return the SHA-256 of this version's DBC in hex, the form in manifests and generated headers."""
     return sha256(dbc_bytes())
 
 
 @dataclass(kw_only=True)
 class Made:
-    """The checks made while a bundle is read. The first failure ends the reading. With `lists`, all checks that do not
-    depend on the failed check are still made."""
+    """The checks made while a bundle is read. The first failure ends the reading. With `lists`, later checks that do
+    not depend on the failed check are also made."""
 
     lists: bool = False
     checks: list[Check] = field(default_factory=list)
 
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
-        """Make a check whose failure does not prevent other checks. If it fails and `lists` is set, return None."""
+        """Make a check that other checks do not depend on. If it fails and `lists` is set, return None."""
         try:
             value = verify()
         except BundleError as error:
@@ -144,7 +143,7 @@ def read_checked(
     signer = made.check(SIGNATURE, lambda: _verify_signature(path, raw, signature, trusted), signed_by)
     opened = made.need(MANIFEST, lambda: open_manifest(path, raw))
     made.check(MANIFEST, lambda: opened.digest)
-    # These are the names of the files that are present and of the files that must be present.
+    # The names include files that are present, and files that must be present.
     names = sorted({CONTROLLER} | opened.hashes.keys() | parts.keys())
     sound = {name for name in names if made.check(name, partial(_verify_file, path, name, parts, opened.hashes))}
     if not any_dbc:
@@ -202,7 +201,7 @@ def _verify_file(path: Path, name: str, found: Mapping[str, bytes], hashes: Mapp
 def _verify_dbc(path: Path, dbc: object) -> str:
     if dbc != dbc_sha256():
         raise errors.BundleDbcError(
-            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version's"
+            f"bundle {path}: built for another stillwake.dbc; `stillwake bundle renew` makes one for this version"
         )
     return dbc_sha256()
 

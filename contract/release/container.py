@@ -1,6 +1,6 @@
-"""A reader and a writer of a bundle's directory. Reading is limited in size; writing is complete or has no effect.
+"""A reader and a writer of a bundle's directory. The reader limits sizes; the writer writes all files or none.
 
-A bundle may come from anyone. So names must be plain, links are not followed, and sizes are limited while reading.
+A bundle may come from anyone. So the reader accepts only plain names, follows no links, and limits sizes.
 
 For transfer, a bundle is packed into an image (`contract.release.image`, `contract.release.controller_image`).
 """
@@ -38,7 +38,7 @@ def read_files(path: Path) -> dict[str, bytes]:
             return _collect(path)
         if path.is_file():
             with path.open("rb") as file:
-                # Up to version 1.0.0 a bundle could be a zip file, so a zip file has a separate error message.
+                # Up to version 1.0.0 a bundle could be a zip file, so the message for a zip file contains a hint.
                 is_zip = file.read(4) == b"PK\x03\x04"
             hint = f"; unpack it: python -m zipfile -e {path} FOLDER" if is_zip else ""
             raise BundleContainerError(f"bundle {path}: must be a directory{hint}")
@@ -83,7 +83,7 @@ def _collect(path: Path) -> dict[str, bytes]:
 
 
 def _open_plain(path: Path, name: str) -> IO[bytes]:
-    """Open a file that was listed as plain, if it still is: no link is followed, and no pipe blocks."""
+    """Open a file that was listed as plain, and check it again. Links are not followed; pipes do not block."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         file = os.fdopen(os.open(path / name, flags), "rb")

@@ -20,8 +20,8 @@
 
 Numbers are little-endian, like the processors that read them; names are printable ASCII, padded with zeros.
 
-Workshop and flash tools read an image as lines of text: Intel HEX, or Motorola S-records in the form S37. Addresses in
-these lines are offsets in the image, as in a download through UDS, and not addresses in the memory of an ECU.
+Workshop and flash tools read an image as lines of text: Intel HEX or Motorola S-records (S37). Addresses in these lines
+are offsets in the image, as in a download through UDS, and not addresses in the memory of an ECU.
 """
 
 import hashlib
@@ -41,7 +41,7 @@ SUFFIX: Final = ".swi"
 HEADER_BYTES: Final = 512
 """Size of the header, in bytes."""
 VEHICLE: Final = slice(148, 192)
-"""The header's bytes that an ECU compares with its vehicle settings: control period, operating point, action limit,
+"""The part of the header that an ECU compares with its vehicle settings: control period, operating point, action limit,
 number of sensors."""
 _MAX_NAME: Final = 64
 """Largest size of a name, in bytes."""
@@ -53,7 +53,7 @@ _UNSIGNED: Final = bytes(96)
 LINE: Final = 32
 """Number of bytes in a line. Every tool accepts 32, and 64 KiB is a multiple of 32."""
 HIGH: Final = 1 << 16
-"""Number of addresses that an Intel HEX line can state. The higher part of an address is in a line of another type."""
+"""Number of addresses that a line of Intel HEX can state. Another type of line states the higher part of an address."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ def signer_of(image: bytes) -> PublicKey | None:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {_MAGIC.hex()}")
     if (length, header) != (len(image), HEADER_BYTES):
         raise BundleContainerError(
-            f"image of {len(image)} bytes states {length}, with {header} of a header: {HEADER_BYTES}"
+            f"image of {len(image)} bytes states {length}, and {header} for the header: must be {HEADER_BYTES}"
         )
     if image[_FACTS.size : HEADER_BYTES] == _UNSIGNED:
         return None
@@ -146,7 +146,7 @@ def signer_of(image: bytes) -> PublicKey | None:
 
 
 def read(image: bytes) -> ControllerImage:
-    """Check an image, signed by any key. Raises as `signer_of`, and BundleContainerError if it is damaged."""
+    """Check an image signed by any key. Raises as `signer_of`, and BundleContainerError for a damaged image."""
     signer, payload = signer_of(image), image[HEADER_BYTES:]
     _, _, _, sha256, layout, dbc, digest, version, vehicle, hardware, name, reserved = _FACTS.unpack_from(image)
     period, width, speed, density, limit, sensors = _VEHICLE.unpack(vehicle)

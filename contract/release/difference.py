@@ -1,5 +1,5 @@
-"""A comparison of two bundles (signer, manifest, files) or of two controller images (header, layout, arrays), and a
-description of an image's contents."""
+"""A comparison of two bundles (signer, manifest, files) or two controller images (header, layout, arrays), and a
+description of an image."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -79,7 +79,7 @@ def _of_image(image: ControllerImage) -> dict[str, str]:
 
 
 class Difference(NamedTuple):
-    """A difference between two bundles or images: a value's name and its two texts; "-" stands for a missing value."""
+    """A difference between two bundles or images: a value's name and its text in each; "-" if it is missing."""
 
     name: str
     a: str
@@ -87,9 +87,8 @@ class Difference(NamedTuple):
 
 
 def differences(a: Path, b: Path) -> list[Difference]:
-    """List all differences between two bundles or images; fields of a manifest have dotted names. The bundles may be
-    for the DBCs of other versions. Raises BundleError as `contract.release.bundle.load` does, except for another DBC.
-    """
+    """List all differences between two bundles or images; fields of a manifest have dotted names. Raises BundleError as
+    `contract.release.bundle.load` does, but accepts bundles for the DBC of another version."""
     rows: list[Difference] = []
     ours, theirs = _facts(a), _facts(b)
     for name in [*ours, *(name for name in theirs if name not in ours)]:

@@ -1,4 +1,4 @@
-"""The image of a release that is flashed: one string of bytes that a boot loader in C can read without a library.
+"""The flashed image of a release: a string of bytes that a boot loader in C can read without a library.
 
     0   8  "SWIMAGE1"
     8   4  length of the whole image
@@ -44,7 +44,7 @@ def files_of(image: bytes) -> dict[str, bytes]:
     if magic != MAGIC:
         raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {MAGIC.hex()}")
     if length != len(image):
-        raise BundleContainerError(f"image of {len(image)} bytes states {length}")
+        raise BundleContainerError(f"image of {len(image)} bytes states a length of {length}")
     if count > MAX_FILES:
         raise BundleContainerError(f"image of {count} files: at most {MAX_FILES}")
     names, sizes, at = [], [], _HEADER.size
@@ -58,7 +58,7 @@ def files_of(image: bytes) -> dict[str, bytes]:
         except UnicodeDecodeError as error:
             raise BundleContainerError("image: a file's name is not UTF-8") from error
         if len(name.encode()) != name_length or not is_plain_name(name) or name in names:
-            raise BundleContainerError(f"image: {quoted(name)} must be a plain file name, once")
+            raise BundleContainerError(f"image: {quoted(name)} must be a plain file name, and must occur once")
         names.append(name)
         sizes.append(size)
         at += name_length

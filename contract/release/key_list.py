@@ -1,8 +1,8 @@
-"""The list of keys that may sign releases for an ECU: it has a version, and is signed by a root key.
+"""The list of keys that may sign releases for an ECU. The list has a version, and a root key signs it.
 
-A release key that leaks is removed from the list. The root key signs nothing else; it is needed once in years and can
-stay in a safe. An ECU gets its root key in production. It accepts a list only if the root key signed it and its version
-is greater than that of the present list, so that an old list cannot make a revoked key valid again.
+A release key that leaks is removed from the list. The root key signs only such lists. It is needed once in years, and
+can stay in a safe. An ECU gets its root key in production. The ECU accepts a list only if the root key signed it, and
+if its version is greater than the version of the present list. So an old list cannot make a revoked key valid again.
 
     0   8   "SWKEYS01"
     8   4   version
@@ -41,9 +41,9 @@ class KeyList:
     """The keys that may sign releases. Raises KeyFileError for a version or a number of keys out of range.
 
     Attributes:
-        version: version of the list; an ECU only replaces its list by a list with a greater version.
+        version: version of the list; an ECU replaces its list only by a list with a greater version.
         keys: keys that may sign releases.
-        revoked: keys that may no longer sign releases. They only inform people, because a key outside `keys` may not
+        revoked: keys that may no longer sign releases. This entry is only for people, because no key outside `keys` may
             sign.
     """
 
@@ -56,8 +56,8 @@ class KeyList:
             raise KeyFileError(f"key list: version {self.version}: must be in 1..{LARGEST_VERSION}")
         if not 1 <= len(self.keys) <= MAX_KEYS or len(self.revoked) > MAX_KEYS:
             raise KeyFileError(
-                f"key list: {len(self.keys)} keys and {len(self.revoked)} revoked: must be 1 to {MAX_KEYS} and at most "
-                f"{MAX_KEYS}"
+                f"key list: {len(self.keys)} keys and {len(self.revoked)} revoked: must be 1 to {MAX_KEYS}, and at "
+                f"most {MAX_KEYS} revoked"
             )
         if weak := [key.raw.hex() for key in self.keys if signing.is_of_small_order(key.raw)]:
             raise KeyFileError(f"key list: key {weak[0]} is of small order: anyone can sign anything for it")
@@ -66,7 +66,7 @@ class KeyList:
 
 
 def is_list(path: Path) -> bool:
-    """Return whether a file begins like a key list; False if the file cannot be read."""
+    """Return whether a file begins as a key list does; False if the file cannot be read."""
     with suppress(OSError), path.open("rb") as file:
         return file.read(len(_MAGIC)) == _MAGIC
     return False
@@ -104,6 +104,6 @@ def decode(raw: bytes, root: PublicKey) -> KeyList:
     keys = [body[at : at + _KEY] for at in range(0, len(body), _KEY)]
     for part in (keys[:allowed], keys[allowed:]):
         if part != sorted(set(part)):
-            raise KeyFileError("key list: is damaged (keys must ascend, each once)")
+            raise KeyFileError("key list: is damaged (keys must ascend, and each must occur once)")
     allowed_keys, revoked_keys = (frozenset(map(PublicKey, part)) for part in (keys[:allowed], keys[allowed:]))
     return KeyList(version=version, keys=allowed_keys, revoked=revoked_keys)

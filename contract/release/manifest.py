@@ -27,14 +27,13 @@ from contract.typed import typed
 _SCHEMA: Final = "stillwake-bundle/8"
 """The schema that this version reads. Older schemas do not state how the wake without jets depends on the speed."""
 FIRST_SECURITY_VERSION: Final = 1
-"""Smallest security version of a release. An ECU with a store accepts no smaller number. A release has this version if
-its security version was never raised."""
+"""Smallest security version of a release; it is 1 until it is raised. An ECU with a store accepts no smaller number."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
 MANIFEST: Final = "manifest.json"
 MAX_STEPS: Final = 10_000
-"""Largest window and horizon, in steps: hundreds of times those of the release, but still small in memory."""
+"""Largest window and horizon, in steps: hundreds of times the release's values, but arrays of this size are small."""
 MAX_RESTING: Final = 100
-"""Largest number of speeds for which the wake without jets is stated. The ECU searches these speeds in every period."""
+"""Largest number of speeds in a table of the wake without jets. The ECU searches these speeds in every period."""
 WeightPrecision = Literal["float32", "int8"]
 """Type of the stored weights. `controller.onnx` calculates in float32 with either type."""
 PRECISIONS: Final[tuple[WeightPrecision, ...]] = get_args(WeightPrecision)
@@ -56,12 +55,12 @@ class Scaling:
 
     @property
     def window_mean(self) -> tuple[float, ...]:
-        """Means of the columns of the controller's window (Cp_k, a_{k-1}), (S+1,). The mean of the action is 0."""
+        """Means of the window's columns (Cp_k, a_{k-1}), (S+1,). The mean of the action is 0."""
         return (*self.pressure_mean, 0.0)
 
     @property
     def window_std(self) -> tuple[float, ...]:
-        """Standard deviations of the columns of the controller's window, (S+1,)."""
+        """Standard deviations of the window's columns, (S+1,)."""
         return (*self.pressure_std, self.action_std)
 
     def misfits(self, sensors: int) -> Iterator[tuple[str, int, int]]:
@@ -86,12 +85,12 @@ bias or a drift."""
 
 @dataclass(frozen=True, kw_only=True)
 class SensorEstimator:
-    """The size of the residuals of `sensors.onnx` with healthy sensors; each pair of sensors has one value.
+    """The size of the residuals of `sensors.onnx` with healthy sensors: a table of pairs of sensors.
 
-    Entry (j, i) belongs to the residual of sensor i. Its estimate uses neither sensor i nor sensor j.
+    Entry (j, i) belongs to the residual of sensor i, with an estimate from neither sensor i nor sensor j.
 
     Attributes:
-        fast, slow: (S, S) root mean square, in Cp, of the residuals averaged over `FAST_PERIODS` and `SLOW_PERIODS`.
+        fast, slow: (S, S) root mean square of residuals in Cp that are averaged over `FAST_PERIODS` or `SLOW_PERIODS`.
     """
 
     fast: tuple[tuple[float, ...], ...]
@@ -129,13 +128,13 @@ class Manifest:
 
     Attributes:
         created: day of the export, YYYY-MM-DD.
-        precision: "float32" or "int8" (weights; arithmetic is float32).
+        precision: type of the stored weights, "float32" or "int8"; the arithmetic is in float32.
         sensors: names of the sensors, in the order of the controller's window and of the Pressure message.
         window: L, number of past control steps that the controller reads.
         control_period: control period in t_c.
         action_limit: bound on |a| in the optimiser.
-        mpc: settings of the controller. The ECU passes the cost weights to the controller in every step. The
-            controller's own weights are used only without a manifest.
+        mpc: settings of the controller. The ECU passes the weights in these settings to the controller in every step.
+            The controller's own weights are used only without a manifest.
         budget_ms: largest time from a pressure frame to the command.
         compute_time_ms: part of `budget_ms` that the release's settings assign to the control step.
         dataset_sha256: SHA-256 of the recording to which the model was fitted.
@@ -143,10 +142,10 @@ class Manifest:
         program_sha256: SHA-256 of the program that `controller.onnx` computes (`export.program.controller_program`);
             the header of a C library of this program has the same SHA-256.
         provenance: settings, metrics and versions of the training, and the results of the export's gates.
-        sensor_positions: (x, y) of every sensor in the body's reference length W; None if they are not known.
+        sensor_positions: (x, y) of every sensor in the body's reference length W; None if the positions are not known.
         sensor_estimator: figures of `sensors.onnx`; None without that file.
-        security_version: an ECU that has confirmed a release with a greater security version refuses this release. The
-            version is raised when an older release must not be installed again.
+        security_version: number that is raised when older releases must not be installed again. An ECU that has
+            confirmed a release with a greater number refuses this release.
         hardware: name of the ECU hardware to which the release may be flashed; None for any hardware.
         speeds: range of speeds in which the ECU resamples the controller's past for the present speed; None if the
             controller assumes the operating point's speed at all times.
@@ -185,7 +184,7 @@ class Manifest:
 
     @property
     def sizes(self) -> Sizes:
-        """Sizes of the controller, from which the shapes of its interface follow."""
+        """The controller's sizes. The shapes of its interface follow from these sizes."""
         return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
     def __post_init__(self) -> None:
@@ -195,7 +194,7 @@ class Manifest:
 
     def _wrong(self) -> Iterator[str]:
         if self.provenance.get("kind") == "linear":
-            yield "a linear controller, which only version 1.0.0 accepts: examples/linear_feedback.py makes a new one"
+            yield "a linear controller, which only version 1.0.0 accepts: examples/linear_feedback.py exports a new one"
         for what, name in (("name", self.name), ("hardware", self.hardware)):
             if name is not None and not is_name(name):
                 yield f"{what} {quoted(name)}: must be 1 to {MAX_NAME} printable characters"
@@ -281,7 +280,7 @@ class Opened(NamedTuple):
 
 
 def is_sha256(value: object) -> bool:
-    """Return whether the value is a SHA-256 in hex, the form that manifests have."""
+    """Return whether the value is a SHA-256 in hex, as manifests state it."""
     return isinstance(value, str) and _SHA256.fullmatch(value) is not None
 
 
@@ -327,7 +326,7 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
 def parse(path: Path, opened: Opened) -> Manifest:
     """Convert the parts of a manifest. Raises BundleManifestError for a missing, unknown or invalid field."""
     try:
-        # Every field must be present, because the bundle's version may have had other defaults.
+        # Every field must be present, because the version that wrote the bundle may have had other defaults.
         return typed(dict(opened.body), Manifest, complete=True)
     except (ConfigError, BundleManifestError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST}: {shown(error)}") from error

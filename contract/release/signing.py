@@ -1,4 +1,4 @@
-"""Ed25519 signatures (RFC 8032) of release manifests: keys as PEM files, and the text of `manifest.sig`.
+"""The Ed25519 signatures (RFC 8032) of release manifests. Keys are PEM files; `manifest.sig` is a text file.
 
 A signature covers the bytes of the manifest, so that nothing has to be parsed before the signature is verified. The
 signature has its own file, together with the public key of its claimed signer:
@@ -7,8 +7,8 @@ signature has its own file, together with the public key of its claimed signer:
     key <32 bytes in hex>
     signature <64 bytes in hex>
 
-The key in the file is no proof: it only states who claims to have signed. A signature is trusted only if the reader has
-the key from another source.
+The key in the file is no proof: it states only who claims to have signed. A reader trusts a signature only if the
+reader has the key from another source.
 """
 
 import hashlib
@@ -42,8 +42,8 @@ _SMALL_ORDER: Final = frozenset(
         "ee" + "ff" * 30 + "7f",
     )
 )
-"""The y coordinates of the points of small order; the last two are not reduced modulo p. Any text has a valid signature
-by such a key, so these keys are refused (RFC 8032, section 8.8; the list is from libsodium)."""
+"""The y coordinates of the points of small order; the last two are not reduced modulo p. Anyone can make a valid
+signature for such a key, so these keys are refused (RFC 8032, section 8.8; the list is from libsodium)."""
 _OWNER_ONLY: Final = 0o600
 _ALL_READ: Final = 0o644
 
@@ -56,7 +56,7 @@ class PublicKey:
 
     @property
     def fingerprint(self) -> str:
-        """First 16 bytes of the key's SHA-256, in hex, for people to compare. Programs compare whole keys."""
+        """First 16 bytes of the key's SHA-256, in hex. People compare these bytes; programs compare whole keys."""
         return hashlib.sha256(self.raw).hexdigest()[:32]
 
 
@@ -85,7 +85,7 @@ def is_good(signature: bytes, key: bytes, data: bytes) -> bool:
 
 
 def public_key(key: Ed25519PrivateKey) -> PublicKey:
-    """Return the public half of a key pair."""
+    """Return the public key that belongs to a private key."""
     return PublicKey(key.public_key().public_bytes_raw())
 
 

@@ -2,7 +2,7 @@
 reader.
 
 Python's `json` accepts more than the standard: NaN, numbers beyond a double, duplicate keys, lone surrogates, integers
-of any length, nesting to the limit of the stack. A manifest may come from anyone, so this module refuses all this.
+of any length, and very deep nesting. A manifest may come from anyone, so this module refuses such content.
 """
 
 import hashlib
@@ -12,7 +12,7 @@ from math import isfinite
 from typing import Any, Final
 
 MAX_DEPTH: Final = 32
-"""Largest depth of nesting that is accepted; a release's manifest has six levels."""
+"""Largest accepted depth of nesting; the manifest of a release has six levels."""
 _MAX_DIGITS: Final = 19
 """Number of digits of the largest 64-bit integer."""
 
@@ -41,7 +41,7 @@ def encode(tree: Mapping[str, Any]) -> bytes:
 
 
 def digest_of(tree: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a table in hex, for any spacing and order of keys. Raises as `encode` does."""
+    """Return the SHA-256 of a table in hex; spacing and order of keys have no effect. Raises as `encode` does."""
     return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()).hexdigest()
 
 

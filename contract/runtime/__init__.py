@@ -1,1 +1,1 @@
-"""The execution of a bundle's graphs by ONNX Runtime, and rules for copying objects with state."""
+"""The execution of a bundle's graphs by ONNX Runtime, and rules for copying stateful objects."""

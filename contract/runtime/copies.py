@@ -1,22 +1,22 @@
-"""Rules for copying and pickling stateful objects: an object is copied with everything that it holds, or not at all."""
+"""The rules for copying and pickling stateful objects: an object is copied with all that it holds, or not at all."""
 
 from copy import deepcopy
 from typing import ClassVar, NoReturn, Self
 
 
 class CopiedWhole:
-    """A stateful object whose copy shares nothing with the original. After a shallow copy, original and copy would
-    change the same arrays, but each would count its own steps."""
+    """A stateful object whose copy shares nothing with the original. After a shallow copy, the original and the copy
+    would change the same arrays, but count their steps separately."""
 
     def __copy__(self) -> Self:
         return deepcopy(self)
 
 
 class NeverCopied:
-    """An object with resources of this process, which cannot be copied: a child process, a library's memory, a socket.
+    """An object that cannot be copied, because it owns a child process, a library's memory, a socket or the like.
 
     Attributes:
-        INSTEAD: end of the error message, which states what to do instead of copying.
+        INSTEAD: end of the error message; it states what to do instead of copying.
     """
 
     INSTEAD: ClassVar[str]

@@ -1,4 +1,4 @@
-"""The graphs of a bundle, computed by ONNX Runtime on one thread: in the ECU, the export's gates and benchmarks.
+"""The execution of a bundle's graphs by ONNX Runtime on one thread, for the ECU, the export's gates and benchmarks.
 
 Graphs may come from anyone, so a graph first runs once in bounded time and memory.
 """
@@ -52,9 +52,9 @@ class BoundedGraph:
         return self._opened(_options())
 
     def tried(self, limit_s: float) -> None:
-        """Run one step of the graph in bounded time and memory, without optimisation. ONNX Runtime's optimisation
-        computes constant expressions during loading, in unbounded time and memory; a step without optimisation computes
-        them within the bounds. Raises BundleControllerError as `session` and `run_on_zeros` do."""
+        """Run one step of the graph in bounded time and memory, without optimisation. With optimisation, ONNX Runtime
+        would compute constant expressions during loading, in unbounded time and memory; a step without optimisation
+        computes them within the bounds. Raises BundleControllerError as `session` and `run_on_zeros` do."""
         options = _options()
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
         self.run_on_zeros(self._opened(options), 1, limit_s)
@@ -110,12 +110,11 @@ def _options() -> Any:
     # Errors are raised as exceptions, so they need not be printed. Without this line, the optional input `weights`,
     # which is an initialiser that may be overridden, would cause a warning whenever the graph is loaded.
     options.log_severity_level = 4
-    # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, the file is
-    # searched at a path that is no folder, not in the working directory.
+    # The graph's bytes were checked for external constants. If the graph nevertheless refers to a file, ONNX Runtime
+    # looks for it below a path that is no folder, and finds nothing.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     options.add_session_config_entry("session.load_model_format", "ONNX")
-    # Sessions get this allocator because the memory limit also applies during control, where a graph may need more
-    # memory than for zeros.
+    # Sessions use the bounded allocator, because a graph may need more memory during control than for zeros.
     _register_bounded_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     return options
@@ -134,8 +133,8 @@ def _register_bounded_memory() -> None:
 
 class OnnxController:
     """A controller that runs `controller.onnx`. Raises BundleControllerError if the model does not load or its shapes
-    contradict the sizes. A copy has its own session. `description` states for people which program computes the step.
-    """
+    contradict the sizes. A copy has its own session. `description` is a text for people; it names the program that
+    computes the step."""
 
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         self._made_of = model, sizes
@@ -216,7 +215,7 @@ class OnnxEstimator:
         return None if model is None else cls(model, bundle.manifest.sizes)
 
     def estimates(self, window: Array) -> Array:
-        """Return the estimates (V, S) in Cp for a window (L, S+1). Raises ControllerError unless they are finite."""
+        """Return the estimates (V, S) in Cp for a window (L, S+1). Raises ControllerError if one is not finite."""
         try:
             (values,) = self._session.run([ESTIMATOR_OUTPUT], {ESTIMATOR_INPUT: window.astype(np.float32)})
         except Exception as error:

@@ -1,4 +1,4 @@
-"""An icoFoam case of the truck: schemes, solvers, boundary conditions and the measurements of every step."""
+"""An icoFoam case of the truck: schemes, solvers, boundary conditions, and function objects for measurements."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +14,15 @@ from wake.openfoam.mesh import PATCHES, Mesh
 from wake.openfoam.wall import DRIVEN, pressure_points
 
 FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
-"""Name of the function object that measures the force on each patch."""
+"""Names of the function objects that measure the force on each patch, by patch."""
 PRESSURES: Final = "wallPressures"
 PROBE_OBJECT: Final = "wakeProbe"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseClock:
-    """The end and the time step of an icoFoam run in t_c, and the numbers of time steps between written states and
-    between measurements."""
+    """The clock of an icoFoam run: its end and its time step, in t_c, and the numbers of time steps between written
+    states and between measurements."""
 
     end: float
     dt: float
@@ -75,8 +75,8 @@ _SCHEMES: Final[dict[str, Any]] = {
     "interpolationSchemes": {"default": "linear"},
     "snGradSchemes": {"default": "corrected"},
 }
-# Multigrid as the preconditioner of conjugate gradients takes two thirds of the time of multigrid as the solver, and a
-# smaller fraction on finer meshes.
+# Conjugate gradients with multigrid as the preconditioner take two thirds of the time of multigrid alone, and an even
+# smaller share on finer meshes.
 _MULTIGRID: Final = {"preconditioner": "GAMG", "smoother": "DICGaussSeidel", "tolerance": 1e-6, "relTol": 0}
 _PRESSURE: Final = {"solver": "PCG", "preconditioner": _MULTIGRID, "tolerance": 1e-6, "relTol": 0.05}
 _SOLVERS: Final[dict[str, Any]] = {
@@ -90,8 +90,8 @@ _SOLVERS: Final[dict[str, Any]] = {
 
 
 def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
-    # Forces use executeControl and executeInterval; probes use writeControl and writeInterval. Both functions therefore
-    # get all four entries.
+    # The function objects for forces read executeControl and executeInterval; those for probes read writeControl and
+    # writeInterval. Each object gets all four entries.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")

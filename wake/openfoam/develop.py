@@ -1,4 +1,4 @@
-"""The wake without jets: icoFoam computes it once, and it is stored as the start of closed-loop runs."""
+"""The wake without jets. icoFoam computes this wake once; it is stored, and closed-loop runs start from it."""
 
 import re
 import shutil
@@ -24,8 +24,8 @@ from wake.truck.state import State, developed_state
 
 def from_own_solver(state: State, mesh: Mesh) -> tuple[Array, Array]:
     """Interpolate a state on the grid of refinement 1 linearly to velocity (m, 2) and kinematic pressure (m,) in the
-    mesh's m cells. Extrapolate between the grid's outermost points and the boundary. The first time step removes the
-    divergence that the interpolation leaves."""
+    mesh's m cells. Values between the grid's outermost points and the boundary are extrapolated. The first time step
+    removes the divergence that the interpolation leaves."""
     grid = truck_grid()
     flow = Flow.of(state.flat, grid.shape)
     at = mesh.centres
@@ -84,14 +84,14 @@ def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, 
 def developed(
     folder: Path, config: FlowConfig, foam: OpenFoamConfig, progress: _Progress = lambda t, total: None
 ) -> FoamState:
-    """Return the developed wake, from `folder/developed.npz` if that wake was computed with these settings. Otherwise
-    compute the wake, in minutes, from the developed wake of stillwake's solver, and store it in this file; a later call
-    continues an interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored file is
-    damaged."""
+    """Return the developed wake. It is read from `folder/developed.npz` if it was computed with these settings.
+    Otherwise it is computed, in minutes, from the developed wake of stillwake's solver, and stored in this file. A
+    later call continues an interrupted computation. Raises PlantError if icoFoam is missing or fails, or the stored
+    file is damaged."""
     require_installed()
     mesh, path = truck_mesh(foam.refinement), folder / "developed.npz"
     facts = f"{len(mesh.cells)} cells, Re {config.reynolds:g}, {foam.develop_time:g} t_c at 1/{foam.develop_substeps}"
-    # Earlier states have an inlet whose velocity cannot change.
+    # States of earlier versions lack this text, because the velocity at their inlet cannot change.
     facts += ", inlet from files"
     if path.is_file():
         kept, made_with = load(path)

@@ -1,4 +1,4 @@
-"""The files of OpenFOAM: dictionaries, lists, a plane mesh as `polyMesh`, and fields as icoFoam writes them."""
+"""A writer and a reader of OpenFOAM's files: dictionaries, lists, a plane mesh as `polyMesh`, and icoFoam's fields."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -136,7 +136,7 @@ def scaled(content: bytes, factor: float) -> bytes:
 
 
 def latest(folder: Path) -> Path | None:
-    """Return the folder of the latest time after 0 that has all fields, or None."""
+    """Return the folder of the latest time after 0 that has all fields; None if there is no such folder."""
     times = [
         (float(item.name), item) for item in folder.iterdir() if _TIME.fullmatch(item.name) and (item / "p").is_file()
     ]

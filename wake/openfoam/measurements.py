@@ -1,10 +1,10 @@
 """The conversion of files from icoFoam's function objects into samples of the plant.
 
-Forces in units of rho U_inf^2 W / 2 are twice the kinematic forces, for a domain of depth 1.
+The domain has depth 1, so forces in units of rho U_inf^2 W / 2 are twice the kinematic forces.
 
-icoFoam accelerates the stream between inlet and outlet by a pressure gradient, -dU/dt. On a vehicle, the air is at rest
-and the body accelerates, without this gradient. As in stillwake's solver, the samples are those of a vehicle: the
-pressures and forces of the gradient are subtracted.
+icoFoam accelerates the stream between inlet and outlet by a pressure gradient, -dU/dt. Around a vehicle, the air is at
+rest and the body accelerates, so there is no such gradient. As in stillwake's solver, the samples are those of a
+vehicle: the pressures and forces of the gradient are subtracted.
 """
 
 import re
@@ -35,8 +35,8 @@ class Readings:
     """The measurements at one time: the contents of one line from each function object's file.
 
     Attributes:
-        forces: kinematic force vectors, (3, 3, 3): total, pressure and viscous force on each of truck, upper slot and
-            lower slot.
+        forces: kinematic forces, (3, 3, 3): for truck, upper slot and lower slot, the vectors of total, pressure and
+            viscous force.
         pressures: kinematic pressures at the probed cells.
         wake: velocity at the wake probe, (3,).
     """
@@ -60,9 +60,9 @@ class Instruments:
         self._buoyancy = np.array([_buoyancy(mesh, patch) for patch in FORCE_OBJECTS])
 
     def sample(self, readings: Readings, *, t: float, action: float, acceleration: float = 0.0) -> Sample:
-        """Return the sample at time t with the jet flow rate `action` in force and a stream that is accelerated by
-        `acceleration`, in U_inf / t_c. Raises PlantError if a reading is not finite, or if the number of readings is
-        not the mesh's number of probes."""
+        """Return the sample at time t. `action` is the jet flow rate in force; `acceleration` is the stream's
+        acceleration in U_inf / t_c. Raises PlantError if a reading is not finite, or if the number of readings is not
+        the mesh's number of probes."""
         if readings.pressures.shape != (self._weights.shape[1],):
             raise PlantError(f"{readings.pressures.size} pressures read, this mesh has {self._weights.shape[1]} probes")
         readings.require_finite(t)
@@ -86,8 +86,8 @@ class Instruments:
 
 
 def _buoyancy(mesh: Mesh, patch: str) -> float:
-    """Return the force in x on a patch from a pressure with gradient -1 that is zero at the outlet. On the patches of a
-    closed body, these forces add up to the body's area."""
+    """Return the force in x that a pressure with gradient -1, zero at the outlet, exerts on a patch. The forces on all
+    patches of a closed body add up to the body's area."""
     ends = mesh.points[mesh.patches[patch]]
     # The flow is on the left of an edge, so this is the area of the wall in x, positive if the wall faces downstream.
     facing = ends[:, 0, 1] - ends[:, 1, 1]
@@ -95,7 +95,7 @@ def _buoyancy(mesh: Mesh, patch: str) -> float:
 
 
 class Follower:
-    """A reader of a case's newest readings while icoFoam writes them."""
+    """A reader of the newest measurements of a case in which icoFoam runs."""
 
     def __init__(self, folder: Path) -> None:
         self._paths = {name: folder / "postProcessing" / name / "0" / file for name, file in _FILES.items()}
@@ -122,7 +122,7 @@ class Follower:
 
 
 def read_all(folder: Path) -> tuple[Array, list[Readings]]:
-    """Read times and readings of a whole case. If the case was continued, the lines written after a restart replace the
+    """Read times and readings of a whole case. If the case was restarted, lines written after the restart replace all
     older lines from the restart's time on. Raises PlantError if the case holds no measurements."""
     tables = {name: _series(folder / "postProcessing" / name, file) for name, file in _FILES.items()}
     times = min((table[:, 0] for table in tables.values()), key=len)

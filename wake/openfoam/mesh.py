@@ -1,8 +1,8 @@
 """A body-fitted mesh of the truck, one cell thick. The grid lines follow the rounded leading edges exactly.
 
 Two structured blocks share their edges. A C-shaped block runs from the outlet along the lower side, around the front
-and back along the upper side. The block's lines leave the wall along the normal, and fan out from the rounded edges to
-the domain's corners. A tensor-product block fills the wake between the ends of the C. Both blocks are symmetric in y.
+and back along the upper side. Its lines leave the wall along the normal, and fan out from the rounded edges to the
+domain's corners. A tensor-product block fills the wake between the ends of the C. Both blocks are symmetric in y.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ from wake.solver.grid import graded_faces
 PATCHES: Final = ("inlet", "outlet", "sides", "truck", "jetUpper", "jetLower")
 """Names of the patches of the plane mesh. The case also has OpenFOAM's two `empty` planes."""
 
-# Each table lists pairs (position, target spacing); the spacing is linear between the positions. The positions are y
-# along the front, x along the sides, x in the wake, the distance from the wall, and y across the wake.
+# Each table lists pairs (position, target spacing); the spacing is linear between the positions. The position is y in
+# _FRONT and _ACROSS, x in _SIDE and _WAKE, and the distance from the wall in _NORMAL.
 _FRONT: Final = ((0.0, 0.03), (0.25, 0.02), (0.382, 0.0155))
 _ARC: Final = 0.0155
 _SIDE: Final = (
@@ -38,15 +38,15 @@ _ROUND_UP_TO: Final = 1.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
-    """Quadrilaterals in the plane: n vertices, m cells, k internal edges or edges of a patch.
+    """A plane mesh of quadrilaterals with n vertices and m cells. A patch, or the interior, has k edges.
 
     Attributes:
         points: vertices, (n, 2).
         cells: vertex indices of each cell counter-clockwise, (m, 4).
         edges: internal edges as vertex pairs (k, 2), sorted by `owner` and then `neighbour`.
         owner, neighbour: cells to the left and right of each internal edge, (k,); owner < neighbour.
-        patches: edges of each patch, (k, 2), in the order of their cells, `patch_cells` (k,), with the flow on the
-            left.
+        patches: edges of each patch, (k, 2), with the flow on the left; in the order of their cells, which are in
+            `patch_cells` (k,).
     """
 
     points: Array
@@ -126,7 +126,7 @@ def _around(refinement: float, wake_x: Array) -> tuple[Array, slice]:
     away = graded_faces(_NORMAL, 0.0, DOMAIN_Y[1] - HALF_WIDTH, refinement)
     far = away[-1] + r
 
-    # Each line that fans out from the rounded edge is longer by `extra` than the distance from wall to boundary. A
+    # A line from the rounded edge to the boundary is longer by `extra` than the distance from wall to boundary. A
     # quadratic function spreads the length `extra` smoothly over the points beyond `_ROUND_UP_TO`.
     extra = far * (1.0 / np.maximum(-np.cos(arc), np.sin(arc)) - 1.0)
     share = (np.maximum(away - _ROUND_UP_TO, 0.0) / (away[-1] - _ROUND_UP_TO)) ** 2
@@ -165,8 +165,8 @@ def _quads(block: Index) -> Index:
 
 
 def _match(cells: Index, n: int) -> tuple[Index, Index, Index, Index]:
-    """Return four arrays with an entry for each of the four edges of each cell. They are the vertex pair, with the cell
-    on the left; the cell; the same edge's entry for the other cell, or -1 at a boundary; and a code of the vertex
+    """Return four arrays with an entry for each of the four edges of each cell: the vertex pair, with the cell on the
+    left; the cell; the index of the same edge's entry for the other cell, or -1 at a boundary; and a code of the vertex
     pair."""
     pairs = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
     cell = np.repeat(np.arange(len(cells)), 4)

@@ -1,7 +1,7 @@
-"""The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. Truck, jets and clock are those of
-stillwake's own solver.
+"""The second plant: OpenFOAM's icoFoam solves the flow on a body-fitted mesh. The truck, the jets and the clock are the
+same as in stillwake's own solver.
 
-The interface is that of `wake.truck.truck_wake.TruckWake`, with two limits. A run has a longest duration, because
+The interface is that of `wake.truck.truck_wake.TruckWake`, with two limits. The duration of a run is limited, because
 icoFoam needs all times in advance. States exist only at a control period's end, where icoFoam writes its fields.
 """
 
@@ -52,7 +52,7 @@ class CellInterpolation:
         self._weights = csr_array((weights, (rows, columns)), shape=(len(points), len(mesh.centres)))
 
     def __call__(self, values: Array) -> Array:
-        """Interpolate values in the m cells, (m, ...), to the n target points, (n, ...)."""
+        """Interpolate values in the m cells, (m, ...), to the n target points. Returns (n, ...)."""
         return np.asarray(self._weights @ values)
 
 
@@ -126,7 +126,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         case.write_mesh(self._case, self.mesh)
         put(state, self._case)
         every = self.config.substeps
-        # The case has one more step than the longest run, so that icoFoam still waits after the last step was measured.
+        # The case has one step more than the longest run, so that icoFoam waits after the run's last step.
         clock = case.CaseClock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
         case.write_settings(self._case, self.mesh, self.config, clock)
         stream = self._stream(state.substep)
@@ -174,7 +174,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     def sample(self) -> Sample:
         now, before, earlier = (self._stream(self._substep - ago) for ago in range(3))
-        # This is the derivative by icoFoam's time scheme, so that it fits the pressures of icoFoam.
+        # The derivative follows icoFoam's time scheme, so that it fits icoFoam's pressures.
         acceleration = (3.0 * now - 4.0 * before + earlier) / (2.0 * self.dt)
         return self._instruments.sample(self._readings, t=self.t, action=self._action, acceleration=acceleration)
 
@@ -203,7 +203,7 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
 
     @cached_property
     def _to_grid(self) -> CellInterpolation:
-        """Interpolation to the centres of `grid`'s cells; it is stored, because the triangulation takes seconds."""
+        """The interpolation to the centres of `grid`'s cells. It is cached, because the triangulation takes seconds."""
         x, y = np.meshgrid(self.grid.xc, self.grid.yc, indexing="ij")
         return CellInterpolation(self.mesh, np.column_stack([x.ravel(), y.ravel()]))
 

@@ -1,10 +1,10 @@
-"""The child process icoFoam, and the pipes that control its jets and its inlet step by step.
+"""The child process icoFoam, and the pipes through which its jets and inlet are controlled step by step.
 
 The boundary condition of jets and inlet (`wake.openfoam.wall`) reads the velocity at listed instants from one file for
-each instant. In the time step after an instant, it opens the file of the next instant. Here the end of every time step
-is an instant, and its file is a named pipe for each patch. So icoFoam waits at the start of each time step until the
-velocities at the step's end arrive. By then it has written all measurements of the last step. A ramp can then start at
-any time step of a control period, as in stillwake's solver.
+each instant. In the time step after an instant, the condition opens the file of the next instant. Here the end of every
+time step is an instant, and its file is a named pipe for each patch. So icoFoam waits at the start of each time step
+until the velocities at the step's end arrive. By then icoFoam has written all measurements of the previous step. A ramp
+can then start at any time step of a control period, as in stillwake's solver.
 """
 
 import ctypes
@@ -102,7 +102,7 @@ class IcoFoam(NeverCopied):
 
 
 def _die_with_parent() -> None:
-    """Let the kernel end the child when the thread that started the child ends for any reason."""
+    """Let the kernel end the child when the thread that started the child ends, for whatever reason."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
@@ -113,7 +113,7 @@ _POLL_S: Final = (2e-4, 5e-3)
 
 
 class BoundaryPipes(NeverCopied):
-    """The controller's ends of the pipes to icoFoam's jets and inlet.
+    """The writing ends of the pipes to icoFoam's jets and inlet.
 
     Args:
         folder: the case, written by `wall.write_pipes`.

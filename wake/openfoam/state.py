@@ -17,15 +17,15 @@ from wake.openfoam.measurements import Readings, read_all
 
 STATE_SCHEMA: Final = "stillwake-openfoam/1"
 
-# The files are velocity, pressure, the flux through every face, and U and phi at the older level of the time scheme.
+# The files of velocity, pressure and the flux through every face; U_0 and phi_0 are older values of U and phi.
 _FIELDS: Final = ("U", "p", "phi", "U_0", "phi_0")
 _POWERS: Final = dict.fromkeys(_FIELDS, 1) | {"p": 2}
-"""The powers of the velocity to which the fields are proportional."""
+"""The power of the velocity to which each field is proportional."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoamState:
-    """All data that determine how a case continues.
+    """The data that determine how a case continues.
 
     Attributes:
         files: contents of the case's field files by name.

@@ -1,9 +1,9 @@
-"""The boundaries in icoFoam: the velocity at the inlet and in the slots, the pressure probes, and the sensors, which
-are weighted sums of probes.
+"""The boundaries in icoFoam: the velocity at the inlet and in the slots, the pressure probes, and the sensors. A sensor
+is a weighted sum of probes.
 
 `timeVaryingMappedFixedValue` reads a patch's velocity at each listed instant from a file, and ramps linearly between
 instants. The velocity is uniform at the inlet and a parabola over each slot. A case without control lists the beginning
-and a time that it never reaches. A case in closed loop lists the end of every time step, and its files are named pipes.
+and a time that is never reached. A case in closed loop lists the end of every time step, and its files are named pipes.
 
 The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
 is interpolated linearly along the wall between the two nearest faces.
@@ -36,8 +36,8 @@ BOUNDARY: Final[dict[str, Any]] = {
 }
 
 _NEVER: Final = "1000000"
-# Fraction of a time step by which each listed instant is later than the step's end, so that rounding cannot place the
-# instant before the end.
+# Each instant is later than its step's end by this fraction of a time step, so that rounding cannot place the instant
+# before the end.
 _LATE: Final = 1e-6
 
 
@@ -60,12 +60,12 @@ def velocities(mesh: Mesh, patch: str, action: float, stream: float = 1.0) -> st
 
 
 def pipe(folder: Path, patch: str) -> Path:
-    """Return the path of a patch's named pipe in a case in closed loop."""
+    """Return the path of a patch's named pipe in a closed-loop case."""
     return folder / "pipes" / patch / "U"
 
 
 def write_rest(folder: Path, mesh: Mesh) -> None:
-    """Write the files of the instants of a case with a steady stream whose jets never blow."""
+    """Write the velocity files of a case with a steady stream and without jets."""
     for patch in DRIVEN:
         data = _begin(folder, mesh, patch, 0.0, 1.0)
         (data / _NEVER).mkdir(exist_ok=True)
@@ -73,8 +73,8 @@ def write_rest(folder: Path, mesh: Mesh) -> None:
 
 
 def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float, stream: float = 1.0) -> None:
-    """Write the files of the instants of a case in closed loop. Jets and inlet start from `action` and `stream`. The
-    end of every time step is an instant; its folder is a link to the folder with the patch's pipe."""
+    """Write the velocity files of a case in closed loop. Jets and inlet start from `action` and `stream`. The end of
+    every time step is an instant; its folder is a link to the folder with the patch's pipe."""
     for patch in DRIVEN:
         data, end = _begin(folder, mesh, patch, action, stream), pipe(folder, patch)
         end.parent.mkdir(parents=True)
@@ -102,8 +102,8 @@ def pressure_points(mesh: Mesh) -> Array:
 
 
 def sensor_weights(mesh: Mesh) -> Array:
-    """Return the weights, (92, n), of the kinematic pressures at the n `pressure_points`. The weighted sums are Cp at
-    the 90 sensors, and the mean Cp over the upper and over the lower slot, weighted with the jet profile."""
+    """Return the weights, (92, n), of the kinematic pressures at the n `pressure_points`. The first 90 weighted sums
+    are Cp at the sensors. The last two are the mean Cp over each slot, weighted with the jet profile."""
     at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
     on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
     rows = []
@@ -134,7 +134,7 @@ def _straight(mesh: Mesh, name: str) -> npt.NDArray[np.bool_]:
 
 
 def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
-    """Return the weights of linear interpolation to the position `place` from the two nearest faces of `wall`."""
+    """Return the weights with which the two nearest faces of `wall` are interpolated linearly at `place`."""
     index = np.flatnonzero(wall)
     index = index[np.argsort(along[index])]
     i = int(np.clip(np.searchsorted(along[index], place) - 1, 0, len(index) - 2))

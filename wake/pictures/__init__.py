@@ -1,1 +1,1 @@
-"""Pictures and animations of the flow."""
+"""The pictures and animations of the flow."""

@@ -1,4 +1,4 @@
-"""A run of the wake as an animation: GIF and WebP through Pillow."""
+"""The animation of a run of the wake, as a GIF or WebP file by Pillow."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -30,7 +30,7 @@ class MovingPicture(Protocol):
     figure: Figure
 
     def record(self) -> None:
-        """Record the plant's present state, at every control period's end from the first frame on."""
+        """Record the plant's present state; called after every control period from the first frame on."""
 
     def pixels(self) -> Pixels:
         """Draw the present state as RGB pixels (height, width, 3)."""
@@ -51,18 +51,18 @@ def animate(
     hold: float = 0.0,
     progress: _Progress = lambda done, total: None,
 ) -> int:
-    """Run the plant from its present state to the end of the actions, write the animation, completely or not at all,
-    and return the number of frames. Raises ConfigError for another file type, or a run without frames; PlantError for
+    """Run the plant from its present state to the end of the actions, and write the animation, completely or not at
+    all. Return the number of frames. Raises ConfigError for another file type, or a run without frames; PlantError for
     an action beyond the bound, or if the flow diverges.
 
     Args:
         path: file to write; its name ends in .gif or .webp.
         picture: draws the plant `wake`.
-        actions: one command for each of n control periods, (n,); U_inf W.
+        actions: commands for n control periods, (n,), in U_inf W.
         skip: number of control periods before the first frame.
         every: number of control periods between frames.
         fps: number of frames per second; a GIF rounds the time of a frame to 10 ms.
-        hold: time in s by which the last frame is shown longer than the others.
+        hold: additional time in s for which the last frame is shown.
         progress: called with (control periods done, total).
     """
     check_target(path)

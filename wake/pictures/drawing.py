@@ -1,4 +1,4 @@
-"""Pictures of the flow around the truck or another body, its jets and its sensors."""
+"""The pictures of the flow around the truck or another body, with its jets and sensors."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,7 +37,7 @@ SENSOR_COLOURS: Final = "viridis"
 BLOWING: Final = "#ff7f0e"
 SUCKING: Final = "#8e44ad"
 SENSOR_RANGE: Final = (-0.9, 0.1)
-"""Ends of the colour scale of wall Cp: the range of the sensors on the uncontrolled truck."""
+"""Ends of the colour scale for wall Cp. Sensors on the uncontrolled truck have this range."""
 
 _LEVEL: Final[dict[Kind, float]] = {"vorticity": 4.0, "pressure": 1.0}
 _LABEL: Final[dict[Kind, str]] = {
@@ -55,8 +55,8 @@ class WakePicture:
     It shows a field in colour, the body, arrows for the jets, and the sensors' Cp. The colour scales are fixed.
 
     Args:
-        kind: the field: the vorticity, or Cp in the flow.
-        sensor_names: the sensors that are coloured by their Cp; all other sensors are small dots. None colours all.
+        kind: field in colour, which is the vorticity or Cp in the flow.
+        sensor_names: sensors that are coloured by their Cp (None: all sensors); other sensors are small dots.
         width: width of the picture in pixels.
     """
 
@@ -124,7 +124,7 @@ class WakePicture:
         """Return the picture's colours for a GIF, (n, 3) from 0 to 1; n is at most 256."""
         scales = [(FIELD_COLOURS, 170), (SENSOR_COLOURS, 40), ("gray", 24)]
         colours = [mpl.colormaps[name](np.linspace(0.0, 1.0, count))[:, :3] for name, count in scales]
-        # Smoothing blends the edges of arrows and slots with black and white, so the palette holds these blends.
+        # Anti-aliasing blends arrows and slots with black and white, so the palette contains these blends.
         blends = [
             np.linspace(end, mpl.colors.to_rgb(c), 6)[1:] for c in (BLOWING, SUCKING) for end in ((0, 0, 0), (1, 1, 1))
         ]
@@ -135,19 +135,19 @@ class WakePicture:
         self.update()
         canvas: Any = self.figure.canvas
         canvas.draw()
-        # The layout is computed only once, because its computation is slow and it must not change between frames.
+        # The layout is computed only once, because this is slow, and because the layout must not change between frames.
         self.figure.set_layout_engine("none")
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def vorticity_figure(wake: Drawable, highlight: tuple[str, ...] = (), title: str = "") -> Figure:
-    """Draw the present vorticity around the body. The sensors `highlight` (all if empty) are coloured by Cp."""
+    """Draw the present vorticity around the body. Cp colours the sensors in `highlight`, or all if it is empty."""
     return WakePicture(wake, "vorticity", highlight or None).update(title)
 
 
 def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Figure:
-    """Draw a mean flow (`wake.pictures.fields.TimeMean`) downstream of the body: u in colour, streamlines, the boundary
-    of the backward flow, and the bubble's length. The title states the mean's `duration` in t_c."""
+    """Draw a mean flow (`wake.pictures.fields.TimeMean`) downstream of the body: u in colour, streamlines, the edge of
+    the backward flow, and the length of the recirculation bubble. The title states the mean's `duration` in t_c."""
     left, right, low, high = _NEAR_WAKE
     # Rounding makes the limits of the truck's view exactly 6.8 and 12.
     view = (round(body.length + left, 9), round(body.length + right, 9), low, high)

@@ -1,4 +1,4 @@
-"""The fields of a flow for pictures: values in the cell centres, averages over time, and interpolation to pixels."""
+"""The fields of a flow for pictures: values in the cell centres, averages over time, and an interpolation to pixels."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ def velocity(flow: Flow) -> tuple[Array, Array]:
 
 
 class TimeMean:
-    """The mean of flows on one grid. Wall pressures and forces are linear in a flow's buffer, so the mean buffer gives
-    the mean pressures and forces."""
+    """The mean of flows on one grid. Pressures and forces on the wall are linear in a flow's buffer, so the mean buffer
+    gives their means."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._sum = Flow.zeros(shape)
@@ -45,7 +45,7 @@ def mean_flow(
     wake: TruckWake, actions: Array, skip: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> Flow:
     """Run the plant from its present state with the actions, one per control period. Return the mean of the flows at
-    the ends of control periods, without the first `skip` periods. `progress` is called with (periods done, total)."""
+    the ends of all control periods except the first `skip` periods. `progress` is called with (periods done, total)."""
     mean = TimeMean(wake.grid.shape)
     for k, action in enumerate(actions):
         wake.advance(float(action))
@@ -58,7 +58,7 @@ def mean_flow(
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raster:
     """A linear interpolation from the nodes of a tensor grid to square pixels with centres x (width,) and y (height,),
-    both rising. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) are the weights of the nodes for every
+    both rising. `across` (width, len(nodes_x)) and `up` (height, len(nodes_y)) hold the weights of the nodes for each
     pixel."""
 
     x: Array
@@ -75,7 +75,7 @@ class Raster:
         return cls(x=x, y=y, across=_weights(nodes_x, x), up=_weights(nodes_y, y))
 
     def __call__(self, field: Array) -> Array:
-        """Interpolate a field (len(nodes_x), len(nodes_y)) to pixels (height, width), row 0 at the bottom."""
+        """Interpolate a field (len(nodes_x), len(nodes_y)) to pixels (height, width). Row 0 is at the bottom."""
         return np.asarray(self.up @ (self.across @ field).T)
 
 

@@ -1,5 +1,5 @@
-"""The picture of a wake in levels, for the live page, the run folder and the report. Levels are small integers: they
-take little space, and the page can choose the colours."""
+"""The picture of a wake in levels, for the live page, the run folder and the report. Levels are small integers. They
+take little space, and the page that shows them chooses the colours."""
 
 from typing import Final
 
@@ -17,14 +17,14 @@ Levels = npt.NDArray[np.int8]
 FIELD_LEVEL: Final = 5.0
 """|vorticity| at the ends of the colour scale, in U_inf / W."""
 TOP: Final = 127
-"""The level of the vorticity `FIELD_LEVEL`."""
+"""The level that stands for the vorticity `FIELD_LEVEL`."""
 
 
 def field_levels(vorticity: Array) -> Levels:
     """Return the levels of the vorticity w: sign(w) (|w| / FIELD_LEVEL)^(1/2) TOP, clipped. The root makes weak
     vortices far downstream visible. Row 0 of w, (height, width), is at the bottom; row 0 of the levels is at the
     top."""
-    # Most of the time is spent on memory access, so computing in place and in float32 reduces the time to a third.
+    # Memory access takes most of the time, so computing in place and in float32 takes only a third of the time.
     squares = np.asarray(vorticity[::-1], dtype=np.float32) * np.float32(TOP**2 / FIELD_LEVEL)
     np.clip(squares, -float(TOP**2), float(TOP**2), out=squares)
     levels = np.abs(squares)

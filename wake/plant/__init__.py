@@ -1,1 +1,1 @@
-"""The parts that all plants share: the protocol, the sample of a control period, and the wind."""
+"""The definitions that all plants share: the protocols, the measurements at an instant, and the wind."""

@@ -1,10 +1,10 @@
-"""The free stream as a function of time: the speed of a vehicle, from a shipped profile or a user's file, and gusts.
+"""The free stream as a function of time: gusts, and the speed of a vehicle from a shipped profile or a user's file.
 
 The plant computes in units of one speed U, the speed of the operating point. At a vehicle speed v the free stream is v
 / U; viscosity, size and control period do not change. A gust is a wind against the body that varies in time and is
 uniform far from the body. A gust is computed as a change of the body's speed through the air
-(`wake.solver.navier_stokes`), so that pressures are relative to the free stream also in a gust. The unit of forces and
-pressures is that of the mean U_inf.
+(`wake.solver.navier_stokes`), so that pressures remain relative to the free stream. Forces and pressures are made
+dimensionless with the mean U_inf.
 """
 
 import csv
@@ -26,8 +26,8 @@ Wind = Callable[[float], float]
 
 @dataclass(frozen=True, kw_only=True)
 class Gust:
-    """A wind that oscillates sinusoidally about U_inf. The amplitude is in U_inf, period and start are in t_c. The
-    number of periods is a whole number, so that the gust begins and ends at U_inf."""
+    """A wind that oscillates sinusoidally about U_inf. The amplitude is in U_inf; the period and the start are in t_c.
+    `cycles` is a whole number, so that the gust begins and ends at U_inf."""
 
     amplitude: float
     period: float
@@ -42,10 +42,10 @@ class Gust:
 
 _HEADER: Final = ("t_s", "speed_m_per_s")
 MOST_RATIO: Final = 2.0
-"""Largest ratio of a vehicle speed to U (Re is then 1000). At larger ratios the mesh does not resolve the wake."""
+"""Largest ratio of a vehicle speed to U. Re is then 1000; at larger ratios the mesh does not resolve the wake."""
 _MOST_ROWS: Final = 100_000
 DESIGN_KM_PER_H: Final = 90.0
-"""Speed of the WLTC that corresponds to U. With U = 25 m/s the profile is the original cycle."""
+"""Speed in the WLTC that becomes U. With U = 25 m/s the profile is the original cycle."""
 
 _WLTC: Final = """
 60.2 62.3 64.7 67.1 69.2 70.7 71.9 72.7 73.4 73.8 74.1 74.0 73.6 72.5 70.8 68.6 66.2 64.0 62.2 60.9 60.2 60.0 60.4 61.4
@@ -64,7 +64,7 @@ class Drive:
     Attributes:
         name: name of the profile or of the user's file.
         times, speeds: instants in s, rising, and the speed in m/s at each instant.
-        gust: wind that is added to the vehicle's speed; its times are in t_c of U and count from the drive's first
+        gust: wind that is added to the vehicle's speed; its times are in t_c at the speed U, from the drive's first
             instant.
     """
 
@@ -91,8 +91,8 @@ class Drive:
         return replace(self, times=tuple(t + seconds for t in self.times))
 
     def wind(self, point: OperatingPoint, begin: float = 0.0) -> Wind:
-        """Return a function that gives by how much the stream exceeds U, for a plant whose clock shows `begin` (t_c) at
-        the drive's start."""
+        """Return a function of the plant's time that gives by how much the stream exceeds U. The drive starts when the
+        plant's clock shows `begin`, in t_c."""
         # A partial is used instead of a closure, so that a plant with this wind can be pickled.
         return partial(self._exceeds, point, begin)
 
@@ -121,7 +121,7 @@ _PROFILES: Final[Mapping[str, Sequence[tuple[float, float]]]] = {
     "wltc-high": [(float(t), float(v) / DESIGN_KM_PER_H) for t, v in enumerate(_WLTC.split())],
     "gusty-ramp": ((0.0, 0.8), (30.0, 1.2)),
 }
-"""The pairs (time in s, speed in U) of each shipped profile, by the profile's name."""
+"""The shipped profiles by name. A profile is a list of pairs (time in s, speed in U)."""
 PROFILES: Final = tuple(_PROFILES)
 _GUSTS: Final = {"gusty-ramp": Gust(amplitude=0.1, period=20.0)}
 

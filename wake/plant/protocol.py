@@ -1,4 +1,4 @@
-"""The protocols of a plant, which is a flow around a body, and the clock that stillwake's solver and OpenFOAM share."""
+"""The protocols of a plant (a flow around a body), and the clock that stillwake's solver and OpenFOAM share."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -21,8 +21,8 @@ class Plant(Protocol):
         """Return the present measurements."""
 
     def advance_to(self, substep: int, action: float | None = None) -> None:
-        """Advance within the control period to `substep`. With an action, ramp the jets so that they reach this flow
-        rate at the period's end."""
+        """Advance within the control period to `substep`. If `action` is given, ramp the jets so that they reach this
+        flow rate at the period's end."""
 
 
 class LoopPlant(Plant, Protocol):
@@ -98,8 +98,8 @@ class Drivable(Disturbable, Protocol):
 
 
 class SteppedPlant(Plant):
-    """A plant that takes `config.substeps` time steps in a control period: its clock, and the checks of its commands.
-    A subclass defines `advance_to` and `sample`."""
+    """A plant that takes `config.substeps` time steps in a control period. This class has the plant's clock and checks
+    its commands; a subclass defines `advance_to` and `sample`."""
 
     config: FlowConfig
     _substep: int

@@ -1,4 +1,4 @@
-"""The measurements of a plant at one instant. This module imports no plant, because such an import takes long."""
+"""The measurements of a plant at one instant. This module imports no plant, because importing a plant takes long."""
 
 from dataclasses import dataclass
 

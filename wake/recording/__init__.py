@@ -1,1 +1,1 @@
-"""The recording of data sets: jet signals, episodes in blocks, parallel recording, and recording under a controller."""
+"""The recording of data sets: jet signals, episodes in blocks, parallel work, and recording under a controller."""

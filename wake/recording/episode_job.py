@@ -24,15 +24,15 @@ from wake.truck.truck_wake import TruckWake
 
 
 class Policy(Protocol):
-    """A feedback controller without hidden state: its memory is an array that the caller stores. So a recording can be
-    stopped at any step and continued in another process."""
+    """A feedback controller without hidden state. The caller stores the controller's memory, an array. So a recording
+    can be stopped at any step and continued in another process."""
 
     def start(self) -> Array:
         """Return the controller's memory before the first sample."""
 
     def step(self, memory: Array, Cp: Array, action: float) -> tuple[float, Array]:
-        """Compute the command at t_k and the new memory, which is a new array. Raises StillwakeError if there is no
-        command.
+        """Compute the command at t_k and the new memory, without changing `memory`. Raises StillwakeError if there is
+        no command.
 
         Args:
             memory: memory that the previous step returned.
@@ -61,13 +61,13 @@ EpisodeProgress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeJob:
-    """All data for recording one episode, in this process or in another process that shares the folder.
+    """The data for recording one episode, in this process or in another process that shares the folder.
 
     Attributes:
-        owner: token of the call of `record` that created the job; the work stops when another call has taken over.
+        owner: token of the call of `record` that created the job; the job stops when another call owns the folder.
         block_steps: number of control steps between two writes to disk.
         setting: all settings that the samples depend on; see `setting_of`.
-        policy: builds the controller; without a controller, only the plan's signal drives the jets.
+        policy: builds the controller; by default there is none, and only the plan's signal drives the jets.
         start: absolute path of the flow state in which the steps without forcing begin; None for the shipped state.
     """
 
@@ -93,7 +93,7 @@ class EpisodeJob:
             raise StillwakeError(f"{platform.node()} does not find {self.parts.path}: it must be in a shared folder")
         mine = setting_of(self.config, self.plan.packages, self.start)
         if mine != self.setting:
-            raise StillwakeError(f"{platform.node()} would record with other {differing(mine, self.setting)}")
+            raise StillwakeError(f"{platform.node()} has another value of: {differing(mine, self.setting)}")
         plan, blocks = self.plan, self.blocks
         if blocks.finished == plan.steps:
             return
@@ -134,15 +134,15 @@ class EpisodeJob:
 
 
 def setting_of(config: Config, packages: tuple[str, ...] = (), start: Path | None = None) -> dict[str, Any]:
-    """Return, as plain JSON, all settings outside the plan that determine the samples, including the versions of
-    `packages`. Raises PlantError if the start's file cannot be read."""
+    """Return all settings outside the plan that determine the samples, including the versions of `packages`, as plain
+    JSON. Raises PlantError if the start's file cannot be read."""
     return {
         "body": asdict(config.body),
-        # Older recordings hold no refinement, so it is left out. The entry "grid" determines the resolution.
+        # Older recordings do not hold the refinement, so it is left out. The entry "grid" has the resolution.
         "flow": {name: value for name, value in asdict(config.flow).items() if name != "refinement"},
         "forcing": asdict(config.forcing),
         "grid": list(box_grid(config.body.length, config.flow.refinement).shape),
-        # The file's name and its hash identify the state; the path is valid on one machine only.
+        # The file's name and hash identify the state; the file's path is valid on one machine only.
         "start": (developed() if start is None else start).name,
         "start_sha256": _sha256(developed() if start is None else start),
         "versions": {

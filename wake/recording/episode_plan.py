@@ -1,5 +1,5 @@
-"""The open-loop forcing signals, sampled at the control period (paper, section 2.1), the exploration noise, and the
-plans of a forced recording's episodes."""
+"""The open-loop forcing signals (paper, section 2.1), the exploration noise, and the plans of the episodes of a forced
+recording."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
     varies with noise. The noise is low-pass filtered and divided by its largest magnitude. The amplitude follows a slow
     sinusoid up to 1 + depth, so the strongest part of the signal is clipped and explores the full amplitude."""
     dt = flow.control_period
-    # The filter starts from zero, so its output is discarded for 4 / (cut-off frequency).
+    # The filter starts from zero, so its output is discarded until the time 4 / (cut-off frequency).
     settle = int(4.0 / (forcing.modulation_cutoff * dt))
     lowpass = butter(2, forcing.modulation_cutoff, fs=1.0 / dt, output="sos")
     eta = sosfilt(lowpass, rng.standard_normal(settle + steps))[settle:]
@@ -37,9 +37,8 @@ def training(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.rando
 
 
 def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) -> Array:
-    """Compute a sine that starts upwards from zero, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError
-    for an amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency.
-    """
+    """Compute a sine that rises from zero, (steps,), in U_inf W; the frequency is in 1/t_c. Raises ConfigError for an
+    amplitude above the bound, or a frequency that is not positive or above the control steps' Nyquist frequency."""
     if not 0.0 <= amplitude <= flow.action_limit:
         raise ConfigError(f"amplitude = {amplitude}: must be between 0 and {flow.action_limit}")
     highest = 0.5 / flow.control_period
@@ -52,8 +51,8 @@ def sine(steps: int, flow: FlowConfig, *, amplitude: float, frequency: float) ->
 def exploration(steps: int, forcing: ForcingConfig, flow: FlowConfig, rng: np.random.Generator, *, rms: float) -> Array:
     """Compute coloured noise to add to a controller's commands; shape (steps,), in U_inf W. The noise is an
     Ornstein-Uhlenbeck process: Gaussian, stationary from the first step on, with autocorrelation exp(-lag /
-    `exploration_time`). For one seed, a longer signal begins with the shorter signal. The noise is not clipped; the sum
-    of command and noise is clipped later. `rms` is a fraction of the action limit."""
+    `exploration_time`). For one seed, a longer signal begins with the shorter signal. The noise is not clipped here;
+    the sum of command and noise is clipped later. `rms` is a fraction of the action limit."""
     kept = np.exp(-flow.control_period / forcing.exploration_time)
     white = rng.standard_normal(steps)
     white[1:] *= np.sqrt(1.0 - kept**2)
@@ -101,7 +100,7 @@ class EpisodePlan:
     seed: int
     lead: int = 0
     packages: ClassVar[tuple[str, ...]] = ()
-    """Packages whose versions affect the samples, in addition to the packages of the flow solver."""
+    """Packages whose versions affect the samples, besides the packages of the flow solver."""
 
     @property
     def role(self) -> Role:
@@ -124,10 +123,10 @@ class EpisodePlan:
 
 
 def paper_plans(seed: int = 1) -> tuple[EpisodePlan, ...]:
-    """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 + 2,500 steps for training, 10,000 of
-    the chirp, 10,000 of the extended chirp. The training steps are split into independent episodes with seeds `seed`,
-    `seed` + 1, ... The episodes start at phases that are spread evenly over a shedding cycle, so that they differ in
-    more than the forcing. A chirp cannot be split, because its sweep rate depends on its duration."""
+    """Return the plans of the paper's data set (section 2.1, appendix A): 50,000 forced and 2,500 unforced steps for
+    training, 10,000 each of chirp and extended chirp. The training steps are split into independent episodes with seeds
+    `seed`, `seed` + 1, ... The episodes start at phases that are spread evenly over a shedding cycle, so that they
+    differ in more than the forcing. A chirp cannot be split, because its sweep rate depends on its duration."""
     count = _PAPER_TRAINING_EPISODES
     training = (
         EpisodePlan(forcing="training", steps=50_000 // count, seed=seed + i, lead=round(SHEDDING_PERIOD * i / count))

@@ -1,9 +1,9 @@
-"""An unfinished recording on disk: settings, the call that records, and the episodes block by block.
+"""An unfinished recording on disk: its settings, the call that records, and the episodes block by block.
 
 `task.json` holds the recording's settings, so that only a call with equal settings continues it. `owner` holds the
 token of the call that records; a worker stops when it finds another token. Each block has a file of samples, and a file
-of the state at its end: flow and policy's memory. The state is written first, so that every complete block can be
-continued. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
+of the state at its end (the flow and the policy's memory). The state is written first, so that every complete block can
+be continued. A file is either complete or absent, so a stopped recording continues as if it had not been stopped.
 """
 
 import io
@@ -66,8 +66,8 @@ class PartsFolder:
             return False
 
     def disown(self, owner: str) -> None:
-        """End the ownership of the call with this token, unless another call has taken over, and remove the folder if
-        nothing is recorded in it."""
+        """End the ownership of the call with this token, and remove the folder if it holds no samples. Do nothing if
+        another call owns the folder."""
         if not self.is_owned_by(owner):
             return
         self._owner.unlink(missing_ok=True)
@@ -76,7 +76,7 @@ class PartsFolder:
 
     @property
     def has_samples(self) -> bool:
-        """Whether a block of any episode exists, from which the recording can continue."""
+        """Whether a block of any episode exists. The recording can then continue from this block."""
         return any(not path.name.endswith(".state.npz") for path in self.path.glob("*/[0-9]*.npz"))
 
     def task(self) -> dict[str, Any] | None:
@@ -88,8 +88,8 @@ class PartsFolder:
         return task
 
     def clear(self) -> None:
-        """Remove the folder. If the process is killed meanwhile, either the whole folder remains under its name or
-        nothing."""
+        """Remove the folder. If the process is killed meanwhile, the folder exists either with all its contents or not
+        at all."""
         shutil.rmtree(self._done, ignore_errors=True)
         self.path.replace(self._done)
         shutil.rmtree(self._done)
@@ -115,8 +115,8 @@ def differing(a: Mapping[str, Any], b: Mapping[str, Any]) -> str:
 Series = Mapping[str, npt.NDArray[np.float64]]
 
 _KEPT_STATES: Final = 2
-"""Number of states that are stored for an episode. One state is enough to continue. The second state is needed if a
-recording starts while an orphaned worker of an earlier recording finishes its last block."""
+"""Number of states that are stored for an episode. One state is enough to continue. A second state is needed because a
+worker of an earlier, dead recording may finish its last block while a new recording starts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +129,7 @@ class EpisodeBlocks:
 
     @property
     def finished(self) -> int:
-        """Number of control steps in the blocks from the first block up to the first gap."""
+        """Number of control steps in the blocks before the first missing block."""
         done = 0
         while done < self.steps and self._samples(done).is_file():
             done = min(done + self.block_steps, self.steps)

@@ -1,5 +1,5 @@
-"""The recording of a data set: episodes one after another or in parallel, then one HDF5 file. A round adds episodes to
-a data set."""
+"""The recording of a data set. Episodes are recorded one after another or in parallel, then written into one HDF5 file.
+A round adds episodes to a data set."""
 
 import json
 import uuid
@@ -25,8 +25,8 @@ from wake.recording.round_plan import CalmRound, ControlledRound, Plan
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"
-"""Name of the entry with the software's versions. This entry is not compared, because the versions do not affect the
-validity of a recording."""
+"""Name of the entry with the software's versions. This entry is not compared, because a recording is valid with any
+versions."""
 
 
 def is_finished(output: Path, jobs: Sequence[EpisodeJob]) -> bool:
@@ -60,7 +60,7 @@ def _difference(there: Sequence[Episode], jobs: Sequence[EpisodeJob]) -> str | N
         made, wanted = dict(episode.provenance), json.loads(json.dumps(job.provenance))
         made.pop(_NOT_COMPARED, None)
         if made.get("start_sha256") == wanted.get("start_sha256"):
-            # Both recordings begin in the same state, so the state's file names may differ.
+            # Both recordings begin in the same state, so the names of the state's files are not compared.
             made.pop("start", None)
         for name, before, now in differences(made, wanted):
             # Entries that only one version of the software stores are not compared.
@@ -88,14 +88,14 @@ def record(
 ) -> bool:
     """Record the episodes of all plans and write the data set.
 
-    Unfinished work is stored in `<output>.parts`, and the next call with equal plans and settings continues it. An
-    existing data set of equal plans and settings is left unchanged. Returns whether a file was written.
+    Unfinished work is stored in `<output>.parts`; the next call with equal plans and settings continues this work. A
+    data set that exists with equal plans and settings remains unchanged. Returns whether a file was written.
 
     Args:
         plans: episodes, in their order in the file.
         workers: number of processes on this machine; with 1, episodes are recorded one after another in this process.
-        scheduler: address of a dask scheduler whose workers record instead; they need `output`'s folder at the same
-            path.
+        scheduler: address of a dask scheduler whose workers record instead. They need the folder of `output` at the
+            same path.
         progress: called for every episode at first, and then after each of its blocks.
         notice: called with a line of text when a worker was lost or has joined.
         block_steps: number of control steps between two writes to disk.
@@ -148,7 +148,7 @@ def jobs_for(
 
 
 def task_of(jobs: Sequence[EpisodeJob]) -> dict[str, Any]:
-    """Return, as plain JSON, the settings that distinguish this recording's parts from parts of other recordings."""
+    """Return the settings that distinguish this recording's parts from those of other recordings, as plain JSON."""
     return {"plans": [asdict(job.plan) for job in jobs], "block_steps": jobs[0].block_steps, **jobs[0].setting}
 
 
@@ -161,8 +161,8 @@ def finished_jobs(
     progress: EpisodeProgress,
     notice: Callable[[str], None],
 ) -> Iterator[Sequence[EpisodeJob]]:
-    """Record the missing blocks of a call's jobs, and yield the jobs. The caller then stores the jobs' episodes.
-    Afterwards remove the parts of the jobs, unless an error was raised. Arguments and errors are those of `record`."""
+    """Record the missing blocks of a call's jobs, and yield the jobs. The caller then stores the jobs' episodes. If the
+    caller raises no error, the parts of the jobs are then removed. Arguments and errors are those of `record`."""
     parts, config = jobs[0].parts, jobs[0].config
     missing = [folder for folder in parts.path.parents if not folder.exists()]
     parts.claim(task_of(jobs), jobs[0].owner)
@@ -231,7 +231,7 @@ def run_parallel(
 
 
 _FACTS = ("flow", "grid")
-"""Provenance entries that must be equal for all episodes of a data set; start, versions and forcing may differ."""
+"""Provenance entries that are equal for all episodes of a data set; start, versions and forcing may differ."""
 
 
 def record_round(
@@ -250,8 +250,8 @@ def record_round(
     """Record a round, and add its episodes to a data set, which is created if it does not exist. Returns the round's
     number: one more than the highest number in the file.
 
-    If a call was interrupted, the next call continues its work; if the interrupted call had already added its round,
-    the next call only removes the parts. Raises DatasetError, before recording, if the file is no data set, or was
+    If a call was interrupted, the next call continues its work. If the interrupted call had already added its round,
+    the next call removes only the parts. Raises DatasetError before recording if the file is no data set, or was
     recorded with another schema or flow; StillwakeError and PlantError as `record` does, or the controller's error.
     `policy` builds the controller in each recording process; without it, only the plans' signals act. The other
     parameters are those of `record`.

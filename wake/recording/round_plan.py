@@ -1,9 +1,9 @@
-"""Rounds of episodes that are added to a data set: under a controller, or from the steady wake.
+"""The rounds of episodes that are added to a data set. They run under a controller or from the steady wake.
 
 A round under a controller adds the flow states that the controller of the last round reaches (DAgger: Ross, Gordon and
-Bagnell 2011). Calm episodes begin at the steady wake. Small random actions, whose amplitude differs between episodes,
-disturb this wake, and the disturbances grow up to shedding. A model that is trained without calm episodes predicts a
-wrong growth, because other episodes never come near the steady wake.
+Bagnell 2011). Calm episodes begin at the steady wake. Small random actions disturb this wake, and the disturbances grow
+up to shedding. The amplitude of the actions differs between episodes. A model that is trained without calm episodes
+predicts a wrong growth, because no other episode comes near the steady wake.
 """
 
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ class RoundPlan:
         level: rms of the random action, which is added to the commands if there is a controller. It is a fraction of
             the action limit; for a calm episode it is in U_inf W.
         role: "train" or, for a held-out episode, the kind.
-        seed: random seed. With round, episode and role it determines the random action, so that rounds differ.
+        seed: random seed. The seed, round, episode and role determine the random action, so that rounds differ.
         lead: number of control steps without forcing from the start to the first sample.
         bundle, bundle_digest: bundle of the controller, and its digest; None without a controller.
     """
@@ -97,9 +97,8 @@ class ControlledRound:
         _check(self, get_args(ControlledRole), {"episodes": 1, "steps": 1, "seed": 0, "exploration": 0.0})
 
     def plans(self, number: int) -> tuple[RoundPlan, ...]:
-        """Return the plans of round `number`. Their episodes begin in phases of the shedding cycle that are drawn at
-        random from seed, round and role; phases repeat only if there are more episodes than control steps in the cycle.
-        """
+        """Return the plans of round `number`. Their episodes begin in random phases of the shedding cycle, which follow
+        from seed, round and role. Phases repeat only if there are more episodes than control steps in the cycle."""
         rng = np.random.default_rng([self.seed, number, get_args(ControlledRole).index(self.role)])
         leads = rng.permutation(SHEDDING_PERIOD)
         places = ((self.exploration, int(leads[i % SHEDDING_PERIOD])) for i in range(self.episodes))
@@ -108,9 +107,9 @@ class ControlledRound:
 
 @dataclass(frozen=True, kw_only=True)
 class CalmRound:
-    """A round of `episodes` episodes of `steps` steps. Their amplitudes are spaced evenly on a logarithmic scale from
-    `smallest` to `largest`; a single episode has the smallest amplitude. The other fields are as in `RoundPlan`. Raises
-    ConfigError for a number out of its range or an invalid role."""
+    """A round of `episodes` calm episodes of `steps` steps. The amplitudes of the episodes are spaced evenly on a
+    logarithmic scale from `smallest` to `largest`; a single episode has the smallest amplitude. The other fields are as
+    in `RoundPlan`. Raises ConfigError for a number out of its range or an invalid role."""
 
     episodes: int = 8
     steps: int = 350

@@ -1,6 +1,6 @@
-"""The adjoint of the flow solver: the exact transpose of the discrete step, except for rounding. It gives the
-sensitivities to an earlier flow and to the actions, for a scalar that depends on later flows. The projection's operator
-is symmetric, so both directions use one Poisson solver."""
+"""The adjoint of the flow solver: the exact transpose of the discrete step, except for rounding. It gives a scalar's
+sensitivities to an earlier flow and to the actions, if the scalar depends on later flows. The projection's operator is
+symmetric, so solver and adjoint use the same Poisson solver."""
 
 from collections.abc import Callable
 
@@ -38,7 +38,7 @@ class FlowAdjoint(CopiedWhole):
         `action_to`.
 
         Args:
-            bar: sensitivities to the flow at the end; overwritten with the sensitivities to the flow at the beginning.
+            bar: sensitivities to the flow at the run's end; overwritten with those to the flow at its beginning.
             starts: the flows that `FlowSolver.run` stored, (steps, size of the buffer).
             dt, action_from, action_to, wind: the arguments with which `FlowSolver.run` was called.
         """

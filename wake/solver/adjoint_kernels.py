@@ -1,10 +1,10 @@
 """The compiled inner loops of the adjoint: the transposes of `wake.solver.kernels`, linearised about a flow.
 
-The word `bar` in a name denotes sensitivities: derivatives, with respect to a value, of a scalar that depends on later
-flows. Each kernel reads the sensitivities to the outputs of its forward kernel, and adds the resulting terms to the
-sensitivities to the forward kernel's inputs. Arrays have the same padding as the forward kernel's arrays, and loops run
-over the same runs of faces. All kernels but convection are linear. Convection is quadratic, so of the flow the
-transpose of a rate needs only the velocity at the rate's instant.
+The word `bar` in a name denotes sensitivities: a scalar depends on later flows, and a sensitivity is its derivative
+with respect to a value. Each kernel reads the sensitivities to the outputs of its forward kernel, and adds the
+resulting terms to the sensitivities to the forward kernel's inputs. Arrays have the same padding as the forward
+kernel's arrays, and loops run over the same runs of faces. All kernels except convection are linear. Convection is
+quadratic, so the transpose of a rate needs the velocity at the rate's instant, but nothing else of the flow.
 """
 
 import numpy as np
@@ -43,11 +43,11 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacing: Spacing) -> None:
-    """Propagate the sensitivities `gained` of du/dt and dv/dt, zero on faces that are not open, to u, v and p.
+    """Propagate sensitivities from du/dt and dv/dt (`gained`, zero on faces that are not open) to u, v and p.
 
-    For each entry of u, v and p, row by row in x, the loops collect its effects on all rates. Loops over the rates that
-    add to the entries around each rate would take twice the time. A loop uses at most eight arrays, because the
-    compiler does not vectorise loops with more arrays.
+    The loops run row by row in x, and collect for each entry of u, v and p its effects on all rates. The alternative,
+    loops over the rates that add to the entries around each rate, would take twice the time. A loop uses at most eight
+    arrays, because the compiler does not vectorise loops with more arrays.
     """
     gu, gv = gained.u, gained.v
     real, nx, ny = u.dtype.type, u.shape[0] - 2, u.shape[1] - 2
@@ -159,7 +159,7 @@ def back_edges(u: Array, v: Array) -> None:
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: int, pad_j: int) -> None:
     """Compute q = a q + step bar on the open faces. The result is the sensitivities to a stage's rates: `step bar` is
-    the rates' effect through this stage's velocity, `a q` their effect through the next stage's rates."""
+    the rates' effect through this stage's velocity, and `a q` is their effect through the next stage's rates."""
     step, a = q.dtype.type(step), q.dtype.type(a)
     for r in range(runs.shape[0]):
         i, j0, j1 = runs[r, 0] + pad_i, runs[r, 1] + pad_j, runs[r, 2] + pad_j

@@ -1,9 +1,9 @@
-"""A second-order immersed boundary: the faces that carry flow, and the velocities on the faces at the walls.
+"""An immersed boundary of second order: the faces that carry flow, and the velocities on the faces at the walls.
 
 A face between two fluid cells is open: its velocity is a solution of the momentum equation. Every other face in the
-stencil of an open face is a ghost, with the value of a parabola along the wall's normal. The parabola vanishes on the
+stencil of an open face is a ghost. Its value comes from a parabola along the wall's normal. The parabola is zero on the
 exact wall and passes through two image points in the flow, where the velocity is interpolated bilinearly between open
-faces. On a straight wall this reduces to reflection in one point.
+faces. On a wall along the grid lines, a reflection in one point replaces the parabola.
 
 In the mass balance a ghost carries no flow, so the mass balance sees a staircase wall. The method is still of second
 order, because the volume flow within one cell of a no-slip wall is of the order of the distance squared.
@@ -41,8 +41,8 @@ class Boundary:
 
     Attributes:
         fluid: cells whose centre lies in the fluid, (nx, ny).
-        open_u, open_v: faces between two fluid cells, and the faces of the outlet, (nx + 1, ny) and (nx, ny + 1); the
-            faces of the other outer boundaries are not open.
+        open_u, open_v: faces between two fluid cells, and the faces of the outlet; faces of the other outer boundaries
+            are not open. The shapes are (nx + 1, ny) and (nx, ny + 1).
         u_runs, v_runs, cell_runs: rows (i, j0, j1) that cover the open faces and the fluid cells.
         u_ghosts, v_ghosts: maps on the padded arrays u and v.
     """
@@ -130,7 +130,7 @@ def _ghosts(grid: Grid, component: Component, open_faces: Mask, touched: Mask, d
 def _parabola(
     x: Array, y: Array, i: int, j: int, open_faces: Mask, distance: SignedDistance
 ) -> list[tuple[tuple[int, int], float]]:
-    """Return the open faces, with weights, from whose velocities the velocity of the ghost (i, j) is computed."""
+    """Return open faces with weights. The weighted sum of their velocities is the velocity of the ghost (i, j)."""
     here = float(distance(x[i], y[j]))
     normal = _normal(distance, x[i], y[j])
     if min(abs(normal[0]), abs(normal[1])) < 1e-6:
@@ -159,7 +159,7 @@ def _image(
     open_faces: Mask,
 ) -> tuple[float, list[tuple[tuple[int, int], float]]]:
     """Find the nearest point on the normal that is at least `at_least` from the wall and between four open faces.
-    Return its distance from the wall, and these faces with weights."""
+    Return the point's distance from the wall, and the four faces with weights."""
     for distance in np.arange(at_least, at_least + 6.0 * spacing, 0.125 * spacing):
         step = distance - here
         entries = bilinear(x, y, x[i] + step * normal[0], y[j] + step * normal[1])

@@ -1,8 +1,8 @@
-"""The velocity and pressure in one buffer, and the position of each value in the buffer.
+"""The buffer of velocity and pressure, and the position of each value in this buffer.
 
-The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u (nx + 2, ny + 2) and
-v (nx + 2, ny + 1) have one layer beyond the edges parallel to the component, and one layer beyond the outlet. p (nx +
-1, ny) has one layer beyond the outlet. Unpadded indices (i, j) are those of `wake.solver.grid`.
+The buffer holds u, v and p one after another, each row by row in y and padded for the stencils. u (nx + 2, ny + 2) has
+one layer beyond each side and one beyond the outlet. v (nx + 2, ny + 1) has one layer before the inlet and one beyond
+the outlet. p (nx + 1, ny) has one layer beyond the outlet. Unpadded indices (i, j) are those of `wake.solver.grid`.
 """
 
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flow:
-    """A buffer, `flat`, with its padded views u, v and p. In a copy, these are views of the copy's own buffer."""
+    """A buffer, `flat`, with its padded views u, v and p. In a copy, the views belong to the copy's own buffer."""
 
     flat: Array
     u: Array
@@ -96,5 +96,5 @@ class Flow:
 
     @property
     def velocities(self) -> Array:
-        """A flat view of the part of the buffer that holds u and v, with their padding but without p."""
+        """The part of the buffer that holds u and v with their padding; a flat view."""
         return self.flat[: self.u.size + self.v.size]

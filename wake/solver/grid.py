@@ -20,8 +20,8 @@ _Spacing = tuple[tuple[float, float], ...]
 """Pairs (position, target cell size). The size is linear between the positions and constant outside them."""
 
 # The wall cells are as large as the wall cells of the body-fitted reference mesh (0.0125 W, 4 cells per slot). Sides
-# and wake are as fine as the finest regions of that mesh. Along x, one table is relative to the nose, another table to
-# the base; on the body the smaller spacing applies.
+# and wake are as fine as the finest regions of that mesh. Along x, positions in one table are relative to the nose, in
+# the other to the base; on the body the smaller spacing applies.
 _FROM_NOSE: _Spacing = (
     (-7.0, 0.6), (-1.0, 0.1), (-0.05, 0.0125), (0.15, 0.0125), (1.0, 0.04), (2.0, 0.06), (4.5, 0.09),
 )  # fmt: skip
@@ -77,9 +77,9 @@ def truck_grid(refinement: float = 1.0) -> Grid:
 
 
 def box_grid(length: float, refinement: float = 1.0) -> Grid:
-    """Return the grid around a box of width 1 from x = 0 to `length`, with the same resolution at nose and base for
+    """Return the grid around a box of width 1 from x = 0 to `length`. The resolution at nose and base is the same for
     every box; every spacing is divided by `refinement`. Raises ConfigError if a slot has fewer than two cells."""
-    # The positions are rounded, so that those of the truck equal the tabulated positions bit for bit.
+    # The positions are rounded, so that the truck's positions equal the tabulated positions bit for bit.
     base = tuple((round(length + offset, 9), size) for offset, size in _FROM_BASE)
     x_parts = [
         graded_faces(_FROM_NOSE, DOMAIN_X[0], 0.0, refinement),
@@ -133,8 +133,8 @@ def from_faces(xf: Array, yf: Array) -> Grid:
 
 
 def graded_faces(spacing: _Spacing, start: float, end: float, refinement: float, *others: _Spacing) -> Array:
-    """Return faces from start to end. The cell size at a position is the smallest of the sizes that `spacing` and
-    `others` give there, divided by `refinement`, and scaled so that a whole number of cells fits."""
+    """Return faces from start to end. The cell size at a position is the smallest size that `spacing` and `others` have
+    there, divided by `refinement`, and scaled so that a whole number of cells fits."""
     x = np.linspace(start, end, 4001)
     sizes = np.min([np.interp(x, *np.array(spacing).T) for spacing in (spacing, *others)], axis=0)
     density = refinement / sizes

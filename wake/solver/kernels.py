@@ -3,7 +3,7 @@
 The scheme has central differences on the staggered grid, of second order on smoothly stretched grids. The convective
 term interpolates with equal weights, so that it conserves kinetic energy (Verstappen and Veldman, J. Comput. Phys. 187,
 2003). The term is written in advective form, which equals the flux form on a divergence-free field. The stages of a
-Runge-Kutta step are not projected. There, the flux form would count each divergence twice and halve the stable step.
+Runge-Kutta step are not projected. The flux form would count their divergence twice and halve the stable step.
 
 Arrays are padded as in `wake.solver.flow`; the pressure beyond the outlet is mirrored with opposite sign. A run (i, j0,
 j1) stands for the faces j0 .. j1 - 1 of row i, in unpadded indices. Runs list the faces to compute, so that the loops
@@ -20,7 +20,7 @@ from wake.solver.boundary import GhostMap
 
 
 class Spacing(NamedTuple):
-    """The spacings as in `Grid`, but with mirrored cells before the inlet and beyond the outlet; dx is (nx + 1,)."""
+    """The spacings of `Grid`, with mirrored cells added before the inlet and beyond the outlet; dx is (nx + 1,)."""
 
     dx: Array
     dxc: Array
@@ -44,7 +44,7 @@ class Rates(NamedTuple):
 
 
 class Runs(NamedTuple):
-    """Rows (i, j0, j1) that cover the open u-faces and the open v-faces."""
+    """The rows (i, j0, j1) that cover the open u-faces and the open v-faces."""
 
     u: Index
     v: Index
@@ -65,7 +65,7 @@ class Inflow(NamedTuple):
 
 
 class Domain(NamedTuple):
-    """The data that do not change from step to step.
+    """The data that are equal in all steps.
 
     Attributes:
         viscosity: 1 / Re.
@@ -86,8 +86,8 @@ class Domain(NamedTuple):
 def u_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing: Spacing, runs: Index) -> None:
     """Compute q = a q + du/dt on the open u-faces, including the gradient of the pressure p.
 
-    Rows are sliced to start at the run, and the x- and y-terms have separate loops: the compiler does not vectorise a
-    loop whose indices could be negative, or a loop with so many arrays that it cannot prove them distinct.
+    Rows are sliced to start at the run, and the x- and y-terms have separate loops. The reason is that the compiler
+    does not vectorise a loop whose indices could be negative, or whose arrays are too many to be proved distinct.
     """
     real = u.dtype.type
     one, two, half, nu = real(1.0), real(2.0), real(0.5), real(nu)
@@ -130,7 +130,7 @@ def v_rate(q: Array, a: float, u: Array, v: Array, p: Array, nu: float, spacing:
     one, half, quarter, nu, a = real(1.0), real(0.5), real(0.25), real(nu), real(a)
     dx, dxc, dy, dyc = spacing.dx, spacing.dxc, spacing.dy, spacing.dyc
     rdy, rdyc = one / dy, one / dyc
-    # A v-face's cell lies in the rows below and above the face; the factors are the shares of these rows in its height.
+    # A v-face's cell consists of half the row below and half the row above; the factors are their shares of its height.
     below, above = half * dy[:-1] * rdyc[1:-1], half * dy[1:] * rdyc[1:-1]
     along = np.empty_like(dyc)
     for r in range(runs.shape[0]):
@@ -178,7 +178,7 @@ def _fill_ghosts(flat: Array, ghosts: GhostMap) -> None:
 
 @njit(cache=True, nogil=True)
 def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
-    """Fill the padding for slip at the sides, the inflow of v, and the outflow of u and v."""
+    """Fill the padding: slip at the sides, the inflow of v at the inlet, and the outflow of u and v."""
     two = u.dtype.type(2.0)
     nx, ny = u.shape[0] - 2, u.shape[1] - 2
     for j in range(ny):
@@ -264,7 +264,7 @@ def stages(
     """Run the s Runge-Kutta stages of a step. a and step are (s,); slot_velocity (s, m faces), wind (s,) and gained
     (s,) are the arguments of `advance_stage` for each stage.
 
-    One call runs all stages, because each call takes a microsecond or two to pass its arrays.
+    One call runs all stages, because passing the arrays takes a microsecond or two in each call.
     """
     for k in range(len(a)):
         advance_stage(flow, rates, a[k], step[k], slot_velocity[k], wind[k], gained[k], domain)

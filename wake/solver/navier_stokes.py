@@ -8,8 +8,8 @@ velocity at the outlet solves the momentum equation, as in the interior, with a 
 were copied from upstream, a vortex that leaves the domain would disturb the pressure everywhere. Pressure here is
 kinematic, p / (rho U_inf^2); Cp is twice this pressure.
 
-A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. The wind's change
-enters with the inflow, and as a uniform acceleration of the whole flow, which leaves the far pressure unchanged.
+A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. A change of the
+wind changes the inflow, and accelerates the whole flow uniformly. So the far pressure does not change.
 """
 
 from collections.abc import Callable
@@ -112,11 +112,11 @@ class FlowSolver(CopiedWhole):
 
         Args:
             wind: excess of the stream's velocity over the inflow velocity, as a continuous function of the time since
-                the beginning.
+                the run began.
             starts: (steps, size of the buffer); receives the flow at the start of each step, for the adjoint.
         """
         self._before.flat[:] = flow.flat
-        # The first stage multiplies the old rate by zero, but a NaN from a diverged run would remain.
+        # The first stage multiplies the old rates by zero, but a NaN from a diverged run would remain NaN.
         self._rates.u[:] = 0.0
         self._rates.v[:] = 0.0
         slot_velocity = self.slot_velocity(action_from, action_to, steps)
@@ -156,7 +156,7 @@ class FlowSolver(CopiedWhole):
         kernels.fill_walls(flow.u, flow.v, walls)
 
     def divergence(self, flow: Flow) -> Array:
-        """Return the net outflow of cells per unit area, (nx, ny), without flow through ghosts; zero in solid cells."""
+        """Return the net outflow of each cell per unit area, (nx, ny). Ghosts carry no flow; solid cells have zero."""
         u, v = flow.u.copy(), flow.v.copy()
         kernels.clear_walls(u, v, self.domain.walls)
         b = np.zeros(self.grid.shape)

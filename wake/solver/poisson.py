@@ -1,19 +1,19 @@
-"""A direct solver for the pressure increment on the stretched grid, without the links between cells that the body cuts.
+"""A direct solver for the pressure increment on the stretched grid. It leaves out links that the body cuts.
 
-The integrated five-point Laplacian A (Neumann on three sides, phi = 0 at the outlet) is separable: eigenvectors in y, a
-tridiagonal system in x per eigenvector. The body is a low-rank change A' = A + D K D^T. The columns of D are the links
-between a fluid and a solid cell, K has the conductances of the links. So (Woodbury)
+The integrated five-point Laplacian A (Neumann on three sides, phi = 0 at the outlet) is separable: it has eigenvectors
+in y, and a tridiagonal system in x for each eigenvector. The body is a low-rank change A' = A + D K D^T. The columns of
+D are the links between a fluid and a solid cell, and K has their conductances. So (Woodbury)
 
     phi = A^-1 (b - D (K^-1 + D^T A^-1 D)^-1 D^T A^-1 b).
 
 Grid and body are symmetric in y, so even and odd right-hand sides are solved separately on the lower half. This halves
 the arithmetic, and a symmetric flow remains symmetric bit for bit.
 
-No product uses BLAS, whose rounding depends on the number of threads. The results of this module are equal bit for bit
-with any number of threads, in any thread. The module is as fast as BLAS: `_product` computes three rows of its result
-at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
+No product uses BLAS, whose rounding depends on the number of threads. So the results of this module are equal bit for
+bit with any number of threads, and in any thread. The module is as fast as BLAS: `_product` computes three rows of its
+result at a time, the width is padded to whole vectors, and arrays are aligned to vectors.
 
-Work arrays are allocated once and used again. Allocating them in every step can take as long as all other work: in a
+Work arrays are allocated once and used again. An allocation in every step can take as long as all other work: in a
 worker's thread the C library may return the memory to the system each time, and the system must then map every page
 again.
 """
@@ -39,8 +39,8 @@ _VECTOR: Final = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HalfSolver:
-    """The solver of one parity (even or odd in y), with h = ny/2 rows, zero-padded to whole vectors, and m cut links in
-    the lower half.
+    """The solver for one parity (even or odd in y). It has h = ny/2 rows, zero-padded to whole vectors, and m cut links
+    in the lower half.
 
     Attributes:
         q: eigenvectors of the y-operator in columns, (h, h), normalised with the cell heights.
@@ -189,7 +189,7 @@ def _aligned(values: Array, shape: tuple[int, int]) -> Array:
 
 
 def _inverse(matrix: Array) -> Array:
-    """Invert a positive definite matrix, which needs no pivoting, in place by Gauss-Jordan elimination."""
+    """Invert a positive definite matrix in place by Gauss-Jordan elimination; such a matrix needs no pivoting."""
     for k in range(len(matrix)):
         row, column = matrix[k] / matrix[k, k], matrix[:, k].copy()
         matrix -= np.outer(column, row)
@@ -282,7 +282,7 @@ def _solve_half(
     q: Array, qt: Array, pivot: Array, coupling: Array, links: Links, cap: Array,
     field: Array, rhs: Array, first: Array, jump: Array, against: Array,
 ) -> None:  # fmt: skip
-    """Solve in place: `field` holds the right-hand side before and phi after the call."""
+    """Solve in place: `field` holds the right-hand side before the call, and phi after the call."""
     _product(field, q, rhs)
     if links.shape[0] > 0:
         for i in range(rhs.shape[0]):
@@ -303,12 +303,12 @@ def _split(b: Array, even: Array, odd: Array) -> None:
     nx, h, last = b.shape[0], b.shape[1] // 2, np.uintp(b.shape[1] // 2 - 1)
     for i in range(nx):
         lower, upper, even_i, odd_i = b[i, :h], b[i, h:], even[i], odd[i]
-        # An unsigned index cannot be negative, so it never counts from the array's end, and the compiler can vectorise.
+        # A negative index would count from the end. An unsigned index prevents this, so the compiler can vectorise.
         for j in range(np.uintp(h)):
             even_i[j] = half * (lower[j] + upper[last - j])
         for j in range(np.uintp(h)):
             odd_i[j] = half * (lower[j] - upper[last - j])
-        # The padding is cleared too, because a diverged flow leaves non-finite values there.
+        # The padding is also cleared, because a diverged flow leaves non-finite values there.
         even_i[h:] = odd_i[h:] = half * 0
 
 

@@ -1,10 +1,10 @@
 """The limits of a stable time step of the explicit scheme.
 
-The convective number of a cell is dt (|u| / dx + |v| / dy), the viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
+The convective number of a cell is dt (|u| / dx + |v| / dy). The viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
 stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
 the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a number of 2.0
-at the front corners and diverge at 2.3. Next to the jets, few cells are fast, and only for a short time. There, runs
-with full reversals over 100 control periods are stable at 4.0 and diverge at 4.3.
+at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time. With full
+reversals over 100 control periods, runs are stable with a number of 4.0 there and diverge at 4.3.
 """
 
 from math import ceil
@@ -26,8 +26,8 @@ _SAFE: Final = 1.7
 
 
 def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
-    """Return a message for a time step with which the flow `before` diverged: the largest numbers of all cells, and a
-    stable time step."""
+    """Return a message for a time step with which the flow `before` diverged. It states the largest numbers of all
+    cells, and a stable time step."""
     u, v = np.abs(before.faces_u), np.abs(before.faces_v)
     along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
     across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy
@@ -43,9 +43,9 @@ def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
 def check_step(
     grid: Grid, fluid: npt.NDArray[np.bool_], viscosity: float, jet_speed: float, period: float, substeps: int
 ) -> None:
-    """Check, before any flow exists, that a time step is not too large for this grid. Raises PlantError with the number
-    that is too large and the sufficient number of substeps. `jet_speed` is the largest speed that can be commanded of
-    the jets, in U_inf, `period` the control period in t_c."""
+    """Check that a time step is not too large for this grid, before any flow exists. Raises PlantError with the number
+    that is too large and the sufficient number of substeps. `jet_speed` is the largest jet speed that can be commanded,
+    in U_inf; `period` is the control period in t_c."""
     dt = period / substeps
     per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy
     slot = slice(grid.upper - grid.slot_cells, grid.upper)

@@ -1,14 +1,14 @@
-"""Time averages of a shedding wake: the rules for all studies.
+"""The time averages of a shedding wake, with the rules for all studies.
 
-The average over a part of a cycle depends on where the series begins and ends. So averages run from the first to the
-last instant at which the lift crosses zero upwards. Linear interpolation between samples gives these instants; the
-trapezoidal rule integrates the series between them. The standard deviation is the root of the mean of (x - mean)^2,
+An average that includes a part of a cycle depends on where the series begins and ends. So averages run from the first
+to the last instant at which the lift crosses zero upwards. Linear interpolation between samples gives these instants;
+the trapezoidal rule integrates the series between them. The standard deviation is the root of the mean of (x - mean)^2,
 with the same integral. For a signal with 24 samples per cycle, such as this wake's lift, the average over a dozen
 cycles has an error of 1e-6 of the amplitude. Without interpolation of the crossings, the error would be 1e-3.
 
 The lift of a wake under control may cross zero many times within a cycle. But the wake and the jets still act near the
-shedding frequency. So a controlled wake is averaged over the last whole cycles of the uncontrolled wake: as many as
-fit, counted back from the last sample (`over_last_cycles`). With sinusoidal forcing, the cycles of the sine are used.
+shedding frequency. So a controlled wake is averaged over as many whole cycles of the uncontrolled wake as fit, counted
+back from the last sample (`over_last_cycles`). With sinusoidal forcing, the cycles of the sine are used.
 """
 
 from dataclasses import dataclass
@@ -46,8 +46,8 @@ class CycleAverage(Average):
 
 
 def over_cycles(t: Array, lift: Array) -> CycleAverage:
-    """Return the average over the whole cycles of n samples at instants t (n,), rising, in t_c, with the lift Cl (n,).
-    Raises PlantError if the series holds no whole cycle."""
+    """Return the average over the whole cycles in n samples. The samples are at rising instants t (n,), in t_c, and
+    have the lift Cl (n,). Raises PlantError if the series holds no whole cycle."""
     up = np.flatnonzero((lift[:-1] < 0.0) & (lift[1:] >= 0.0))
     if len(up) < 2:
         raise PlantError(
@@ -64,10 +64,10 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
 
 
 def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
-    """Return the average over the last whole cycles of n samples at instants t (n,), rising, in t_c. `frequency` is the
+    """Return the average over the last whole cycles in n samples at rising instants t (n,), in t_c. `frequency` is the
     number of cycles per t_c of this wake without control. Raises PlantError for less than a cycle."""
     span = float(t[-1] - t[0]) if len(t) else 0.0
-    # Samples are at multiples of a step; rounding must not remove a cycle from a span of whole cycles.
+    # A span may be a whole number of cycles, and rounding must not remove its last cycle.
     cycles = int(span * frequency + 1e-9)
     if cycles < 1:
         raise PlantError(
@@ -82,8 +82,7 @@ def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
 def _trapezoids(t: Array, first: float, last: float) -> Array:
     """Return the weights (n,) that integrate a piecewise linear series from `first` to `last`."""
     width = np.diff(t)
-    # Of each interval, only the part from `begin` to `end` counts. These are fractions of the interval's width, from
-    # its left end.
+    # Only a part of each interval counts. `begin` and `end` of this part are fractions of the interval's width.
     begin = np.clip((first - t[:-1]) / width, 0.0, 1.0)
     end = np.clip((last - t[:-1]) / width, 0.0, 1.0)
     right = 0.5 * (end * end - begin * begin) * width

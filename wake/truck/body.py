@@ -14,8 +14,8 @@ from wake.solver.grid import Grid
 
 
 def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK_BODY) -> Array:
-    """Return the distance to the outline in W, positive in the fluid. The distance is exact outside the body, and near
-    the outline also inside."""
+    """Return the distance to the outline in W, positive in the fluid. The distance is exact outside the body. Inside,
+    it is exact near the outline."""
     x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
     # One box has only sharp corners, the other box has only rounded corners, like the front of the body.
     sharp = _box_distance(x, y, body.length, 0.0)
@@ -32,7 +32,7 @@ def _box_distance(x: Array, y: Array, length: float, radius: float) -> Array:
 
 
 MOMENTUM_FACTOR = 1.2 / JET_WIDTH
-"""Integral of u^2 over a slot divided by q^2, for the parabola of flow rate q."""
+"""Integral of u^2 over a slot divided by q^2, for a parabolic jet with flow rate q."""
 
 
 def slot_profile(grid: Grid) -> Array:

@@ -1,5 +1,5 @@
-"""The computation of a developed wake, from fluid at rest or from a developed wake on another grid. From rest, as for
-the shipped start, it takes 100 t_c, because the shedding has to grow first."""
+"""The computation of a developed wake, from fluid at rest or from a developed wake on another grid. A start from rest,
+like the shipped one, takes 100 t_c, because the shedding has to grow first."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -81,8 +81,8 @@ def moved(
     duration) after every control period."""
     flow = Flow.of(interpolated(state, source, wake.grid).flat.astype(wake.solver.precision), wake.grid.shape)
     pressure = flow.p.copy()
-    # A very short step fills the padding and the ghosts and removes the divergence. The pressure of such a step is an
-    # impulse, so the interpolated pressure is used instead.
+    # A very short step fills the padding and the ghosts, and removes the divergence. Its pressure is an impulse, so the
+    # flow gets the interpolated pressure back.
     wake.solver.run(flow, dt=1e-6, steps=1, action_from=0.0, action_to=0.0)
     flow.p[:] = pressure
     wake.reset(State(flat=flow.flat, substep=0, action=0.0))

@@ -16,14 +16,14 @@ from wake.truck.truck_wake import TruckWake
 
 MEMORY_MB: Final = 7000.0
 """Limit of the tape's memory, in 10^6 bytes. The flow of 125 control periods takes 2000 x 10^6 bytes on the mesh of
-`stillwake refine` and 6900 x 10^6 on the default mesh; beyond the limit, the tape computes steps a second time."""
+`stillwake refine` and 6900 x 10^6 on the default mesh. Beyond the limit, the tape computes steps a second time."""
 AT_REST: Final = 60.0
-"""Time for which the wake without jets settles at a speed, and also the duration of the average after it: twelve
-cycles. The unit is the convective time at that speed."""
+"""Time for which the wake without jets settles at a speed: twelve cycles. The average after it has the same duration.
+The unit is the convective time at that speed."""
 
 
 class DifferentiableWake(CopiedWhole):
-    """A plant and its tape, which return the pressures at the sensors of p pairs. `columns` (2 p,) are the indices of
+    """A plant with its tape. It returns the pressures at the sensors of p pairs. `columns` (2 p,) are the indices of
     these sensors in the plant's Cp, pair by pair."""
 
     def __init__(self, plant: TruckWake, columns: Index) -> None:
@@ -33,7 +33,7 @@ class DifferentiableWake(CopiedWhole):
 
     def begin(self, state: FlowState, speeds: Array) -> Seen:
         """Continue from a state with an empty tape. `speeds` (n + 1,) are the speeds at the start and at the samples of
-        the n periods, divided by the design speed; a higher largest speed needs more time steps per period."""
+        the n periods, divided by the design speed. A higher largest speed needs more time steps per period."""
         plant, config = self.plant, self._config
         plant.config = at_speed(config, float(speeds.max()))
         times, faster = config.control_period * np.arange(len(speeds), dtype=np.float64), speeds - 1.0
@@ -44,13 +44,13 @@ class DifferentiableWake(CopiedWhole):
         return self._seen()
 
     def advance(self, action: float) -> Seen:
-        """Advance by a control period, which the tape stores. Raises PlantError as `Tape.advance` does."""
+        """Advance by a control period, and store it on the tape. Raises PlantError as `Tape.advance` does."""
         self._tape.advance(action)
         return self._seen()
 
     def back(self, weights: Seen) -> float:
-        """Go back by a period. `weights` are the derivatives of a scalar with respect to the period's sample; returns
-        the scalar's derivative with respect to the action commanded in that period."""
+        """Go back by a period, and return a scalar's derivative with respect to the action commanded in this period.
+        `weights` are the scalar's derivatives with respect to the period's sample."""
         speed = self._speed
         whole = no_weights(len(self.plant.layout))
         whole.Cp[self._columns] = weights.Cp / speed**2
@@ -62,9 +62,9 @@ class DifferentiableWake(CopiedWhole):
         return FlowState(flat=self.plant.flow.flat.copy(), action=self.plant.action)
 
     def at_rest(self, state: FlowState, speed: float, over: float = AT_REST) -> tuple[float, float] | None:
-        """Return two means without jets: Cp of the base, and |Cp difference| of the sensor pairs; None if no sensor is
-        on the base. The wake settles for `over` convective times at this speed, and is then averaged over the same
-        time."""
+        """Return two means without jets: Cp on the base, and the |Cp difference| of sensor pairs. Return None if no
+        sensor is on the base. The wake settles for `over` convective times at this speed, and is then averaged over the
+        same time."""
         on_base = np.isin(self._columns, self.plant.layout.base)
         if not on_base.any():
             return None

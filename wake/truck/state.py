@@ -20,7 +20,7 @@ _BODY: Final = ("body_length", "leading_edge_radius")
 @dataclass(frozen=True, kw_only=True)
 class Origin:
     """The plant on which a state was computed. Positions of sensors are left out, because they do not affect the flow.
-    `control_period` and `substeps` are None if the state is from an old file that lacks them."""
+    `control_period` and `substeps` are None if the state is from an old file without these values."""
 
     shape: tuple[int, int]
     reynolds: float
@@ -36,7 +36,7 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """All data that determine how the flow continues: velocities, pressures, the number of substeps since t = 0, and
+    """The data that determine how the flow continues: velocities, pressures, the number of substeps since t = 0, and
     the action in force. A plant rejects a state whose origin differs from the plant, and accepts a state without
     origin."""
 
@@ -58,7 +58,7 @@ def develops(reynolds: float) -> str:
 
 
 def check_reynolds(origin: Origin, reynolds: float) -> None:
-    """Raise PlantError if a state was computed at a Reynolds number other than that of the plant."""
+    """Raise PlantError if a state was computed at a Reynolds number other than the plant's number."""
     if origin.reynolds != reynolds:
         raise PlantError(
             f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
@@ -67,7 +67,7 @@ def check_reynolds(origin: Origin, reynolds: float) -> None:
 
 
 def check_body(origin: Origin, body: BodyConfig) -> None:
-    """Raise PlantError if a state was computed around a body other than that of the plant."""
+    """Raise PlantError if a state was computed around a body other than the plant's body."""
     if not origin.is_of(body):
         raise PlantError(
             f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
@@ -94,7 +94,7 @@ def save_state(path: Path, state: State) -> None:
     clock: dict[str, Any] = (
         {} if origin.substeps is None else {"control_period": origin.control_period, "substeps": origin.substeps}
     )
-    # The truck's files hold no entries of the body, as in earlier releases.
+    # As in earlier releases, a file for the truck has no entries for the body.
     shape: dict[str, Any] = {} if origin.is_of(TRUCK_BODY) else {name: getattr(origin, name) for name in _BODY}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(

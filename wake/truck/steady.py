@@ -1,8 +1,8 @@
 """The steady symmetric wake: the flow that results if symmetry suppresses shedding.
 
 A symmetric flow remains symmetric except for rounding errors, which the shedding instability amplifies. Taking the even
-part of the flow after every control period removes these errors, and the flow settles. So the drag of the steady wake
-is the part of the drag that shedding does not cause.
+part of the flow after every control period removes these errors, and the flow settles. The drag of the steady wake is
+therefore the part of the drag that shedding does not cause.
 """
 
 from collections.abc import Callable
@@ -20,8 +20,8 @@ from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
 TOLERANCE: Final = 1e-6
-"""Rate of change below which a wake counts as steady: of velocity in U_inf / t_c, of drag in 1 / t_c. Such rates fall
-by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
+"""Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. These rates
+fall by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
 
 
 _UNEVEN: Final = 1e-9
@@ -65,8 +65,8 @@ def settle(
     longest: float = 600.0,
     progress: Callable[[float, float], None] = lambda t, rate: None,
 ) -> SteadyWake:
-    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: that of
-    velocity in U_inf / t_c and that of drag in 1 / t_c. Raises PlantError if the flow is not steady after `longest`
+    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the velocity's
+    rate in U_inf / t_c, and the drag's rate in 1 / t_c. Raises PlantError if the flow is not steady after `longest`
     t_c. `progress` is called with the time and the larger rate after every control period."""
     start_from_rest(wake)
     period = wake.config.control_period
@@ -121,8 +121,8 @@ def check_steady(wake: TruckWake, state: State) -> None:
 
 
 def recirculation_length(grid: Grid, flow: Flow) -> float:
-    """Return the distance in W, in a steady or mean flow, from the base to the last point on the axis y = 0 where u
-    turns positive; zero if there is no backward flow on the axis. A bubble that reaches the outlet ends there."""
+    """Return the bubble's length in a steady or mean flow, in W: from the base to the last point on the axis y = 0
+    where u turns positive; zero without backward flow on the axis. A bubble that reaches the outlet ends there."""
     # The axis is a row of faces, so u is stored half a cell below and above the axis.
     above = grid.shape[1] // 2
     speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)

@@ -1,14 +1,14 @@
 """The sensors and forces as functionals of the flow. Forces are in units of rho U_inf^2 W / 2.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
-step gives these quantities. The wall pressure follows from a parabola along the normal. It passes through two points in
-the flow; its slope at the wall follows from the momentum balance of fluid at rest. At the rounded corners, a straight
-line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall.
+step gives these quantities. The wall pressure follows from a parabola along the normal. The parabola passes through two
+points in the flow; its slope at the wall follows from the momentum balance of fluid at rest. At the rounded corners, a
+straight line would give 1 % too little drag. Wall shear follows from the velocity with no slip on the wall.
 
 The load on the two slot faces comes from the momentum balance of the half cell before each face. Along x, p + u^2 - 2
-nu du/dx on the face equals its value half a cell before the face. Neglected are the flux through the half cell's sides
-and its acceleration, which are small and nearly cancel over a cycle. On the default grid the result is within 2 % of
-the force on slots resolved twice as finely; a straight line through two cells has an error of a fifth.
+nu du/dx on the face equals its value half a cell before the face. The flux through the half cell's sides and its
+acceleration are neglected; they are small and nearly cancel over a cycle. On the default grid the result is within 2 %
+of the force on slots resolved twice as finely; a straight line through two cells has an error of a fifth.
 """
 
 from collections import defaultdict
@@ -63,8 +63,8 @@ class SlotFaces:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: SlotLoad) -> None:
-        """Add to `bar` the derivatives, with respect to the flow, of the sum of the load's values, weighted by
-        `weights`."""
+        """Differentiate the sum of the load's values, weighted by `weights`, with respect to the flow; add the result
+        to `bar`."""
         face, _, between = self._faces(flow)
         Cp = np.zeros_like(face)
         for rows in (self._upper, self._lower):
@@ -140,14 +140,14 @@ class Surface:
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
-        """Add to `bar` the derivatives, with respect to the flow, of the sum of the functionals, weighted by
-        `weights`."""
+        """Differentiate the sum of the functionals, weighted by `weights`, with respect to the flow; add the result to
+        `bar`."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
         self._slots.weigh(bar, flow, weights.slots)
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
-        """Return the weights of the flow's values in a component's value at a point in the flow."""
+        """Return the weights with which the flow's values sum to a component's value at a point in the flow."""
         return self._terms(component, bilinear(*self._grid.axes(component), px, py))
 
     def _terms(self, component: Component, entries: list[tuple[tuple[int, int], float]]) -> Terms:
@@ -157,8 +157,8 @@ class Surface:
         return terms
 
     def _flow_points(self, x: float, y: float, nx: float, ny: float, component: Component) -> list[tuple[float, Terms]]:
-        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. A point is its
-        distance, and the weights with which the flow's values sum to the component's value at the point."""
+        """Return the two nearest points along the normal at (x, y) that lie between values in the fluid. A point is
+        given by its distance, and by the weights with which the flow's values sum to the component's value there."""
         usable = {"u": self._boundary.open_u, "v": self._boundary.open_v, "p": self._boundary.fluid}[component]
         xs, ys = self._grid.axes(component)
         spacing = max(abs(nx) * _cell_size(self._grid.xf, x), abs(ny) * _cell_size(self._grid.yf, y))
@@ -181,8 +181,8 @@ class Surface:
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second), (-scale * d1 * d2 * (d2 - d1), slope))
 
     def _wall_pressure_slope(self, x: float, y: float, nx: float, ny: float) -> Terms:
-        """Return the weights for the normal derivative of the kinematic pressure on a no-slip wall, nu d2(u.n)/dn2,
-        which is the momentum balance of fluid at rest."""
+        """Return the weights for the normal derivative of the kinematic pressure on a no-slip wall. By the momentum
+        balance of fluid at rest, the derivative is nu d2(u.n)/dn2."""
         terms: Terms = defaultdict(float)
         components: tuple[tuple[float, Component], ...] = ((nx, "u"), (ny, "v"))
         for factor, component in components:
@@ -194,7 +194,7 @@ class Surface:
         return terms
 
     def _wall_shear(self, x: float, y: float, nx: float, ny: float, component: Component) -> Terms:
-        """Return the weights for the normal derivative of a velocity component on a no-slip wall, of second order."""
+        """Return the weights for a velocity component's normal derivative on a no-slip wall, with second order."""
         (d1, first), (d2, second) = self._flow_points(x, y, nx, ny, component)
         scale = 1.0 / (d1 * d2 * (d2 - d1))
         return _combine((d2 * d2 * scale, first), (-d1 * d1 * scale, second))
@@ -206,7 +206,7 @@ class Surface:
             pressure = self._wall_pressure(x, y, nx, ny)
             _add(drag, -nx * length, pressure)
             _add(lift, -ny * length, pressure)
-            # On a no-slip wall the viscous traction is nu du/dn, tangential because the flow is solenoidal.
+            # On a no-slip wall the viscous traction is nu du/dn. It is tangential, because the flow is solenoidal.
             if abs(ny) > 1e-9:
                 _add(drag, 2.0 * viscosity * length, self._wall_shear(x, y, nx, ny, "u"))
             if abs(nx) > 1e-9:
@@ -239,8 +239,8 @@ def _normals(layout: SensorLayout) -> list[tuple[float, float]]:
 
 
 def _cell_size(faces: Array, at: float) -> float:
-    """Return the size of the cell around a point; on a face, the size of the larger neighbour, so that mirror images
-    agree."""
+    """Return the size of the cell around a point. For a point on a face it is the larger neighbour's size, so that
+    mirror images agree."""
     first, last = np.searchsorted(faces, at, side="left") - 1, np.searchsorted(faces, at, side="right")
     return float(np.diff(faces[first : last + 1]).max())
 

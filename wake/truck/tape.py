@@ -1,5 +1,5 @@
-"""The sensitivities of a sequence of control periods. The plant is recorded as it advances, then differentiated
-backwards one period at a time. So a controller in the loop can be differentiated with the plant."""
+"""The sensitivities of a sequence of control periods. The plant's periods are recorded as it advances, then
+differentiated backwards, one at a time. So a controller in the loop can be differentiated with the plant."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ _MEGABYTE = 1e6
 
 @dataclass(kw_only=True, eq=False)
 class _Period:
-    """The flow at a period's start and, if memory allows, at each step's start; also the period's actions and time."""
+    """The actions and the time of a period, the flow at its start and, if memory allows, at each step's start."""
 
     start: Array
     steps: Array | None
@@ -31,12 +31,12 @@ class _Period:
 
 
 class Tape(CopiedWhole):
-    """A record of a plant's control periods from its present state on, which propagates sensitivities back over these
+    """A record of a plant's control periods from the present state on. It propagates sensitivities back over these
     periods.
 
-    The flow at the start of each time step is stored. When the memory is full, the oldest periods are reduced to the
-    flow at their own start; `back` computes each of these periods a second time. Raises PlantError if the plant is
-    within a control period. A copy has its own plant.
+    The flow at the start of each time step is stored. When the memory is full, only the flow at the period's start
+    remains for each of the oldest periods; `back` computes these periods a second time. Raises PlantError if the plant
+    is within a control period. A copy has its own plant.
 
     Args:
         plant: plant at the beginning of a control period; its wind must not change.
@@ -65,8 +65,8 @@ class Tape(CopiedWhole):
         return len(self._periods)
 
     def advance(self, action: float) -> Sample:
-        """Advance the plant by a period, as `TruckWake.advance` does, and store the data for `back`. Raises PlantError
-        as the plant does, or if the tape becomes too long for its memory."""
+        """Advance the plant by a period, as `TruckWake.advance` does, and store the data that `back` needs. Raises
+        PlantError as the plant does, or if the tape becomes too long for its memory."""
         plant, substeps = self._plant, self._plant.config.substeps
         flow_mb = self._end.nbytes / _MEGABYTE
         self._make_room(flow_mb, substeps)
@@ -108,11 +108,11 @@ class Tape(CopiedWhole):
         return to_command
 
     def restart(self) -> None:
-        """Begin a new tape at the plant's present state, and reuse the memory of this tape. Raises PlantError if the
+        """Empty the tape, and begin again at the plant's present state with the same memory. Raises PlantError if the
         plant is within a control period."""
         into = self._plant.substeps_into_period
         if into:
-            raise PlantError(f"a tape begins with a control period, the plant is {into} steps into one")
+            raise PlantError(f"a tape begins with a control period, but the plant is {into} steps into a period")
         self._spare += [period.steps for period in self._periods if period.steps is not None]
         self._periods.clear()
         self.memory_mb = 0.0

@@ -1,8 +1,8 @@
 """The plant: the wake of the truck, or of another box, with its jets, advanced one control period at a time.
 
-Timing (the project's convention): sample k holds pressures and forces at t_k; the jet ramps linearly from the action in
-force to the newly commanded action until t_{k+1}. If a command arrives late, its ramp starts late and still ends at
-t_{k+1}; a co-simulation chooses with `advance_to` when a command arrives.
+The timing follows the project's convention. Sample k holds pressures and forces at t_k; the jet then ramps linearly
+from the action in force to the newly commanded action until t_{k+1}. If a command arrives late, its ramp starts late
+but ends at t_{k+1}. A co-simulation chooses with `advance_to` when a command arrives.
 """
 
 from dataclasses import replace
@@ -75,8 +75,8 @@ class TruckWake(CopiedWhole, SteppedPlant):
         return self._action
 
     def reset(self, state: State) -> Sample:
-        """Continue from a state, bit for bit. Raises PlantError if the state's body, grid, Reynolds number or clock
-        differs from the plant's, or the state is not finite."""
+        """Continue from a state, bit for bit. Raises PlantError if the body, grid, Reynolds number or clock of the
+        state and the plant differ, or the state is not finite."""
         if state.origin is not None:
             self._check_origin(state.origin, state.substep)
         if state.flat.shape != self.flow.flat.shape:
@@ -90,8 +90,8 @@ class TruckWake(CopiedWhole, SteppedPlant):
         return self.sample()
 
     def set_reynolds(self, reynolds: float) -> None:
-        """Continue with the viscosity of another Reynolds number, which later states have, too. Raises PlantError if dt
-        is too large."""
+        """Continue with the viscosity of another Reynolds number. Later states have this number, too. Raises PlantError
+        if dt is too large."""
         config = replace(self.config, reynolds=reynolds)
         self._check_step(config)
         self.config = config

@@ -1,1 +1,1 @@
-"""Functions that import a user's files as a data set: tables, arrays or OpenFOAM cases."""
+"""The import of a user's files as a data set. The files are tables, arrays or OpenFOAM cases."""

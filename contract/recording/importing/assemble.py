@@ -1,4 +1,4 @@
-"""The assembly of a data set from files, one file per episode. All files are checked before the data set is written."""
+"""The import of a data set from files, one file per episode. All files are checked before the data set is written."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -21,12 +21,12 @@ from contract.sensor_layout import SensorLayout
 
 _SERIES: Final = tuple(name for name in UNITS if name != "Cp")
 _LARGEST: Final = 127.0
-"""Largest magnitude of a coefficient that fits into the data set's format; a pressure in Pa is mostly larger."""
+"""Largest magnitude of a coefficient that fits into the data set's format. Most pressures in Pa are larger."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MadeEpisode:
-    """An episode that was computed from a file before the import, for example from a part of a CAN log and its forces.
+    """An episode that was computed before the import, for example from a part of a CAN log and from a table of forces.
 
     Attributes:
         series: arrays of the series in `contract.recording.episode.REQUIRED`; Cp is dimensionless.
@@ -73,10 +73,10 @@ def assemble(
     Args:
         sources: source files in the order of the episodes.
         facts: facts about the plant; control period and action limit must be known.
-        references: value in the files that equals 1 in the data set, by series or sensor.
-        renamed: name in the files of a series or a sensor, by its name in the data set.
+        references: values in the files that equal 1 in the data set, by series or sensor.
+        renamed: names of series and sensors in the files, by their names in the data set.
         progress: called with every file before the file is read.
-        told: function that receives a file and a note on the file, such as names that are neither series nor sensors.
+        told: called with a file and a note on the file, such as the names that are neither series nor sensors.
     """
     renamed, references = dict(renamed or {}), dict(references or {})
     if facts.control_period is None or facts.action_limit is None:
@@ -168,7 +168,7 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array], steps: int, sensors: 
         expected = (steps, sensors) if name == "Cp" else (steps,)
         if array.shape != expected:
             hint = ": transpose it" if name == "Cp" and array.shape == expected[::-1] else ""
-            raise DatasetError(f"{path}: {name!r} has shape {array.shape}, must be {expected} as action has it{hint}")
+            raise DatasetError(f"{path}: {name!r} has shape {array.shape}, must be {expected}, like action{hint}")
 
 
 def _check_clock(path: Path, t: Array, period: float) -> None:
@@ -185,7 +185,7 @@ def _check_clock(path: Path, t: Array, period: float) -> None:
             f"{finer}, so that row k has the pressures at t_k and the action commanded then"
         )
     ratio = f"{mean / period:.4g}"
-    hint = f"if t is in s or ms and that is {ratio} of them, import with --reference t={ratio}"
+    hint = f"if t is in s or ms, and W / U_inf is {ratio} in that unit, import with --reference t={ratio}"
     hint = f"; t and flow.control_period are in W / U_inf: {hint}" if abs(mean / period - 1.0) > STEP_TOLERANCE else ""
     raise DatasetError(f"{path}: {problem}{hint}")
 
@@ -214,7 +214,7 @@ def _check_size(path: Path, arrays: Mapping[str, Array], layout: SensorLayout, *
                 k = tuple(np.argwhere(beyond)[0])
                 hint = f"; {array[k]:g}, first at step {k[0]}, may stand for a missing value{GAP}"
             raise DatasetError(f"{path}: {name!r} reaches {peak:g}, a coefficient stays below {_LARGEST:g}{hint}")
-    # Rounding can give a constant series a deviation above 0. The notes name a constant sensor.
+    # The notes name constant sensors. Rounding can make their deviation positive, so their range is compared with 0.
     spread = np.where(np.ptp(arrays["Cp"], axis=0) > 0.0, arrays["Cp"].std(axis=0), np.inf)
     weakest = int(spread.argmin())
     if spread[weakest] < CP_QUANTUM:

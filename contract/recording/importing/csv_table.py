@@ -22,7 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 @dataclass(frozen=True, kw_only=True)
 class CsvTable:
-    """A table of text cells under a header of different names; `lines` has the line number of each row, from 1."""
+    """A table of text cells, whose columns have different names. `lines` has the number of each row's line, from 1."""
 
     path: Path
     header: tuple[str, ...]
@@ -103,7 +103,7 @@ def _unnamed(column: int, rows: Sequence[tuple[str, ...]]) -> str:
 
 
 def _with_header(content: list[str]) -> list[str]:
-    """Return the lines with comments emptied, so that line numbers stay; a comment that is the header remains."""
+    """Return the lines with empty lines in place of comments; a comment that is the header remains."""
     comments = int("".join(content[:1]).startswith("sep="))  # a spreadsheet writes this line
     while comments < len(content) and (content[comments].startswith("#") or not content[comments].strip()):
         comments += 1
@@ -115,7 +115,7 @@ def _with_header(content: list[str]) -> list[str]:
 
 
 def _number(cell: str) -> float:
-    """Parse a number in the notation of tables. Raises ValueError for other text, and for Python's notation 1_000."""
+    """Parse a number in the notation of tables. Raises ValueError for other text, including Python's notation 1_000."""
     return float(cell.replace("_", "?"))
 
 
@@ -128,7 +128,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_header(path: Path, line: int, header: tuple[str, ...]) -> None:
-    """Refuse a first line without column names. Otherwise, a later message would only say that a column is missing."""
+    """Refuse a first line without column names; a later message would only say that a column is missing."""
     if all(map(_is_number, header)):
         raise DatasetError(f"{path}: line {line} holds numbers; the first line must have the names of the columns")
     if len(header) == 1 and len(header[0].split()) > 1:
@@ -147,8 +147,8 @@ def read_sensors(
 ) -> SensorLayout:
     """Read the sensors' layout, in the order of the file's rows. Raises DatasetError if a column is missing or a cell
     does not fit; the message states file, line and column. `symmetric` states whether body and jets are symmetric about
-    y = 0. If they are, and every sensor has a mirror image, the mirror images are found from the positions. If there
-    are columns that are not used, `told` is called with their names."""
+    y = 0. If they are, and every sensor has a mirror image, the mirror images are found from the positions. `told` is
+    called with the names of unused columns, if there are any."""
     table = read_csv(path)
     for column in ("name", "x", "y"):
         if column not in table.header:

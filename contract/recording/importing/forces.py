@@ -1,4 +1,4 @@
-"""The drag and lift for a log without forces, interpolated from a table at the times of the log's rows."""
+"""The drag and lift for a log without forces: values of a table, interpolated to the times of the log's rows."""
 
 import re
 from collections.abc import Mapping
@@ -23,8 +23,8 @@ _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeSeries:
-    """The values of a force at rising times, both (n,), and its name in the file. Raises DatasetError for times that do
-    not rise or a number that is not finite."""
+    """A force as a time series: its name in the file, rising times, and the values at these times, (n,) each. Raises
+    DatasetError for times that do not rise or a number that is not finite."""
 
     path: Path
     name: str
@@ -46,14 +46,14 @@ class TimeSeries:
             )
 
     def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """Interpolate the values linearly at m rising times, (m,). Because clocks differ, a time may lie outside the
-        rows by `slack`. Raises DatasetError for other times outside the rows, or in a gap between rows that is longer
-        than `longest_gap`; the message states the limits of the rows or of the gap."""
+        """Interpolate the values linearly at m rising times, (m,). Because clocks differ, a time may be up to `slack`
+        before the first row or after the last row. Raises DatasetError for a time farther outside, or in a gap longer
+        than `longest_gap`; the message states the first and last time of the rows or of the gap."""
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
                 f"{self.path}: {self.name!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
-                f"log's rows from {times[0]:.9g} to {times[-1]:.9g} s: it must cover them; see --forces-clock and "
-                f"--forces-shift"
+                f"log's rows from {times[0]:.9g} to {times[-1]:.9g} s: the forces must cover these rows; see "
+                f"--forces-clock and --forces-shift"
             )
         times = np.clip(times, self.t[0], self.t[-1])
         behind = np.searchsorted(self.t, times, side="left")
@@ -73,7 +73,7 @@ class TimeSeries:
 
 @dataclass(frozen=True, kw_only=True)
 class ForcesTable:
-    """The forces of a table, by the names in `FORCE_COLUMNS`, and the clock of the times that their unit states."""
+    """The forces of a table by the names in `FORCE_COLUMNS`, and the clock that the unit of the times states."""
 
     forces: Mapping[str, TimeSeries]
     clock: ForcesClock | None
@@ -88,7 +88,7 @@ def read_forces(
     Args:
         renamed: names of t, Cd and Cl in the file. An array that is not renamed may have its unit in brackets behind
             the name, as `stillwake report` writes it.
-        references: value in the file that equals 1 in the data set, by series.
+        references: values in the file that equal 1 in the data set, by series.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file")

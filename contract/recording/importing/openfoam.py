@@ -24,9 +24,9 @@ _PRESSURES: Final = r"p(_[-+.\de]+)?"
 _FORCES: Final = r"(coefficient|forceCoeffs)(_[-+.\de]+)?\.dat"
 _NUMBER: Final = re.compile(r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?")
 _NOT_FOUND: Final = 1e299
-"""Magnitude above which a probe's value means that the probe is outside the mesh; OpenFOAM then writes -1e300."""
+"""A probe whose value has a larger magnitude is outside the mesh; OpenFOAM then writes -1e300."""
 _GAP: Final = 1.05
-"""Largest distance between two rows over which values are interpolated, in control periods."""
+"""Largest time between two rows at which values are interpolated, in control periods."""
 _AT: Final = 0.01
 """Largest distance of a probe from its sensor, as a share of the extent of the sensors."""
 
@@ -74,7 +74,7 @@ def read_case(
     scales = [factor(path, name, inside, None, references.get(name)) for name, inside in found.items()]
     coefficients = forces.rows[:, [columns.index(inside) for inside in found.values()]] * scales
     first, last = (max(pressures.rows[0, 0], forces.rows[0, 0]), min(pressures.rows[-1, 0], forces.rows[-1, 0]))
-    # The tolerance is added because the rounding of the times could make the last period appear too short.
+    # Without the added tolerance, rounded times could make the last period appear too short.
     t = first * second + period * np.arange(max(0, int((last - first) * second / period + 1e-4) + 1))
     tables = ((pressures, readings), (forces, coefficients))
     at_periods = [_at(table.files[0], table.rows[:, 0] * second, values, t, period) for table, values in tables]
@@ -118,7 +118,7 @@ def _speed(forces: FoamTable) -> float | None:
 
 def _probes_of(pressures: FoamTable, layout: SensorLayout) -> Index:
     """Return the index of the probe at every sensor's position. If the case has another origin and length scale, but
-    its probes are arranged like the sensors, the probes belong to the sensors in order."""
+    its probes are arranged like the sensors, the n-th probe belongs to the n-th sensor."""
     path, count = pressures.files[0], pressures.rows.shape[1] - 1
     numbers = [(line.split("(")[0].split()[:1], "(" in line, _NUMBER.findall(line)) for line in pressures.header]
     places = [found[1:3] for word, bracket, found in numbers if word == ["Probe"] and bracket and len(found) == 4]
@@ -157,8 +157,8 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
     """Return the values at the times t, interpolated linearly between the rows."""
     if len(t) < 2:
         raise DatasetError(
-            f"{path}: goes from {times[0]:g} to {times[-1]:g} W / U_inf, less than two control periods that probes and "
-            f"coefficients share; times in s need --reference t=NUMBER, W / U_inf in s"
+            f"{path}: goes from {times[0]:g} to {times[-1]:g} W / U_inf: must have two control periods in which both "
+            f"probes and coefficients have rows; if times are in s, give W / U_inf in s as --reference t=NUMBER"
         )
     if (np.diff(times) <= 0).any():
         k = int(np.argmax(np.diff(times) <= 0))
@@ -167,7 +167,7 @@ def _at(path: Path, times: Array, values: Array, t: Array, period: float) -> Arr
     gap = float(np.diff(times[rows]).max())
     if gap > _GAP * period:
         raise DatasetError(
-            f"{path}: rows are up to {gap:.6g} W / U_inf apart, the control period is {period:g}: write one a period"
+            f"{path}: rows are up to {gap:.6g} W / U_inf apart, the control period is {period:g}: write one per period"
         )
     return np.column_stack([np.interp(t, times, column) for column in values.T])
 

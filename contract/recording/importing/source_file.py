@@ -1,4 +1,4 @@
-"""A user's file as arrays with the data set's names and units, and the references that convert the units."""
+"""A reader of a user's file. It returns arrays with the data set's names and units; references convert the units."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -52,7 +52,7 @@ _REFERENCE: Final = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The value in the files that equals 1 in the data set, such as a force of 40 N. No unit: as in the file."""
+    """The value in the files that equals 1 in the data set, such as 40 N. Without a unit, it is in the file's unit."""
 
     number: float
     unit: str | None
@@ -72,7 +72,7 @@ def references_of(texts: Sequence[str]) -> dict[str, Reference]:
         if not name or parts is None or not 0.0 < abs(float(parts[1])) < float("inf"):
             raise ConfigError(f"{option}: write NAME=NUMBER and its unit, such as Cd=40N or t=5ms; not 0")
         if name in found:
-            raise ConfigError(f"{option}: {name} has a reference already, {found[name]}")
+            raise ConfigError(f"{option}: {name} already has the reference {found[name]}")
         found[name] = Reference(number=float(parts[1]), unit=parts[2] or None, option=option)
     return found
 
@@ -88,8 +88,8 @@ def split_unit(column: str) -> tuple[str, str | None]:
 
 def factor(path: Path, name: str, inside: str, unit: str | None, reference: Reference | None) -> float:
     """Return the factor that converts the numbers of a series or sensor to the data set's unit. `inside` and `unit` are
-    name and unit in the file. Raises DatasetError if the numbers have a dimension but no reference, or a reference of
-    another dimension."""
+    the name and the unit in the file. Raises DatasetError if the numbers have a dimension but no reference, or a
+    reference of another dimension."""
     base, size = _base(unit)
     if reference is None:
         if base != "1":
@@ -101,7 +101,7 @@ def factor(path: Path, name: str, inside: str, unit: str | None, reference: Refe
         return 1.0 / reference.number
     other, other_size = _base(reference.unit)
     if base != other:
-        raise DatasetError(f"{path}: {inside!r} is in {unit!r} in the file, which {reference.option} is not")
+        raise DatasetError(f"{path}: {inside!r} is in {unit!r} in the file, but {reference.option} is not")
     return size / (reference.number * other_size)
 
 
@@ -116,7 +116,7 @@ def _base(unit: str | None) -> tuple[str, float]:
 
 
 def _plain(unit: str) -> str:
-    """Return the unit without the date of CF's units of time, and with m^3 written as m3."""
+    """Return the unit without the date that CF's units of time contain, and with m3 in place of m^3."""
     unit = unit.split(" since ")[0].strip()
     return unit if unit in _KNOWN else unit.replace("^", "").replace("**", "")
 
@@ -156,15 +156,15 @@ def read_source(
 
     Args:
         names: series that may be in the file, without Cp.
-        renamed: name in the file of a series, a sensor or Cp, if this name differs.
-        references: value in the file that equals 1 in the data set, by series or sensor; the reference of Cp also
+        renamed: names of series, sensors or Cp in the file, where they differ from the data set's names.
+        references: values in the file that equal 1 in the data set, by series or sensor; the reference of Cp also
             applies to sensors.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: is a folder without postProcessing" if path.is_dir() else f"{path}: no such file")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}, or be of an OpenFOAM case")
+        raise DatasetError(f"{path}: a data file must end in {', '.join(SUFFIXES)}, or belong to an OpenFOAM case")
     table = None if suffix in BINARY else read_csv(path)
     stored = stored_arrays(path) if table is None else {}
     wanted = (*names, *layout.names, *(["Cp"] if table is None else []))
@@ -211,8 +211,8 @@ def _in_this_file(
     path: Path, there: Sequence[str], renamed: Mapping[str, str], wanted: Sequence[str]
 ) -> dict[str, str]:
     """Map the data set's names to this file's names if they differ, even if only by a unit in brackets. Raises
-    DatasetError if a renamed array is in the file under neither name. Otherwise an optional series, such as t, would be
-    ignored silently."""
+    DatasetError if a renamed array is in the file under neither name. Without this error, an optional series such as t
+    would be ignored silently."""
     plain = {split_unit(column)[0]: column for column in there}
     found = {name: plain[name] for name in wanted if name not in there and name in plain}
     for name, inside in renamed.items():
@@ -227,7 +227,7 @@ def _in_this_file(
 def _ordered(
     path: Path, pressures: Array, layout: SensorLayout, stored: Mapping[str, Stored]
 ) -> tuple[Array, frozenset[str]]:
-    """Return the pressures in the layout's order if the file has an array of names that states the present order."""
+    """Return the pressures in the layout's order, if an array of names in the file states the columns' order."""
     for name, one in stored.items():
         texts = one.texts
         if len(texts) == pressures.shape[1] and set(texts) >= set(layout.names):

@@ -1,4 +1,4 @@
-"""Arrays in NPZ, HDF5, netCDF and MATLAB files, with packing, missing values and units as in CF and netCDF."""
+"""A reader of NPZ, HDF5, netCDF and MATLAB files, with packing, missing values and units as in CF and netCDF."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -20,7 +20,7 @@ DEFAULT_FILL: Final = 9.9692099683868690e36
 """Value that netCDF stores in place of floating-point numbers that were never written."""
 UNWRITTEN: Final = "is the default fill value of netCDF, so this value was never written"
 _DEFAULT_OF_INTEGERS: Final = {2: -(2**15) + 1, 4: -(2**31) + 1, 8: -(2**63) + 2}
-"""Values of signed integers that were never written, by size in bytes; single bytes have no such value in netCDF."""
+"""Values that netCDF stores for signed integers that were never written, by size in bytes; single bytes have none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,7 +86,7 @@ class Stored:
         return array
 
     def _gaps(self, path: Path, name: str, raw: npt.NDArray[Any], array: Array) -> dict[str, Mask]:
-        """Return, for every reason, a mask of the values that are missing or invalid for this reason."""
+        """Return masks of the missing or invalid values, by the reason for which they are missing or invalid."""
         found: dict[str, Mask] = {}
         for key in ("missing_value", "_FillValue"):
             found[f"is missing by its {key}"] = np.isin(raw, self._like(path, name, key, raw.dtype))
@@ -133,7 +133,7 @@ _TABLES: Final = ("None", "__function_workspace__")
 
 
 def stored_arrays(path: Path) -> dict[str, Stored]:
-    """Return all arrays by name, with the groups or structures in it. Raises DatasetError for an unreadable file."""
+    """Return all arrays by name; a name includes groups or structures. Raises DatasetError for an unreadable file."""
     try:
         with path.open("rb") as file:
             head = file.read(_USER_BLOCK + len(_HDF5))
@@ -167,7 +167,7 @@ def _read_hdf5(path: Path) -> dict[str, Stored]:
 
 
 def _values(file: h5py.File, node: h5py.Dataset) -> Any:
-    """Return the array. An array of MATLAB gets its axes in MATLAB's order, and its characters become texts."""
+    """Return the array. If MATLAB wrote it, its axes get MATLAB's order, and its characters become texts."""
     kind = node.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if kind == "cell" and node.dtype.kind == "O":
@@ -184,13 +184,13 @@ def _text(node: Any) -> Any:
 
 
 def _attributes(node: h5py.Dataset) -> dict[str, Any]:
-    """Return the array's attributes. The fill value that it was created with counts as `_FillValue`, unless it is 0."""
+    """Return the attributes. The fill value with which the array was created counts as `_FillValue`, unless it is 0."""
     found: dict[str, Any] = {}
     for name in node.attrs:
         try:
             found[name] = node.attrs[name]
         except (OSError, RuntimeError, TypeError, ValueError):
-            continue  # h5py does not know the attribute's type, which no attribute of CF has
+            continue  # h5py does not know the attribute's type; no attribute of CF has such a type
     fill = node.fillvalue if node.dtype.kind in "fiu" else 0
     return found if not fill or fill != fill else {"_FillValue": fill, **found}
 
@@ -205,7 +205,7 @@ def _read_classic(path: Path) -> dict[str, Stored]:
             values = {name: np.array(one[:] if one.shape else one.getValue()) for name, one in file.variables.items()}
             attributes = {name: one._attributes for name, one in file.variables.items()}
             return {name: Stored(values=values[name], attributes=attributes[name], netcdf=True) for name in values}
-    except Exception as error:  # SciPy raises what it likes for damaged files
+    except Exception as error:  # SciPy raises any exception for damaged files
         raise ValueError(f"damaged or not a netCDF file ({_first_line(error)})") from error
 
 
@@ -215,7 +215,7 @@ def _read_matlab(path: Path) -> dict[str, Stored]:
     try:
         values = sum(math.prod(shape) for _, shape, _ in whosmat(path))
         found = loadmat(path, simplify_cells=True) if values <= MOST_VALUES else None
-    except Exception as error:  # SciPy raises what it likes for damaged files
+    except Exception as error:  # SciPy raises any exception for damaged files
         raise ValueError(f"damaged or not a MATLAB file ({_first_line(error)})") from error
     if found is None:
         raise ValueError(f"holds {values} values: must be at most {MOST_VALUES}")

@@ -195,4 +195,4 @@ def test_slips_of_units_are_noted(sound):
         facts=replace(sound.facts, control_period=period),
     )
     config = replace(CONFIG, flow=replace(CONFIG.flow, control_period=period))
-    assert any("divide seconds by that" in text for text in texts(seconds, config, stops=None))
+    assert any("divide seconds by W / U_inf" in text for text in texts(seconds, config, stops=None))

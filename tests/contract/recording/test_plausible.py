@@ -64,7 +64,7 @@ WRONG: list[tuple[Callable[[Series], Series], tuple[str, ...], str]] = [
     (lambda d: {"Cd": d["Cl"], "Cl": d["Cd"]}, ALL, r"mean Cl is 1\.34 and mean Cd 0\.0036.*--map Cd=Cl --map Cl=Cd"),
     (scaled(Cp=4), ("held_out",), r"^rms Cp is 1\.86 in held_out and 0\.46\d in sweep, 4\.0\d times"),
     (scaled(Cd=3.5), ("calm",), r"^mean Cd is 4\.72 in calm and 1\.34 in sweep, 3\.5\d times"),
-    (scaled(Cl=12), ("held_out",), r"^the deviation of Cl by that of Cp is 29\.4 in held_out"),
+    (scaled(Cl=12), ("held_out",), r"^the deviation of Cl divided by that of Cp is 29\.4 in held_out"),
     (sensor(1, lambda p: np.where((STEPS > 50) & (STEPS < 250), p[50], p)), ALL, r"p2 is constant at -0\.7\d+ for 20"),
     (sensor(1, lambda p: np.full(300, -0.37)), ("held_out",), r"p2 is constant at -0\.37 for 300 of 300"),
     (sensor(1, lambda p: p[STEPS // 3 * 3]), ALL, r"p2 is constant in 67% of the rows, while the other sensors"),

@@ -49,7 +49,7 @@ def test_what_is_no_image_is_refused_in_one_line():
         (an_image(count=65), "image of 65 files: at most 64"),
         (an_image(count=1), "ends within its list"),
         (an_image(entry(b"a", 2**32 - 1)), "its files end at"),
-        (an_image(entry(b"a", 0), entry(b"a", 0)), "'a' must be a plain file name, once"),
+        (an_image(entry(b"a", 0), entry(b"a", 0)), "'a' must be a plain file name, and must occur once"),
         (an_image(entry(b"../a", 0)), "'../a' must be a plain"),
         (an_image(entry(b"a\x1b[2J", 0)), "must be a plain"),
         (an_image(entry(b"\xff", 0)), "not UTF-8"),

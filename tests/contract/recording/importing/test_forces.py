@@ -37,7 +37,7 @@ def test_a_straight_line_is_itself_at_any_time(slope, offset, knots, data):
 def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     one = series([0.0, 0.1, 0.5, 0.6], [1.0, 2.0, 3.0, 4.0])
     wide = {"longest_gap": 0.2, "slack": 0.01}
-    with pytest.raises(DatasetError, match=r"goes from 0 to 0\.6 s .* rows from -0\.02 to 0\.1 s: it must cover them"):
+    with pytest.raises(DatasetError, match=r"goes from 0 to 0\.6 s .* from -0\.02 to 0\.1 s: the forces must cover"):
         one.at(np.array([-0.02, 0.1]), **wide)
     with pytest.raises(DatasetError, match=r"no value between 0\.1 and 0\.5 s .* no more than 0\.2 s apart"):
         one.at(np.array([0.0, 0.3]), **wide)

@@ -256,7 +256,7 @@ def test_numbers_in_a_unit_are_divided_by_what_1_is_in_it(tmp_path, layout):
     assert episode.provenance["references"] == known
     for path, texts, message in (
         (tmp_path / "a.csv", [], r"'t \[ms\]' is in 'ms', t must be without dimension: give W / U_inf as in --ref"),
-        (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], r"'Cd \(N\)' is in 'N' in the file, which --ref"),
+        (tmp_path / "a.csv", ["t=5ms", "Cd=4Pa"], r"'Cd \(N\)' is in 'N' in the file, but --ref"),
         (kilo, ["t=5ms", "Cd=40N"], "'Cp' is in 'kPa', .* --reference Cp=240Pa"),
         (packed(tmp_path / "d.h5", values, {"units": "1"}), ["Cd=40N"], "'Cd' is in '1' in the file"),
         (kilo, ["t=5ms", "Cd=40N", "Cp=-1kPa"], "--reference Cp=-1kPa: a dynamic pressure must be positive"),
