@@ -63,7 +63,7 @@ def test_it_makes_stamps_goes_on_and_stops_at_what_fails(tmp_path, monkeypatch, 
     monkeypatch.setattr(full, "RESULTS", tmp_path)
     monkeypatch.setattr(full, "plan", lambda: ([good, missing, bad], {}))
     for resume in (False, True):
-        with pytest.raises(StillwakeError, match=r"bad: .* failed; .* --resume` goes on here"):
+        with pytest.raises(StillwakeError, match=r"bad: .* failed; .* --resume` continues here"):
             full.main(resume=resume)
         assert full.made(tmp_path / "good.json")["of"] == {"release": full.release(), "ecu": full.sources_hash("ecu")}
         out = capsys.readouterr().out

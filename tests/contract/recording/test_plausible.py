@@ -134,7 +134,7 @@ def test_rows_of_another_file_are_found_and_a_wake_that_repeats_itself_is_none()
     rounded = {name: np.round(values, 3) for name, values in sweep.series.items()}
     mixed = {name: np.concatenate([sweep.series[name][260:], test.series[name][40:]]) for name in sweep.series}
     cases: list[tuple[dict[str, Any], str]] = [
-        (part(slice(None)), "episode held_out (test) is a copy of sweep (train): a model is tested on rows that"),
+        (part(slice(None)), "episode held_out (test) is a copy of sweep (train): a model must be tested on rows"),
         (rounded, "is a copy of sweep"),
         ({name: values[7:] for name, values in rounded.items()}, "has 293 rows or more of sweep"),
         (part(slice(270, 300)), "episode held_out (test) has 30 rows or more of sweep (train)"),
