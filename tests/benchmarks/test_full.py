@@ -67,7 +67,7 @@ def test_it_makes_stamps_goes_on_and_stops_at_what_fails(tmp_path, monkeypatch, 
             full.main(resume=resume)
         assert full.made(tmp_path / "good.json")["of"] == {"release": full.release(), "ecu": full.sources_hash("ecu")}
         out = capsys.readouterr().out
-        assert "left out, there is no no-such-program" in out and ("there already" in out) == resume
+        assert "left out, because no-such-program is missing" in out and ("there already" in out) == resume
     # What only goes on keeps how long a whole one took.
     write.write_text(write.read_text().replace('"facts": {}', '"facts": {"runs": {"made": 1, "kept": 3}}'))
     (tmp_path / "good.json").write_text(json.dumps({"facts": {STAMP: {"minutes": 90.0}}}))

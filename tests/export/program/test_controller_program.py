@@ -120,7 +120,7 @@ def test_what_does_not_fit_is_refused_by_its_name():
         (tensor("prior", "first", 6, 3, 2, 3), r"prior\.sums: shape"),
         (
             tensor("prior", "first", 4, 3, 2, 2),
-            r"prior\.first: 4 variables, need 6: one, slower, faster, ",
+            r"prior\.first: 4 variables, must be 6: one, slower, faster, ",
         ),
         (tensor("prior", "first", 3, 2, 2), r"prior\.first: shape \(3, 2, 2\), must have 4 axes"),
         (tensor("prior", "slope", 3, 2, 2), r"prior\.first: shape \(6, 3, 2, 2\), must have 3 axes"),
