@@ -1,8 +1,8 @@
-"""The drag ledger: all forces along the road that the jets change, and the power of the jets.
+"""The drag ledger: the streamwise forces that the jets change, the lift, and the power of the jets.
 
 A drag reduction must be compared with its cost. The controller reduces the drag force on the wall. The ledger also has
 the forces on the slot faces, the reaction to the jets' momentum and the jets' power. `Cd_net` is the sum of the
-ledger's forces along the road.
+ledger's streamwise forces.
 """
 
 from collections.abc import Mapping

@@ -40,8 +40,8 @@ _PARTS: Final = {
     "fill_edges": "edges",
     "fill_walls": "walls",
 }
-# These are numbers of values that would be read or written per cell if every array were accessed once per pass. A stage
-# reads u, v, p and both rates, and writes four of them; the correction accesses u, v, p and phi.
+# The numbers of values read and written per cell if every array is accessed once per pass. A stage reads u, v, p and
+# both rates, and writes all of them except p. The correction reads u, v, p and phi, and writes u, v and p.
 _STAGE_NUMBERS: Final = 9
 _CORRECTION_NUMBERS: Final = 7
 _SETTLE: Final = 3.0

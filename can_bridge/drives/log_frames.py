@@ -74,8 +74,8 @@ def frames_of(
     bus = buses.get(channel, _Bus())
     if bus.goes_back is not None:
         raise DatasetError(
-            f"{path}: its times go back from {bus.goes_back[0]:.6f} to {bus.goes_back[1]:.6f} s: two logs in one file, "
-            f"or a logger whose clock was set; cut the log there"
+            f"{path}: the times go back from {bus.goes_back[0]:.6f} to {bus.goes_back[1]:.6f} s, because the file has "
+            f"two logs or the logger's clock was set; split the file there"
         )
     present = [one for one in sets if one.pressure.spec.frame_id in bus.kept]
     if not present:

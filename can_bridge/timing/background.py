@@ -131,7 +131,7 @@ def made_up(load: float, bus: BusConfig, *, seed: int) -> tuple[PeriodicMessage,
     random = Random(seed)
     drawn = sorted(_draw(load, bus, random))
     if not drawn:
-        raise ConfigError(f"bus.background.load = {load}: must be at least one message per second")
+        raise ConfigError(f"bus.background.load = {load}: too small for one message per second")
     return tuple(
         PeriodicMessage(
             name=f"Background{frame_id:03X}",

@@ -58,7 +58,7 @@ HIGH: Final = 1 << 16
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFacts:
-    """The data in an image's header, in the units of the module's table; `hardware` is None for any hardware."""
+    """The data of an image's header, in the units of the module's table. A `hardware` of None permits any hardware."""
 
     layout: bytes
     dbc: bytes

@@ -80,7 +80,7 @@ class WatchedBus:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wired:
-    """A loop that is ready for its first period; `ports` has the bus's ports without faults, by node name."""
+    """A loop that is ready for its first period; `ports` has the bus's ports by node name, without fault wrappers."""
 
     bus: SimulatedBus
     ports: dict[str, SimulatedPort]

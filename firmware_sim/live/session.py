@@ -35,7 +35,7 @@ _SELDOM: Final = 5
 
 
 class LiveSession(NeverCopied):
-    """One loop and its viewers' settings. Raises StillwakeError if the plant or the ECU cannot be created, or if they
+    """A loop and its viewers' settings. Raises StillwakeError if the plant or the ECU cannot be created, or if they
     do not fit each other, the bundle or the vehicle.
 
     Args:

@@ -50,7 +50,7 @@ class DriveTotals:
 
 
 def drive_totals(log: RunLog) -> DriveTotals | None:
-    """Compute the totals of a run on a drive; None for a run without a drive or without averages."""
+    """Return the totals of a run on a drive; None if the run has no drive or no averages."""
     run, t = log.metadata, log.series["t"]
     if run.drive is None or not run.averages or log.enabled_at >= len(t):
         return None

@@ -66,7 +66,7 @@ OLD: Final[Mapping[str, Mapping[str, str]]] = {
 
 
 class OldWordError(StillwakeError):
-    """The error for a call that contains a word of an earlier version."""
+    """The error for a command line with a command, option or option value of an earlier version."""
 
     status = 2
 

@@ -64,8 +64,8 @@ def over_cycles(t: Array, lift: Array) -> CycleAverage:
 
 
 def over_last_cycles(t: Array, frequency: float) -> CycleAverage:
-    """Return the average over the last whole cycles in n samples at rising instants t (n,), in t_c. `frequency` is the
-    number of cycles per t_c of this wake without control. Raises PlantError for less than a cycle."""
+    """Return the average over the last whole cycles of a series. `t` (n,) has rising sample times in t_c; `frequency`
+    is this wake's number of cycles per t_c without control. Raises PlantError if t spans less than a cycle."""
     span = float(t[-1] - t[0]) if len(t) else 0.0
     # A span may be a whole number of cycles, and rounding must not remove its last cycle.
     cycles = int(span * frequency + 1e-9)

@@ -85,7 +85,7 @@ typedef union {
     } image;
     struct {
         sw_store_state state;
-        sw_slot_state slot; /* state of the announced slot after the erasure */
+        sw_slot_state slot; /* state of the announced image's slot after the slot's erasure */
     } next;
 } sw_scratch;
 

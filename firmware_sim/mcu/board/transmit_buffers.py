@@ -14,7 +14,7 @@ class _OnWire(NamedTuple):
 
 
 class TransmitBuffers:
-    """A CAN controller's elements for frames to send: first the `dedicated` buffers, then the FIFO's `size` elements.
+    """The Tx buffer elements of an M_CAN: first `dedicated` dedicated buffers, then a FIFO of `size` elements.
 
     Args:
         element: function that returns the frame in an element.

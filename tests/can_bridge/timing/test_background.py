@@ -41,7 +41,7 @@ def test_made_up_messages_are_those_of_a_vehicle_and_fill_their_share(load, bus,
     assert all(0 <= one.offset_ns < one.period_ns for one in messages)
     if len(messages) > 1:
         assert ids[0] < min(OURS) and ids[-1] > max(OURS)
-    with refused(ConfigError, r"load = 1e-05: must be at least one message per second"):
+    with refused(ConfigError, r"load = 1e-05: too small for one message per second"):
         made_up(1e-5, bus, seed=seed)
 
 

@@ -20,7 +20,7 @@ DECODE = {
 LOAD = {
     "--set bus.background.dbc=none.dbc": "none.dbc: No such file or directory",
     "--set bus.interface=virtual": "--set bus.interface: `can load` does not use it",
-    "--set bus.background.load=0.00001": "must be at least one message per second",
+    "--set bus.background.load=0.00001": "too small for one message per second",
 }
 MONITOR = {
     "empty.log": "empty.log: holds no CAN frame",
