@@ -206,7 +206,8 @@ class PriorWeights:
         else:
             scheduled, units, count, columns = tensors.shape("first", 4)
             if scheduled not in (len(SCHEDULED), len(SCHEDULED) - 1):
-                raise ExportError(f"prior.first: {scheduled} variables, must be {len(SCHEDULED)}: {', '.join(SCHEDULED)}")
+                names = ", ".join(SCHEDULED)
+                raise ExportError(f"prior.first: {scheduled} variables, must be {len(SCHEDULED)}: {names}")
             first = of_two_speeds(tensors.take("first", (scheduled, units, count, columns)))
             gate = of_two_speeds(tensors.take("gate", (units, scheduled)).T).T
             sums = tensors.take("sums", (units, count, columns - 1))
