@@ -154,7 +154,7 @@ def test_another_recording_is_taken_if_it_is_named_and_said(export, tmp_path):
     places = np.array(POSITIONS)
     places[2, 0] = 0.72
     moved = SensorLayout.of(NAMES, places, base=LAYOUT.base.tolist(), symmetric=False)
-    with pytest.raises(ExportError, match="of other sensors, in the position of Ø3"):
+    with pytest.raises(ExportError, match="the sensors differ: the position of Ø3"):
         export(recording=other_recording(tmp_path, moved))
 
 

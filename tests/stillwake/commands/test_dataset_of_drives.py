@@ -147,7 +147,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
             "--forces forces.csv --map Cd=drag": "no column 'drag' for the forces' table; it has t [t_c], Cd, C",
             "--forces forces.csv --set operating_point.speed=50": "20 ms apart, but the control period is 10 ms",
             "--forces forces.csv --set mpc.horizon=3": "`dataset import` does not use it",
-            "--forces forces.csv --reference Cp=300Pa": "drive.log has 375 Pa",
+            "--forces forces.csv --reference Cp=300Pa": "drive.log are divided by 375 Pa",
             "--forces forces.csv --set flow.action_limit=0.01": "beyond flow.action_limit = 0.01",
             "--forces forces.csv --channel can7": "drive.log: --channel can7: it has vcan0",
             "--forces forces.csv --log-zone Mars": "--log-zone Mars: must be a name such as Europe/Berlin or UTC",

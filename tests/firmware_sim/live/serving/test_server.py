@@ -191,7 +191,7 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
         await ask(9, make=tmp_path / "9")
         assert (await answer(control, '{"id": 10}'))["id"] == 10
         await ask(11, make=tmp_path / "9")
-        assert "already" in (await read(control))["error"]
+        assert "another controller is being built" in (await read(control))["error"]
         await heard(viewers[1], type="loop", text="something is made")
         (tmp_path / "9").touch()
         assert (await read(control))["id"] == 9
