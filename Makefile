@@ -106,7 +106,7 @@ retrain: $(VENV)/dev.stamp
 	$(BIN)/stillwake export runs/model runs/bundle --estimator --overwrite
 	$(BIN)/stillwake run runs/retrained --overwrite --bundle runs/bundle
 
-# The shipped release anew: make release KEY=release.key NAME=truck-wake-16. A model in runs/release is taken as it is.
+# The shipped release anew: make release KEY=release.key NAME=truck-wake-17. A model in runs/release is taken as it is.
 # This recipe trains the weights of the design speed. At other speeds the shipped prior imitates earlier trainings, and at
 # wrong speeds itself (python -m benchmarks.release.join and wrong_speeds; data/stillwake_data/provenance.json), which
 # the recipe does not repeat.

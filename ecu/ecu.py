@@ -94,6 +94,7 @@ class Ecu:
             horizon=manifest.mpc.horizon,
             delay=config.ecu.frozen_actions,
             past=0 if manifest.speeds is None else manifest.past,
+            speed=None if self._speed_reception is None else self._speed_reception.start,
         ).authenticated(authentication, self._messages)
         self._state = start
         self.restore(start)
@@ -203,6 +204,11 @@ class Ecu:
             memory = memory.observed(received.cp, speed)
         sensors, memory, sensor_fault = self._checked(state.sensors, memory, received, timing.skipped)
         benefit, no_benefit = self._judged(state, memory, speed, usable=received.cp is not None)
+        if self._speed_reception is not None:
+            is_sound = received.cp is not None and memory.is_full and sensors.set_aside is None
+            speed_state = self._speed_reception.corrected(
+                speed_state, memory.window if is_sound else None, drives=state.fail_safe.mode.drives_jets
+            )
         bus_off = _bus_fault(state.health, health)
         after = replace(
             state,

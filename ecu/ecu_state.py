@@ -68,12 +68,15 @@ class EcuState:
     freshness: Freshness = field(default_factory=Freshness)
 
     @classmethod
-    def power_on(cls, *, window: int, sensors: int, horizon: int, delay: int, past: int = 0) -> Self:
+    def power_on(
+        cls, *, window: int, sensors: int, horizon: int, delay: int, past: int = 0, speed: SpeedState | None = None
+    ) -> Self:
         """Return the state before any frame was received or sent; `ControllerMemory.empty` explains the sizes."""
         return cls(
             memory=ControllerMemory.empty(length=window, sensors=sensors, horizon=horizon, delay=delay, past=past),
             fail_safe=FailSafe(),
             sensors=SensorCheckState.start(window=past or window, sensors=sensors),
+            speed=SpeedState() if speed is None else speed,
         )
 
     def authenticated(self, authentication: Authentication | None, messages: MessageSet) -> Self:

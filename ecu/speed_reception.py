@@ -16,10 +16,12 @@ from can_bridge.secoc.securing import VerifierState, verified
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import Message
 from can_bridge.wire.messages import VehicleSpeed
+from contract.arrays import Array
 from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import E2eConfig, SpeedConfig
 from contract.release.manifest import Manifest, SpeedRange
+from ecu.air_speed import AirSpeed, AirSpeedState
 
 SHORTEST_S: Final = 0.1
 """Shortest time in s over which a change of speed is judged, because of rounding and late frames."""
@@ -34,6 +36,7 @@ class SpeedState:
         density: density of the air in kg/m3, from the frame with this speed, or else from the operating point.
         is_off: whether the speed has left the release's range by more than the margin and has not returned into the
             range.
+        air: estimate of the air speed.
     """
 
     ratio: float | None = None
@@ -42,6 +45,7 @@ class SpeedState:
     is_off: bool = False
     verifier: VerifierState = field(default_factory=VerifierState)
     receiver: ReceiverState = field(default_factory=ReceiverState)
+    air: AirSpeedState = field(default_factory=AirSpeedState)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +58,7 @@ class SpeedReception:
     design: OperatingPoint
     speeds: SpeedRange
     config: SpeedConfig
+    air: AirSpeed | None = None
 
     @classmethod
     def of(
@@ -69,7 +74,13 @@ class SpeedReception:
             design=manifest.operating_point,
             speeds=manifest.speeds,
             config=config.ecu.speed,
+            air=AirSpeed.of(manifest, config.ecu.speed.most_correction),
         )
+
+    @property
+    def start(self) -> SpeedState:
+        """The state at power-on."""
+        return SpeedState() if self.air is None else SpeedState(air=self.air.start)
 
     def next(self, state: SpeedState, frames: Sequence[Frame], now_ns: int) -> SpeedState:
         """Return the state after the frames of a period, oldest first."""
@@ -93,10 +104,20 @@ class SpeedReception:
         return None if state.ratio is None else 0.5 * state.density * speed * speed
 
     def present(self, state: SpeedState) -> float:
-        """Return the ratio to the design speed, limited to the release's range; 1 if unknown or too far outside."""
+        """Return the ratio of the speed in use to the design speed, limited to the release's range; 1 if the speed on
+        the bus is unknown or too far outside."""
         if state.ratio is None or state.is_off:
             return 1.0
-        return min(max(state.ratio, self.speeds.slowest), self.speeds.fastest)
+        return min(max(state.ratio * state.air.correction, self.speeds.slowest), self.speeds.fastest)
+
+    def corrected(self, state: SpeedState, window: Array | None, *, drives: bool) -> SpeedState:
+        """Return the state with the next estimate of the air speed; the arguments are those of `AirSpeed.next`."""
+        if self.air is None:
+            return state
+        ratio = state.ratio or 1.0
+        within = self.speeds.slowest / ratio, self.speeds.fastest / ratio
+        air = self.air.next(state.air, window, drives=drives, within=within)
+        return state if air is state.air else replace(state, air=air)
 
     @property
     def _oldest_ns(self) -> int:

@@ -24,12 +24,14 @@ from contract.config.tree import Config
 from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
 from contract.model import model_folder
+from contract.model.model_folder import AIR_SPEED
 from contract.side_by_side import process_pool
 from stillwake.console.terminal import make_console
 from stillwake.parts.differentiable_wake import differentiable_wake
 from train import model_store
 from train.fitting.threads import torch_threads, without_denormals
 from train.model_store import TrainedModel
+from train.refinement import air_speed
 from train.refinement.imitation import Demonstration, demonstration, watch
 
 SPEEDS: Final = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
@@ -45,6 +47,7 @@ GUST_PERIOD: Final = 100
 PERIODS: Final = 600
 STARTS: Final = 8
 ROUNDS: Final = 3
+SEED: Final = 0
 
 
 class Course(NamedTuple):
@@ -109,7 +112,20 @@ def withstand(model: TrainedModel, *, rounds: int = ROUNDS, workers: int = 2) ->
             given += [one for found in pool.map(work, wrong if number else right) for one in found]
             fit(student, given, goal)
             prior = student.as_prior()
-    return replace(model, prior={**(model.prior or {}), **student.as_prior()})
+        model = replace(model, prior={**(model.prior or {}), **(prior or {})})
+        found = pool.map(partial(seen_of, model=model), range(air_speed.RUNS))
+        weights, error = air_speed.fit([each for one in found for each in one], student.pairs, seed=SEED)
+    make_console().print(f"estimate of the air speed: rms error {error:.4f}")
+    return replace(model, prior={**(model.prior or {}), AIR_SPEED: weights})
+
+
+def seen_of(number: int, *, model: TrainedModel) -> list[tuple[Array, Array]]:
+    """Run the model's prior with one wrong speed, for the estimate of the air speed."""
+    with torch_threads(1), without_denormals():
+        config = replace(model.config, refine=replace(model.config.refine, streams=STARTS))
+        flow, starts = _flow(config, tuple(model.sensors))
+        prior, goal = feedback_of(model, model), Goal.of(model.config.mpc.weights)
+        return air_speed.runs(flow, prior, starts, config.refine, goal, seed=SEED, numbers=[number])
 
 
 @cache
@@ -121,7 +137,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("output", type=Path)
     parser.add_argument("--model", type=Path, required=True, help="model whose prior is fitted")
-    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="0: fit only the estimate of the air speed")
     given = parser.parse_args()
     model_folder.check_free(given.output)
     model_store.save(given.output, withstand(model_store.load(given.model), rounds=given.rounds))

@@ -62,7 +62,7 @@ def _measured(limits: dict[str, str]) -> Iterator[tuple[str, str, str, str, str]
     yield "mode", "Operating mode", "UBYTE", "mode", "0 255"
     yield "reason", "Why the jets are shut", "UBYTE", "reason", "0 255"
     yield "gated", "What the command gate changed", "UBYTE", "bits", "0 255"
-    yield "reserved", "Reserved, without a meaning", "UBYTE", "bits", "0 255"
+    yield "correction", "Speed in use above the speed on the bus, in thousandths", "SBYTE", "weight", "-127 127"
     units = dict.fromkeys(TERMS, "weight") | {"delay_steps": "periods"}
     for name in CALIBRATION_NAMES:
         kind = "ULONG" if name == "delay_steps" else "FLOAT32_IEEE"
@@ -76,7 +76,7 @@ def _measurements(measured: list[tuple[str, str, str, str, str]]) -> Iterator[st
             f'    /begin MEASUREMENT {name} "{description}"\n      {kind} {conversion} 0 0 {limits}\n'
             f"      ECU_ADDRESS {address:#x}\n    /end MEASUREMENT"
         )
-        address += 1 if kind == "UBYTE" else 4
+        address += 1 if kind.endswith("BYTE") else 4
 
 
 def _table(numbers: type[IntEnum]) -> Iterator[str]:

@@ -197,6 +197,9 @@ class SpeedConfig(
     """Share by which the vehicle's speed may be outside the release's range before the jets are shut, because the air
     speed may still be in the range. Within this margin the ECU uses the nearest end of the range. The jets restart when
     the speed is in the range."""
+    most_correction: Annotated[Fraction[float], ours("a 10 % wind", page="explanation/other-speeds.md")] = 0.12
+    """Largest share by which the ECU corrects the speed on the bus, which lacks the wind, with its estimate of the air
+    speed; 0 uses the speed on the bus."""
 
 
 @dataclass(frozen=True, kw_only=True)

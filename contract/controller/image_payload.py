@@ -28,6 +28,8 @@ LEAST_FIGURE: Final = 1e-9
 MOST_FIGURE: Final = 1e3
 """Largest permitted magnitude, in Cp, of the figures that describe the residuals of healthy sensors and the wake
 without jets; `LEAST_FIGURE` is the smallest magnitude. The squares of these figures are divisors."""
+MOST_WEIGHT: Final = 1e6
+"""Largest permitted magnitude of a weight of the estimate of the air speed."""
 _TYPES: Final = ("int8", "uint8", "int32", "float32", "float64")
 """Types of arrays, in the order of their numbers in `sw_image.c`."""
 _POSITIVE: Final = frozenset(
@@ -122,6 +124,8 @@ def _ranges(struct: str, member: str, dtype: str, layout: Mapping[str, str]) -> 
 
 
 def _of_floats(struct: str, member: str, layout: Mapping[str, str], positive: float, most: float) -> tuple[Range, ...]:
+    if member == "air_speed":
+        return ((-MOST_WEIGHT, MOST_WEIGHT),)
     if member == "resting":
         return (positive, most), (-MOST_FIGURE, -LEAST_FIGURE), (LEAST_FIGURE, MOST_FIGURE)
     if member in ("slowest", "fastest") and _stated(layout, "SW_PAST", 0):

@@ -44,6 +44,9 @@ PRIOR: Final = "prior"
 RESTING: Final = "resting"
 """Name of a tensor that accompanies the prior's tensors: K rows of speed, base pressure and swing of the wake without
 jets (`contract.release.manifest.RestingWake`), (K, 3)."""
+AIR_SPEED: Final = "air_speed"
+"""Name of a tensor that accompanies the prior's tensors: the weights of the estimate of the air speed
+(`contract.controller.air_speed`)."""
 PREDICTOR: Final = ("dynamics", "decoder")
 """Networks that a model may have in a second, narrower form. The names of narrower networks begin with `SLIM`."""
 
@@ -126,7 +129,7 @@ class ModelFolder:
     @property
     def prior(self) -> dict[str, npt.NDArray[Any]]:
         """The tensors of the plan's prior; empty if the model has no prior."""
-        return {name: value for name, value in self.network(PRIOR).items() if name != RESTING}
+        return {name: value for name, value in self.network(PRIOR).items() if name not in (RESTING, AIR_SPEED)}
 
     @property
     def resting(self) -> RestingWake | None:
@@ -138,6 +141,12 @@ class ModelFolder:
             raise ModelError(f"{PRIOR}.{RESTING}: shape {table.shape}, must be (speeds, 3)")
         speeds, base, swing = map(tuple, table.T.astype(np.float64).tolist())
         return RestingWake(speeds=speeds, base=base, swing=swing)
+
+    @property
+    def air_speed(self) -> tuple[float, ...] | None:
+        """The weights of the estimate of the air speed; None for a model without one."""
+        weights = self.tensors.get(f"{PRIOR}.{AIR_SPEED}")
+        return None if weights is None else tuple(weights.astype(np.float64).ravel().tolist())
 
     @property
     def provenance(self) -> Provenance:

@@ -14,7 +14,8 @@ import numpy as np
 from contract.arrays import Index
 from contract.config.controller import MpcConfig
 from contract.config.operating_point import OperatingPoint
-from contract.controller.image_payload import LEAST_FIGURE, MOST_FIGURE
+from contract.controller.air_speed import LAGS, weight_count
+from contract.controller.image_payload import LEAST_FIGURE, MOST_FIGURE, MOST_WEIGHT
 from contract.controller.interface import Sizes
 from contract.errors import BundleManifestError, ConfigError
 from contract.printable import MAX_NAME, is_name, quoted, shown
@@ -24,8 +25,9 @@ from contract.release.strict_json import digest_of
 from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 
-_SCHEMA: Final = "stillwake-bundle/8"
-"""The schema that this version reads. Older schemas do not state how the wake without jets depends on the speed."""
+_SCHEMA: Final = "stillwake-bundle/9"
+_SCHEMA_8: Final = "stillwake-bundle/8"
+"""The schema of 1.0.0, which has no estimate of the air speed. This version reads both schemas."""
 FIRST_SECURITY_VERSION: Final = 1
 """Smallest security version of a release; it is 1 until it is raised. An ECU with a store accepts no smaller number."""
 LARGEST_SECURITY_VERSION: Final = 2**32 - 1
@@ -150,6 +152,8 @@ class Manifest:
         speeds: range of speeds in which the ECU resamples the controller's past for the present speed; None if the
             controller assumes the operating point's speed at all times.
         resting: wake without jets as a function of the speed; with None, the ECU assumes the same wake at all speeds.
+        air_speed: weights of the estimate of the air speed (`contract.controller.air_speed`); with None, the ECU uses
+            the speed on the bus.
     """
 
     name: str
@@ -174,6 +178,7 @@ class Manifest:
     hardware: str | None = None
     speeds: SpeedRange | None = None
     resting: RestingWake | None = None
+    air_speed: tuple[float, ...] | None = None
 
     @property
     def past(self) -> int:
@@ -218,6 +223,8 @@ class Manifest:
             yield f"speeds = {speeds.slowest!r}..{speeds.fastest!r}: must include 1 and be within 0.1..10"
         if self.resting is not None:
             yield from _unlike_a_wake(self.resting)
+        if self.air_speed is not None:
+            yield from self._no_estimate(self.air_speed)
         for name, found, wanted in scaling.misfits(count):
             yield f"scaling.{name} has {found} values: must have {wanted}"
         for value in (*scaling.pressure_mean, *scaling.force_mean):
@@ -243,6 +250,16 @@ class Manifest:
             is_date = False
         if not is_date:
             yield f"created = {quoted(self.created)}: must be a date, YYYY-MM-DD"
+
+    def _no_estimate(self, air_speed: tuple[float, ...]) -> Iterator[str]:
+        sensors = len(self.sensors)
+        if sensors % 2 or self.window <= max(LAGS):
+            yield f"air_speed: needs pairs of sensors, and a window of more than {max(LAGS)} rows"
+        elif len(air_speed) != weight_count(sensors // 2):
+            yield f"air_speed has {len(air_speed)} weights: must have {weight_count(sensors // 2)}"
+        for value in air_speed:
+            if not abs(value) <= MOST_WEIGHT:
+                yield f"air_speed: {value!r} must be in {-MOST_WEIGHT:g}..{MOST_WEIGHT:g}"
 
 
 def _not_positive(what: str, *values: float) -> Iterator[str]:
@@ -307,11 +324,13 @@ def open_manifest(path: Path, raw: bytes) -> Opened:
         found = digest_of({"schema": schema, **body, "files": hashes, "dbc_sha256": dbc})
     except (ValueError, KeyError, TypeError) as error:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} is damaged ({shown(error)})") from error
-    if schema != _SCHEMA:
+    if schema not in (_SCHEMA, _SCHEMA_8):
         remedy = f"this version reads {_SCHEMA!r}: export its model again"
         raise BundleManifestError(f"bundle {path}: schema {quoted(schema)}, {remedy}")
     if found != digest:
         raise BundleManifestError(f"bundle {path}: {MANIFEST} was altered (its own hash does not match)")
+    if schema == _SCHEMA_8:
+        body.setdefault("air_speed", None)
     if len(hashes) > MAX_FILES:
         raise BundleManifestError(f"bundle {path}: {MANIFEST}: files has {len(hashes)} entries: at most {MAX_FILES}")
     for name, value in hashes.items():

@@ -97,6 +97,20 @@ static uint8_t check_benefit(sw_ecu_state *state, const sw_release *release, int
     return fault;
 }
 
+/* Updates the estimate of the air speed; the next period's speed depends on it. */
+static void estimate_air_speed(sw_ecu_state *state, const sw_release *release, int usable)
+{
+#if SW_AIR_SPEED
+    const int is_sound = usable && state->memory.rows == SW_WINDOW && state->sensors.set_aside < 0;
+    const int drives = sw_drives_jets(state->fail_safe.mode);
+    sw_air_speed_next(&state->speed, release, &state->memory, is_sound, drives);
+#else
+    (void)state;
+    (void)release;
+    (void)usable;
+#endif
+}
+
 /* Returns BUS_OFF if the CAN controller is or was bus-off since the last step: no node received the last frames. */
 static uint8_t bus_fault(const sw_bus_health *before, const sw_bus_health *now)
 {
@@ -218,6 +232,7 @@ static void receive(sw_ecu *ecu, sw_period_inputs *inputs, const sw_frame *frame
     with_row(state, ecu->numbers.release, cp);
     const uint8_t sensor_fault = check_sensors(ecu, cp, reading);
     const uint8_t no_benefit = check_benefit(state, ecu->numbers.release, cp != NULL);
+    estimate_air_speed(state, ecu->numbers.release, cp != NULL);
     const uint8_t faults[] = {sw_inexact(), ecu->unfit, state->timing.fault,
                               bus_fault(&state->health, &ecu->surroundings.health),
                               (uint8_t)(state->other_ecu.is_there ? SW_REASON_OTHER_ECU : SW_REASON_NONE),
@@ -273,6 +288,9 @@ int sw_ecu_init_of(sw_ecu *ecu, const sw_numbers *numbers)
     ecu->state.pressures.stream = SW_NODATA;
 #if SW_PAST > 0
     ecu->state.speed.receiver.stream = SW_NODATA;
+#if SW_AIR_SPEED
+    ecu->state.speed.air.correction = 1.0;
+#endif
 #endif
 #if SW_SECOC
     ecu->state.freshness.trip = 1;
@@ -321,6 +339,9 @@ static int could_drive(const sw_ecu_state *state)
     const sw_past *past = &state->memory.past;
     int sound = could_receive(&state->speed.receiver) & (past->count <= SW_PAST);
     sound &= !state->speed.known || state->speed.density > 0.0;
+#if SW_AIR_SPEED
+    sound &= state->speed.air.driven <= SW_AIR_FIRST_PERIOD && state->speed.air.correction > 0.0;
+#endif
     for (uint32_t k = 0; k < past->count && sound; k++) sound = past->speeds[SW_PAST - 1u - k] > 0.0;
     return sound;
 }

@@ -135,8 +135,16 @@ void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_fr
 /* Returns the dynamic pressure (Cp = 1) in Pa; 0 without a speed. */
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release);
 
-/* Returns speed / design speed, limited to the release's range; 1 if the speed is unknown or too far outside. */
+/* Returns the speed in use / design speed, limited to the release's range; 1 if the speed on the bus is unknown or too
+ * far outside. */
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release);
+
+#if SW_AIR_SPEED
+/* Updates the estimate of the air speed after a period. `is_sound` states whether the window is full, has this period's
+ * pressures, and no sensor is excluded; `drives` states whether the jets were allowed to run during the past period. */
+void sw_air_speed_next(sw_speed_state *speed, const sw_release *release, const sw_memory *memory, int is_sound,
+                       int drives);
+#endif
 #endif
 
 /* --- sw_past.c: rows of past periods, resampled at equal distances travelled --- */

@@ -130,6 +130,15 @@ typedef struct {
     double speeds[SW_PAST];           /* speed of each row, divided by the design speed */
 } sw_past;
 
+#if SW_AIR_SPEED
+/* The estimate of the air speed. */
+typedef struct {
+    uint32_t driven;               /* periods under control, up to SW_AIR_FIRST_PERIOD */
+    double correction;             /* speed in use divided by the speed on the bus */
+    double means[SW_AIR_FEATURES]; /* running means of the features */
+} sw_air_speed;
+#endif
+
 /* The vehicle's speed through the air. */
 typedef struct {
     sw_receiver receiver; /* receiver of VehicleSpeed */
@@ -138,6 +147,9 @@ typedef struct {
     double ratio;         /* speed divided by the design speed; 0 if unknown */
     double density;       /* density of the air in kg/m3, from the same frame */
     int64_t measured_ns;
+#if SW_AIR_SPEED
+    sw_air_speed air;
+#endif
 } sw_speed_state;
 #endif
 
@@ -226,6 +238,7 @@ typedef struct {
     double design_speed;     /* in m/s */
     double design_density;   /* density of the air, in kg/m3 */
     float weights[SW_TERMS]; /* weights of the cost terms */
+    float air_speed[SW_AIR_WEIGHTS]; /* weights of the estimate of the air speed; without it, one zero */
     uint32_t bundle_hash;    /* the first 32 bits of the release's digest */
     uint8_t base[SW_BASES];  /* sensors on the base */
     uint8_t pairs[SW_MIRRORED_PAIRS][2]; /* pairs of mirrored sensors */

@@ -1,6 +1,6 @@
 /* The vehicle's speed through the air, for the conversion of pressures to coefficients and of actions to flow rates.
  * While no new speed is accepted, the last accepted speed stays in force for a limited time. This file corresponds to
- * ecu/speed_reception.py.
+ * ecu/speed_reception.py and ecu/air_speed.py.
  */
 #include "sw_ecu_parts.h"
 
@@ -59,8 +59,13 @@ void sw_speed_next(sw_speed_state *speed, const sw_release *release, const sw_fr
 double sw_speed_present(const sw_speed_state *speed, const sw_release *release)
 {
     if (!speed->known || speed->is_off) return 1.0;
-    if (speed->ratio < release->slowest) return release->slowest;
-    return speed->ratio > release->fastest ? release->fastest : speed->ratio;
+#if SW_AIR_SPEED
+    const double ratio = speed->ratio * speed->air.correction;
+#else
+    const double ratio = speed->ratio;
+#endif
+    if (ratio < release->slowest) return release->slowest;
+    return ratio > release->fastest ? release->fastest : ratio;
 }
 
 double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *release)
@@ -68,5 +73,81 @@ double sw_speed_dynamic_pressure(const sw_speed_state *speed, const sw_release *
     const double through_air = sw_speed_present(speed, release) * release->design_speed;
     return speed->known ? 0.5 * speed->density * through_air * through_air : 0.0;
 }
+
+/* --- The estimate of the air speed; its terms are those of contract/controller/air_speed.py --- */
+
+#if SW_AIR_SPEED
+
+enum { PAIRS = SW_SENSORS / 2, SIGNALS = PAIRS + 1 };
+
+/* Returns a signal of a window's row: a difference between mirrored sensors, or the action. */
+static double signal_of(const double row[SW_COLUMNS], int i)
+{
+    return i < PAIRS ? row[2 * i] - row[2 * i + 1] : row[SW_SENSORS];
+}
+
+/* Returns a feature of the window's newest row: a sum, or a product of a signal of this row with an earlier signal. */
+static double feature_of(const sw_memory *memory, int n)
+{
+    static const uint8_t lags[] = SW_AIR_LAGS;
+    const double *newest = memory->window[SW_WINDOW - 1];
+    if (n < PAIRS) return newest[2 * n] + newest[2 * n + 1];
+    const int product = n - PAIRS, both = product % (SIGNALS * SIGNALS);
+    const double *earlier = memory->window[SW_WINDOW - 1 - (int)lags[product / (SIGNALS * SIGNALS)]];
+    return signal_of(newest, both / SIGNALS) * signal_of(earlier, both % SIGNALS);
+}
+
+static double between(double value, double least, double most)
+{
+    const double raised = value < least ? least : value;
+    return raised > most ? most : raised;
+}
+
+/* Returns the logarithm of the speed in use divided by the air speed. */
+static double estimate_of(const double means[SW_AIR_FEATURES], const float weights[SW_AIR_WEIGHTS])
+{
+    double sum = 0.0;
+    for (int n = 0; n < SW_AIR_WEIGHTS; n++) {
+        double term = 1.0;
+        if (n < SW_AIR_FEATURES) {
+            term = means[n];
+        } else if (n < SW_AIR_FEATURES + PAIRS) {
+            term = means[n - SW_AIR_FEATURES] * means[n - SW_AIR_FEATURES];
+        } else {
+            /* The last term is the constant. */
+        }
+        sum += (double)weights[n] * term;
+    }
+    return sum;
+}
+
+/* Limits a correction, also to the release's range of speeds: there a larger one would have no effect. */
+static double limited(double correction, double ratio, const sw_release *release)
+{
+    const double least = between(release->slowest / ratio, 1.0 - SW_MOST_CORRECTION, 1.0);
+    return between(correction, least, between(release->fastest / ratio, 1.0, 1.0 + SW_MOST_CORRECTION));
+}
+
+void sw_air_speed_next(sw_speed_state *speed, const sw_release *release, const sw_memory *memory, int is_sound,
+                       int drives)
+{
+    sw_air_speed *air = &speed->air;
+    if (!drives) air->driven = 0;
+    if (!drives || !is_sound) return;
+    if (air->driven < SW_AIR_FIRST_PERIOD) air->driven++;
+    const uint32_t over = air->driven < SW_AIR_MEAN_PERIODS ? air->driven : SW_AIR_MEAN_PERIODS;
+    for (int n = 0; n < SW_AIR_FEATURES; n++) {
+        const double before = air->driven == 1u ? 0.0 : air->means[n];
+        air->means[n] = before + (feature_of(memory, n) - before) / (double)over;
+    }
+    if (air->driven == SW_AIR_FIRST_PERIOD) {
+        const double estimate = estimate_of(air->means, release->air_speed);
+        const double rest = estimate - between(estimate, -SW_AIR_TOLERATED, SW_AIR_TOLERATED);
+        const double next = air->correction - SW_AIR_RATE * air->correction * between(rest, -SW_AIR_MOST_REST, SW_AIR_MOST_REST);
+        air->correction = limited(next, speed->ratio, release);
+    }
+}
+
+#endif
 
 #endif

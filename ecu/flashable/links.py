@@ -151,6 +151,7 @@ class CalibrationLink:
             reason=state.fail_safe.reason,
             gated=self._ecu.trace.interventions.value,
             calibration=self._ecu.calibration,
+            correction=state.speed.air.correction,
         )
         self._xcp.daq.sample(measured)
 

@@ -21,6 +21,7 @@ from contract.config.controller import CostWeights
 from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import SpeedConfig
+from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feature_count
 from contract.controller.c_folder import ECU_SETTINGS
 from contract.controller.c_numbers import Numbers
 from contract.controller.calibration import LARGEST_WEIGHT, Calibration
@@ -29,7 +30,7 @@ from contract.errors import ConfigError, LibraryError
 from contract.release import manifest as manifests
 from contract.release.checks import Bundle
 from contract.release.manifest import Manifest
-from ecu import benefit_check, sensor_check
+from ecu import air_speed, benefit_check, sensor_check
 from ecu.benefit_check import BenefitCheck, resting_of
 from ecu.calibrating import limits_of, release_calibration
 from ecu.fit import check_vehicle
@@ -160,11 +161,12 @@ def release_numbers(bundle: Bundle, config: Config) -> Numbers:
         "design_speed": np.array(float(point.speed)),
         "design_density": np.array(float(point.density)),
         "weights": np.array(release_calibration(bundle, config).values[:-3], np.float32),
+        "air_speed": np.array(manifest.air_speed or (0.0,), np.float32),
         "bundle_hash": np.array(bundle.short_hash, np.uint32),
         "base": np.array([0] if check is None else check.base, np.uint8),
         "pairs": np.array([[0, 0]] if check is None else check.pairs, np.uint8),
     }
-    ends = members["base"].nbytes + members["pairs"].nbytes + members["weights"].nbytes + 4
+    ends = 4 + sum(members[name].nbytes for name in ("base", "pairs", "weights", "air_speed"))
     # Compilers pad a struct to different sizes, so the padding is a separate member.
     return Numbers(struct="sw_release", members={**members, "reserved": np.zeros(8 - ends % 8, np.uint8)})
 
@@ -175,6 +177,7 @@ def _of_release(numbers: Numbers) -> dict[str, int | float | str]:
         "SW_BASES": len(members["base"]),
         "SW_MIRRORED_PAIRS": len(members["pairs"]),
         "SW_RESTING_SPEEDS": len(members["resting"]),
+        "SW_AIR_WEIGHTS": len(members["air_speed"]),
         "SW_RELEASE_RESERVED": len(members["reserved"]),
         "SW_RELEASE": numbers.initialiser.replace("\n", " "),
         "SW_RELEASE_AS_PACKED": numbers.as_packed,
@@ -203,9 +206,18 @@ def _of_diagnosis(config: DiagnosisConfig, period_ns: int) -> dict[str, int | fl
 def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float | str]:
     """Return the settings for a release with a range of speeds; for another release, only SW_PAST, which is 0."""
     if manifest.speeds is None:
-        return {"SW_PAST": 0}
+        return {"SW_PAST": 0, "SW_AIR_SPEED": 0}
     return {
         "SW_PAST": manifest.past,
+        "SW_AIR_SPEED": int(manifest.air_speed is not None),
+        "SW_AIR_FEATURES": feature_count(len(manifest.sensors) // 2),
+        "SW_AIR_LAGS": f"{{{', '.join(map(str, LAGS))}}}",
+        "SW_AIR_MEAN_PERIODS": f"{MEAN_PERIODS}u",
+        "SW_AIR_FIRST_PERIOD": f"{FIRST_PERIOD}u",
+        "SW_AIR_TOLERATED": air_speed.TOLERATED,
+        "SW_AIR_MOST_REST": air_speed.MOST_REST,
+        "SW_AIR_RATE": air_speed.RATE,
+        "SW_MOST_CORRECTION": float(config.most_correction),
         "SW_SPEED_MARGIN": float(config.margin),
         "SW_OLDEST_SPEED_NS": f"INT64_C({round(config.oldest_ms * 1e6)})",
         "SW_SHORTEST_S": SHORTEST_S,

@@ -23,6 +23,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.errors import LibraryError
+from ecu.air_speed import AirSpeedState
 from ecu.benefit_check import BenefitCheckState
 from ecu.controller_memory import ControllerMemory, DelayLine, Past
 from ecu.ecu_state import EcuState, Trace
@@ -138,7 +139,7 @@ class Structs:
             pressures=_received(state.pressures),
             verifier=_verified(state.pressures),
             freshness=_value(Freshness, state.freshness) if self._has_key else Freshness(),
-            speed=_speed(state.speed) if self._serves_speeds else SpeedState(),
+            speed=self._speed(state.speed) if self._serves_speeds else SpeedState(),
             commands=SenderState(counter=state.command_counter),
             statuses=SenderState(counter=state.status_counter),
             timing=_value(
@@ -177,7 +178,7 @@ class Structs:
             setattr(state.benefit, item.name, getattr(value.benefit, item.name))
         _set_received(state.pressures, value.pressures)
         if self._serves_speeds:
-            _set_speed(state.speed, value.speed)
+            self._set_speed(state.speed, value.speed)
         if self._has_key:
             state.freshness.trip, state.freshness.count = value.freshness.trip, value.freshness.count
             _set_verified(state.pressures, value.verifier)
@@ -228,6 +229,27 @@ class Structs:
         content = np.ascontiguousarray(values)
         assert content.nbytes == self.ffi.sizeof(member)
         self.ffi.memmove(member, content, content.nbytes)
+
+    def _speed(self, speed: Any) -> SpeedState:
+        return _value(
+            SpeedState,
+            speed,
+            ratio=speed.ratio if speed.known else None,
+            is_off=bool(speed.is_off),
+            receiver=_received(speed.receiver),
+            verifier=_verified(speed.receiver),
+            air=_value(AirSpeedState, speed.air, means=self._array(speed.air.means))
+            if hasattr(speed, "air")
+            else AirSpeedState(),
+        )
+
+    def _set_speed(self, speed: Any, value: SpeedState) -> None:
+        speed.known, speed.ratio = value.ratio is not None, value.ratio or 0.0
+        speed.density, speed.measured_ns, speed.is_off = value.density, c_time(value.measured_ns), value.is_off
+        if hasattr(speed, "air"):
+            speed.air.correction, speed.air.driven = value.air.correction, value.air.driven
+            self.copy(speed.air.means, value.air.means)
+        _set_received(speed.receiver, value.receiver)
 
     @staticmethod
     def _set_health(health: Any, value: BusHealth) -> None:
@@ -285,23 +307,6 @@ def _set_verified(receiver: Any, value: VerifierState) -> None:
     found = receiver.verifier
     found.freshness, found.not_authentic = value.freshness, _count(value.not_authentic)
     found.not_fresh = _count(value.not_fresh)
-
-
-def _speed(speed: Any) -> SpeedState:
-    return _value(
-        SpeedState,
-        speed,
-        ratio=speed.ratio if speed.known else None,
-        is_off=bool(speed.is_off),
-        receiver=_received(speed.receiver),
-        verifier=_verified(speed.receiver),
-    )
-
-
-def _set_speed(speed: Any, value: SpeedState) -> None:
-    speed.known, speed.ratio = value.ratio is not None, value.ratio or 0.0
-    speed.density, speed.measured_ns, speed.is_off = value.density, c_time(value.measured_ns), value.is_off
-    _set_received(speed.receiver, value.receiver)
 
 
 def flattened(value: object, name: str = "") -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
     python examples/fleet/repository.py create repo keys
     python examples/fleet/repository.py publish repo keys contract/release/shipped
-    python examples/fleet/repository.py roll-out repo keys truck-wake-15 10
+    python examples/fleet/repository.py roll-out repo keys truck-wake-16 10
     python examples/fleet/repository.py renew repo keys
 
 Two roles decide together what a vehicle gets, as in Uptane. The role `releases` lists the bundles; its key and the key

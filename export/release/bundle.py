@@ -27,6 +27,7 @@ def write_release(
     provenance: Provenance,
     positions: tuple[tuple[float, float], ...] | None = None,
     resting: RestingWake | None = None,
+    air_speed: tuple[float, ...] | None = None,
     key: Ed25519PrivateKey | None = None,
     estimator: MadeEstimator | None = None,
 ) -> None:
@@ -39,6 +40,7 @@ def write_release(
         provenance: provenance of the training; the gates' figures are added under `export`.
         positions: (x, y) of every sensor in the body's reference length W, if they are known.
         resting: the wake without jets by speed, if it is known.
+        air_speed: weights of the estimate of the air speed, if the model has them.
         key: key to sign the release with; the release is unsigned if None.
         estimator: estimator of the release's sensors; without it, the ECU does not check its sensors.
     """
@@ -68,6 +70,7 @@ def write_release(
         security_version=FIRST_SECURITY_VERSION,
         speeds=SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None,
         resting=resting,
+        air_speed=air_speed,
     )
     contents = {CONTROLLER: lowered.graph}
     if estimator is not None:

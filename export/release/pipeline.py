@@ -173,6 +173,7 @@ def export_all(
         provenance=trained.provenance,
         positions=tuple((float(x), float(y)) for x, y in chosen),
         resting=trained.resting,
+        air_speed=trained.air_speed,
         key=key,
         estimator=estimator,
     )

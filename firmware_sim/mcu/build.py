@@ -22,7 +22,7 @@ COMMON: Final = ("-O2", "-ffp-contract=on", "-g0")
 # defaults, with frame pointers and more inlining, would take 2 KiB more flash and 3 % more time.
 BARE: Final = (
     "-target", "thumb-freestanding-eabihf", "-fno-unroll-loops", "-fomit-frame-pointer",
-    "-mllvm", "-inline-threshold=50", "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
+    "-mllvm", "-inline-threshold=20", "-ffreestanding", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables",
     "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-T",
 )  # fmt: skip
 BOARD_SCRIPT: Final = "sw_board.ld"

@@ -23,6 +23,7 @@ class Phase(StrEnum):
     PREDICTOR = "predictor", "distil predictor"
     REFINE = "refine", "through the flow"
     REST = "rest", "wake without jets"
+    AIR_SPEED = "air_speed", "wrong speeds"
 
     def __new__(cls, value: str, label: str) -> "Phase":
         phase = str.__new__(cls, value)

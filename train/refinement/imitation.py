@@ -115,11 +115,11 @@ def demonstration(
         expert_told: speed that the expert is told, divided by the true speed.
     """
     limit = goal.share_of_limit() * expert.limit
-    kept = ceil(expert.memory / SLOWEST) + 1
-    prior_reads, expert_reads = (_as_told(run, ratio, kept, expert.memory) for ratio in (told, np.array([expert_told])))
+    prior_reads, expert_reads = (rows_as_told(run, ratio, expert.memory) for ratio in (told, np.array([expert_told])))
+    left_out = len(run.rows) - len(prior_reads)
     actions = list[float]()
     for k, ((_, said), (rows, speed)) in enumerate(zip(prior_reads, expert_reads, strict=True)):
-        before = float(run.rows[kept - 1 + k, -1])
+        before = float(run.rows[left_out + k, -1])
         with torch.no_grad():
             action = float(expert(rows, speed, goal))
         command = before + min(1.0, speed * speed) * (action * speed - before)
@@ -133,8 +133,9 @@ def demonstration(
     )
 
 
-def _as_told(run: Watched, told: Array, kept: int, memory: int) -> list[tuple[Tensor, float]]:
+def rows_as_told(run: Watched, told: Array, memory: int) -> list[tuple[Tensor, float]]:
     """Return the rows (M, 2 p + 1) that a prior reads in each period from number `kept` on, and the told speed."""
+    kept = ceil(memory / SLOWEST) + 1
     scale = torch.from_numpy(1.0 / told**2)[:, None]
     rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()
     spans = [slice(last - kept, last) for last in range(kept, len(rows) + 1)]

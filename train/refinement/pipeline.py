@@ -14,10 +14,11 @@ import scipy.linalg
 
 from contract.arrays import Array
 from contract.config.tree import Config
+from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
 from contract.errors import DatasetError, StillwakeError
 from contract.model import model_folder
-from contract.model.model_folder import RESTING
+from contract.model.model_folder import AIR_SPEED, RESTING
 from contract.recording import dataset
 from contract.recording.findings import trainable
 from contract.sensor_layout import SensorLayout
@@ -29,6 +30,7 @@ from train.fitting.threads import torch_threads, without_denormals
 from train.fitting.unfinished import Identity
 from train.model_store import TrainedModel
 from train.pipeline import deployed, versions
+from train.refinement import air_speed
 from train.refinement.feedback import Feedback, scales_of
 from train.refinement.refine import SideBySide, refine
 from train.samples.rows import prepare
@@ -103,6 +105,7 @@ def refine_model(
         resting = resting_by_speed(plant, starts[0], settings, progress)
         if resting is not None:
             prior[RESTING] = resting
+            prior[AIR_SPEED] = air_speed_of(plant, starts, refined.feedback, settings, progress)
         model = replace(model, config=settings, prior=prior, versions={**model.versions, **versions()})
         model_store.save(output, model)
     shutil.rmtree(checkpoints.folder, ignore_errors=True)
@@ -131,6 +134,21 @@ def resting_by_speed(flow: DifferentiableFlow, start: FlowState, settings: Confi
         rows.append((speed, *seen))
         progress(Phase.REST, done, len(speeds), {})
     return np.array(rows)
+
+
+def air_speed_of(
+    flow: DifferentiableFlow, starts: Sequence[FlowState], feedback: Feedback, settings: Config, progress: Progress
+) -> Array:
+    """Return the weights of the estimate of the air speed under this feedback (`contract.controller.air_speed`)."""
+    seed, goal = settings.train.seed, Goal.of(settings.mpc.weights)
+    shown = partial(_shown, progress)
+    found = air_speed.runs(flow, feedback, starts, settings.refine, goal, seed=seed, progress=shown)
+    weights, _ = air_speed.fit(found, feedback.pairs, seed=seed)
+    return weights
+
+
+def _shown(progress: Progress, done: int) -> None:
+    progress(Phase.AIR_SPEED, done, air_speed.RUNS, {})
 
 
 def _begun(

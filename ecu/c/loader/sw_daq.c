@@ -31,6 +31,19 @@ void sw_daq_free(sw_daq *daq)
 
 /* --- The control period --- */
 
+/* Returns the correction of the speed in thousandths, rounded. */
+static int8_t thousandths_of(const sw_ecu *ecu)
+{
+#if SW_PAST > 0 && SW_AIR_SPEED
+    const double exact = (ecu->state.speed.air.correction - 1.0) * 1000.0;
+    const int rounded = (int)(exact + (exact < 0.0 ? -0.5 : 0.5));
+    return (int8_t)(rounded > 127 ? 127 : (rounded < -127 ? -127 : rounded));
+#else
+    (void)ecu;
+    return 0;
+#endif
+}
+
 void sw_daq_sample(sw_daq *daq, const sw_ecu *ecu, uint8_t mode)
 {
     sw_measured *measured = &daq->measured;
@@ -40,6 +53,7 @@ void sw_daq_sample(sw_daq *daq, const sw_ecu *ecu, uint8_t mode)
     measured->mode = mode;
     measured->reason = ecu->state.fail_safe.reason;
     measured->gated = ecu->trace.interventions;
+    measured->correction = thousandths_of(ecu);
     measured->calibration = ecu->calibration;
     if (daq->is_running) daq->next = 0;
 }

@@ -22,7 +22,7 @@ typedef struct {
     uint8_t mode;                /* SW_MODE_ */
     uint8_t reason;              /* SW_REASON_ */
     uint8_t gated;               /* SW_GATED_ bits */
-    uint8_t reserved;
+    int8_t correction;           /* speed in use above the speed on the bus, in thousandths */
     sw_calibration calibration; /* values in force in this period */
 } sw_measured;
 

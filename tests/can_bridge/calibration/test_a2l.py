@@ -6,7 +6,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from tests.can_bridge.calibration.conftest import LIMITS, REFERENCE, changed
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|/begin|/end|[^\s"]+')
 A2LTOOL = shutil.which("a2ltool") or shutil.which("a2ltool", path=str(Path(sys.executable).parent))
-DATA_TYPES = {"FLOAT32_IEEE": "<f", "ULONG": "<I", "UBYTE": "<B"}
+DATA_TYPES = {"FLOAT32_IEEE": "<f", "ULONG": "<I", "UBYTE": "<B", "SBYTE": "<b"}
 PERIOD_NS = 20_000_000
 
 
@@ -106,8 +106,9 @@ def test_every_value_is_where_the_file_says_with_its_limits_and_unit(module):
 def test_what_is_measured_is_where_the_file_says(module, slave):
     values = changed(**{name: 0.5 + index for index, name in enumerate(CALIBRATION_NAMES[:7])}, delay_steps=5)
     pressures = np.array([0.25, -0.5, 0.75, -1.0])
-    measured = measured_bytes(pressures, 0.0625, mode=Mode.CONTROL, reason=Reason.STALE, gated=48, calibration=values)
-    expected = [*pressures, 0.0625, Mode.CONTROL, Reason.STALE, 48, 0, *values.values]
+    states: dict[str, Any] = {"mode": Mode.CONTROL, "reason": Reason.STALE, "gated": 48, "calibration": values}
+    measured = measured_bytes(pressures, 0.0625, **states, correction=0.9476)
+    expected = [*pressures, 0.0625, Mode.CONTROL, Reason.STALE, 48, -52, *values.values]
     blocks = module.all("MEASUREMENT")
     assert module.all("GROUP")[-1].one("REF_MEASUREMENT").words == [block.words[0] for block in blocks]
     end = MEASURED_ADDRESS

@@ -74,7 +74,7 @@ class Periods(daq_stim.DaqOnlinePolicy):  # type: ignore[name-defined,misc]
 
 def measurements(text):
     """What the A2L file says is measured, as pyxcp wants it."""
-    types_of = {"FLOAT32_IEEE": "F32", "UBYTE": "U8", "ULONG": "U32"}
+    types_of = {"FLOAT32_IEEE": "F32", "UBYTE": "U8", "SBYTE": "I8", "ULONG": "U32"}
     found = re.findall(r"/begin MEASUREMENT (\w+) \"[^\"]*\"\s+(\w+)[^/]*ECU_ADDRESS (\w+)", text)
     return [(name, int(address, 16), 0, types_of[kind]) for name, kind, address in found]
 

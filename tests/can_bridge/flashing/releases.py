@@ -53,7 +53,8 @@ def untrained() -> tuple[Manifest, bytes]:
 
     program = small_program()
     sizes = {name: getattr(program, name) for name in ("window", "sensors", "mpc", "scaling")}
-    manifest = replace(bundle.load(BUNDLE).manifest, precision="float32", sensor_estimator=None, **sizes)
+    facts = replace(bundle.load(BUNDLE).manifest, sensor_estimator=None, air_speed=None)
+    manifest = replace(facts, precision="float32", **sizes)
     return manifest, build_controller(program).SerializeToString()
 
 

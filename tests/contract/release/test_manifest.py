@@ -56,7 +56,7 @@ def leaves(tree: dict[str, Any], above: str = "") -> list[str]:
 
 def test_the_shipped_manifest_reads_and_has_the_trucks_positions():
     manifest = read((BUNDLE / MANIFEST).read_bytes())
-    assert SHIPPED["schema"] == "stillwake-bundle/8"
+    assert SHIPPED["schema"] in ("stillwake-bundle/8", "stillwake-bundle/9")
     assert manifest.sensor_positions == tuple(
         (float(x), float(y)) for x, y in TRUCK.positions[TRUCK.indices(manifest.sensors)]
     )
@@ -122,9 +122,15 @@ NONSENSE = [
     ("files", {"\x1b[2J": "0" * 64}, r"'\x1b[2J' must be a plain file name"),
     ("files", {str(i): "0" * 64 for i in range(65)}, "files has 65 entries: at most 64"),
     ("surprise\x1b[2J", 1, r"\x1b[2J"),
-    ("schema", "stillwake-bundle/5", "reads 'stillwake-bundle/8': export its model again"),
+    ("schema", "stillwake-bundle/5", "reads 'stillwake-bundle/9': export its model again"),
     ("schema", "\x1b[2J" * 1000, "this version reads"),
 ]
+
+
+def test_a_manifest_of_1_0_0_has_no_estimate_of_the_air_speed():
+    old = {name: value for name, value in SHIPPED.items() if name != "air_speed"}
+    assert read(sealed({**old, "schema": "stillwake-bundle/8"})).air_speed is None
+    assert "air_speed" in refusal(sealed({**old, "schema": "stillwake-bundle/9"}))
 
 
 def test_what_makes_no_sense_is_named():

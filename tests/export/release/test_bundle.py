@@ -10,6 +10,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
+from contract.controller.air_speed import weight_count
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleControllerError, BundleManifestError, ExportError
 from contract.model.model_folder import Provenance
@@ -73,6 +74,14 @@ def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, progr
     ):
         with pytest.raises(BundleManifestError, match=refused):
             replace(manifest, resting=replace(resting, **changed))
+    for weights, refused in (
+        ((0.0,) * 4, r"air_speed has 4 weights: must have \d+"),
+        ((1e7,) * weight_count(len(manifest.sensors) // 2), "air_speed: 10000000.0 must be in -1e"),
+    ):
+        with pytest.raises(BundleManifestError, match=refused):
+            replace(manifest, window=20, air_speed=weights)
+    with pytest.raises(BundleManifestError, match="needs pairs of sensors, and a window of more than 6 rows"):
+        replace(manifest, window=5, air_speed=(0.0,))
     assert manifest.speeds == SpeedRange(slowest=0.6, fastest=1.4)
     # 5 steps of the design speed last as long as 9 periods at the slowest.
     assert manifest.past == 10

@@ -7,6 +7,8 @@ from dataclasses import replace
 from random import Random
 from typing import Any, Final
 
+import numpy as np
+
 from can_bridge.command_gate import GateLimits
 from can_bridge.e2e.profiles import profile_of
 from can_bridge.e2e.receiver import FrameCheck, ReceiverState, StreamState
@@ -16,6 +18,8 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
+from contract.controller.air_speed import FIRST_PERIOD, MEAN_PERIODS
+from ecu.air_speed import AirSpeedState
 from ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
 from ecu.controller_memory import DelayLine
 from ecu.ecu_state import EcuState
@@ -186,8 +190,20 @@ class Edges:
             measured_ns=max(-(10**9), min(2**63 - 1, measured_ns)),
             is_off=rng.random() < 0.3,
             receiver=self._received(state.speed.receiver) if rng.random() < 0.3 else state.speed.receiver,
+            air=self._air_speed(state.speed.air),
         )
         return replace(state, speed=changed)
+
+    def _air_speed(self, air: AirSpeedState) -> AirSpeedState:
+        """Shortly before its first correction or not, and within its limit or at it."""
+        most, first = self._config.ecu.speed.most_correction, self._around(FIRST_PERIOD)
+        if not air.means.size:
+            return air
+        return AirSpeedState(
+            correction=self._rng.choice((1.0, 1.0 - most, 1.0 + most, self._rng.uniform(1.0 - most, 1.0 + most))),
+            driven=min(FIRST_PERIOD, self._rng.choice((0, 1, MEAN_PERIODS, first))),
+            means=np.array([self._rng.choice((0.0, 0.02, -0.3)) for _ in air.means]),
+        )
 
     def _on_wire(self, flow_m2_per_s: float) -> float:
         """An action as it could have been sent, or one or two steps of the wire away, in U_inf W."""

@@ -93,7 +93,8 @@ def test_the_ecu_of_the_shipped_bundle_fits_a_cortex_m7(tmp_path):
     assert found["flash_bytes"] <= FLASH_BYTES
     assert found["ram_bytes"] <= RAM_BYTES
     assert found["stack_b"] <= STACK_BYTES
-    assert found["instruction_spread"] <= 60_000  # the library's doubles, whose work depends on the numbers
+    # The library's doubles, whose work depends on the numbers; the estimate of the air speed takes 5,000 of them.
+    assert found["instruction_spread"] <= 66_000
 
 
 def test_a_bundle_of_another_model_or_program_has_no_library(tmp_path, monkeypatch):

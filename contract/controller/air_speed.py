@@ -1,0 +1,51 @@
+"""The terms of the estimate of the air speed in the controlled wake.
+
+The speed on the bus is usually the speed over the ground, so it lacks the wind. A wrong speed gives pressures and
+actions wrong units and wrong distances in time, and so changes the products of pressures and actions. A weighted sum of
+the means of such products under control estimates the logarithm of the speed in use divided by the air speed. The
+weights are fitted to runs of the release's prior with wrong speeds (`train.refinement.air_speed`).
+"""
+
+from typing import Final
+
+import numpy as np
+
+from contract.arrays import Array
+
+LAGS: Final = (1, 3, 6)
+"""Distances in rows between the factors of a product. Noise differs from row to row, so it does not change the mean of
+such a product; it would raise the mean of a square."""
+MEAN_PERIODS: Final = 50
+"""Number of periods of the running means of the features: two shedding cycles."""
+FIRST_PERIOD: Final = 100
+"""Number of periods under control before the first estimate, so that the wake resembles the wakes of the fit."""
+
+
+def feature_count(pairs: int) -> int:
+    """Return F, the number of features for p pairs of mirrored sensors."""
+    return pairs + len(LAGS) * (pairs + 1) ** 2
+
+
+def weight_count(pairs: int) -> int:
+    """Return the number of terms, and so of weights, for p pairs of mirrored sensors."""
+    return feature_count(pairs) + pairs + 1
+
+
+def features(window: Array) -> Array:
+    """Compute the features (..., F) of the newest row of windows (..., L, 2 p + 1), oldest row first. A row has the Cp
+    of p pairs of mirrored sensors, one pair after the other, and the action in units of the speed in use.
+
+    The features are the pairs' sums, and for each of `LAGS` the products of each signal of the newest row with each
+    signal of the row before it by this number of rows. The signals are the pairs' differences and the action.
+    """
+    one, other = window[..., 0:-1:2], window[..., 1:-1:2]
+    signals = np.concatenate([one - other, window[..., -1:]], axis=-1)
+    newest, sums = signals[..., -1, :, None], (one + other)[..., -1, :]
+    products = (newest * signals[..., -1 - lag, None, :] for lag in LAGS)
+    return np.concatenate([sums, *(each.reshape(*sums.shape[:-1], -1) for each in products)], axis=-1)
+
+
+def terms(means: Array, pairs: int) -> Array:
+    """Return the terms of the estimate for means (..., F) of the features: the means, the squares of the sums' means,
+    and 1."""
+    return np.concatenate([means, np.square(means[..., :pairs]), np.ones((*means.shape[:-1], 1))], axis=-1)

@@ -1,0 +1,145 @@
+"""The fit of the estimate of the air speed: linear regression over closed loops of a prior that is told wrong speeds.
+
+Speeds and wrong speeds are drawn at random. The regression estimates the logarithm of the told speed divided by the
+true speed from means of products of pressures and actions (`contract.controller.air_speed`).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.config.learning import RefineConfig
+from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, features, terms
+from contract.controller.goal import Goal
+from contract.differentiable import DifferentiableFlow, FlowState
+from train.refinement.feedback import Feedback
+from train.refinement.imitation import Watched, rows_as_told, watch
+
+RUNS: Final = 40
+RUN_PERIODS: Final = 900
+RAMP: Final = 40
+"""Periods over which the speed changes from the design speed to a run's first speed."""
+CHANGE: Final = 1e-3
+"""Mean change of the speed in a period of a ramp, in design speeds: a vehicle's full range in 16 s."""
+SPEEDS_BEYOND: Final = 0.2
+"""Distance beyond the range of speeds up to which speeds are drawn, as a share of the range."""
+MOST_WRONG: Final = 0.12
+"""Largest error of a told speed, as a share of the true speed."""
+RIGHT_SHARE: Final = 0.3
+"""Share of the other runs in which the told speed is right."""
+DESIGN_SPEED_EVERY: Final = 8
+"""One in this number of runs has the design speed, correctly told, because a release is judged first at this speed."""
+OFFSET: Final = 0.02
+"""Standard deviation in Cp of the offset of a pair's sum. Every run counts several times, with other offsets."""
+COPIES: Final = 4
+EVERY: Final = 10
+"""Number of periods between two equations of the regression; the means change little in this time."""
+WEIGHT_COST: Final = 1e-3
+"""Ridge regression: cost of a weight's square, relative to the number of equations, for terms with a variance of 1."""
+
+
+class WrongSpeeds(NamedTuple):
+    """The speeds of a run of n control periods, in units of the design speed.
+
+    Attributes:
+        true: (n + 1,) true speeds at the samples of the periods; the first is 1.
+        told: (n,) ratio of the told speed to the true speed.
+    """
+
+    true: Array
+    told: Array
+
+
+def wrong_speeds(number: int, slowest: float, fastest: float, *, seed: int) -> WrongSpeeds:
+    """Draw the speeds of the run with this number: steady parts and ramps within the range, and a constant ratio of the
+    told to the true speed."""
+    if number % DESIGN_SPEED_EVERY == 0:
+        return WrongSpeeds(np.ones(RUN_PERIODS + 1), np.ones(RUN_PERIODS))
+    rng = np.random.default_rng([seed, number])
+    # The draw extends beyond the range and is then limited to it, so that the ends of the range are drawn often.
+    beyond = SPEEDS_BEYOND * (fastest - slowest)
+
+    def draw() -> float:
+        return float(np.clip(rng.uniform(slowest - beyond, fastest + beyond), slowest, fastest))
+
+    speed = draw()
+    parts = [np.linspace(1.0, speed, RAMP)]
+    while sum(map(len, parts)) <= RUN_PERIODS:
+        if rng.random() < 0.5:
+            parts.append(np.full(int(rng.integers(200, 500)), speed))
+        else:
+            end = draw()
+            parts.append(np.linspace(speed, end, 2 + int(abs(end - speed) / (CHANGE * rng.uniform(0.5, 1.5)))))
+            speed = end
+    true = np.concatenate(parts)[: RUN_PERIODS + 1]
+    ratio = 1.0 if rng.random() < RIGHT_SHARE else rng.uniform(1.0 - MOST_WRONG, 1.0 + MOST_WRONG)
+    # The ECU, too, limits a speed to the range.
+    return WrongSpeeds(true, np.clip(ratio * true[:-1], slowest, fastest) / true[:-1])
+
+
+def runs(
+    flow: DifferentiableFlow,
+    feedback: Feedback,
+    starts: Sequence[FlowState],
+    settings: RefineConfig,
+    goal: Goal,
+    *,
+    seed: int,
+    numbers: Sequence[int] = range(RUNS),
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[tuple[Array, Array]]:
+    """Return, for each run, the inputs of the regression: features (m, F) of m periods, and the logarithm of the told
+    speed divided by the true speed, (m,). Raises PlantError if the flow diverges."""
+    found = []
+    for done, number in enumerate(numbers, 1):
+        true, told = wrong_speeds(number, settings.slowest, settings.fastest, seed=seed)
+        seen = watch(flow, feedback, starts[number % len(starts)], true, goal, told=told)
+        found.append(_features_of(seen, told))
+        progress(done)
+    return found
+
+
+def _features_of(seen: Watched, told: Array) -> tuple[Array, Array]:
+    read = rows_as_told(seen, told, memory=max(LAGS) + 2)
+    rows = np.stack([each.numpy() for each, _ in read])
+    pairs = (rows.shape[2] - 1) // 2
+    differences, sums = rows[:, 1:, :pairs], rows[:, 1:, pairs:-1]
+    window = np.empty_like(rows[:, 1:])
+    window[..., 0:-1:2], window[..., 1:-1:2] = (sums + differences) / 2.0, (sums - differences) / 2.0
+    # A row of the ECU has the action in force at its sample; here a row has the action that starts then.
+    window[..., -1] = rows[:, :-1, -1]
+    return features(window), np.log(told[-len(read) :])
+
+
+def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple[Array, float]:
+    """Fit the weights of the estimate's terms to `runs`, by ridge regression.
+
+    Returns:
+        The weights, and the rms error of the estimate in these runs.
+    """
+    rng, equations, wanted = np.random.default_rng(seed), list[Array](), list[Array]()
+    for seen, logarithm in found:
+        means = _running_means(seen)[FIRST_PERIOD::EVERY]
+        for _ in range(COPIES):
+            moved = means.copy()
+            moved[:, :pairs] += OFFSET * rng.standard_normal(pairs)
+            equations.append(terms(moved, pairs))
+            wanted.append(logarithm[FIRST_PERIOD::EVERY])
+    all_terms, right = np.concatenate(equations), np.concatenate(wanted)
+    scaled, middle = all_terms[:, :-1], right.mean()
+    mean, deviation = scaled.mean(axis=0), scaled.std(axis=0)
+    scaled = (scaled - mean) / deviation
+    normal = scaled.T @ scaled + WEIGHT_COST * len(scaled) * np.eye(scaled.shape[1])
+    weights = np.linalg.solve(normal, scaled.T @ (right - middle)) / deviation
+    weights = np.append(weights, middle - weights @ mean)
+    return weights, float(np.sqrt(np.mean(np.square(all_terms @ weights - right))))
+
+
+def _running_means(values: Array) -> Array:
+    """Return the means (n, F) that the ECU has after each of n periods under control."""
+    means = values.copy()
+    for k in range(1, len(values)):
+        means[k] = means[k - 1] + (values[k] - means[k - 1]) / min(k + 1, MEAN_PERIODS)
+    return means
