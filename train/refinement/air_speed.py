@@ -4,7 +4,7 @@ Speeds and wrong speeds are drawn at random. The regression estimates the logari
 true speed from means of products of pressures and actions (`contract.controller.air_speed`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -87,17 +87,15 @@ def runs(
     goal: Goal,
     *,
     seed: int,
-    numbers: Sequence[int] = range(RUNS),
-    progress: Callable[[int], None] = lambda done: None,
+    numbers: Sequence[int],
 ) -> list[tuple[Array, Array]]:
     """Return, for each run, the inputs of the regression: features (m, F) of m periods, and the logarithm of the told
     speed divided by the true speed, (m,). Raises PlantError if the flow diverges."""
     found = []
-    for done, number in enumerate(numbers, 1):
+    for number in numbers:
         true, told = wrong_speeds(number, settings.slowest, settings.fastest, seed=seed)
         seen = watch(flow, feedback, starts[number % len(starts)], true, goal, told=told)
         found.append(_features_of(seen, told))
-        progress(done)
     return found
 
 
@@ -130,6 +128,8 @@ def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple
     all_terms, right = np.concatenate(equations), np.concatenate(wanted)
     scaled, middle = all_terms[:, :-1], right.mean()
     mean, deviation = scaled.mean(axis=0), scaled.std(axis=0)
+    # Without control some terms are always 0.
+    deviation[deviation == 0.0] = 1.0
     scaled = (scaled - mean) / deviation
     normal = scaled.T @ scaled + WEIGHT_COST * len(scaled) * np.eye(scaled.shape[1])
     weights = np.linalg.solve(normal, scaled.T @ (right - middle)) / deviation

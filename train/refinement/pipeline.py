@@ -141,14 +141,12 @@ def air_speed_of(
 ) -> Array:
     """Return the weights of the estimate of the air speed under this feedback (`contract.controller.air_speed`)."""
     seed, goal = settings.train.seed, Goal.of(settings.mpc.weights)
-    shown = partial(_shown, progress)
-    found = air_speed.runs(flow, feedback, starts, settings.refine, goal, seed=seed, progress=shown)
+    numbers, found = range(air_speed.RUNS), list[tuple[Array, Array]]()
+    for number in numbers:
+        found += air_speed.runs(flow, feedback, starts, settings.refine, goal, seed=seed, numbers=[number])
+        progress(Phase.AIR_SPEED, len(found), len(numbers), {})
     weights, _ = air_speed.fit(found, feedback.pairs, seed=seed)
     return weights
-
-
-def _shown(progress: Progress, done: int) -> None:
-    progress(Phase.AIR_SPEED, done, air_speed.RUNS, {})
 
 
 def _begun(

@@ -5,13 +5,16 @@ import pytest
 import torch
 
 from contract.config.learning import RefineConfig
+from contract.config.tree import Config
 from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feature_count, features, terms, weight_count
 from contract.controller.goal import Goal
 from ecu.controller_memory import ControllerMemory
 from tests.train.refinement.oscillator import MIDDLES, START, Oscillator
+from train.fitting.progress import Phase
 from train.refinement.air_speed import DESIGN_SPEED_EVERY, MOST_WRONG, RUN_PERIODS, fit, runs, wrong_speeds
 from train.refinement.feedback import Feedback
 from train.refinement.imitation import watch
+from train.refinement.pipeline import air_speed_of
 
 SETTINGS = RefineConfig(slowest=0.7, fastest=1.3)
 
@@ -63,3 +66,12 @@ def test_the_fit_finds_the_weights_of_an_estimate_that_there_is():
     fitted, error = fit(found, 2, seed=0)
     assert error < 0.02 * np.std(np.concatenate([wanted[FIRST_PERIOD:] for _, wanted in found]))
     assert fitted == pytest.approx(weights, abs=0.01)
+
+
+def test_a_refinement_over_speeds_ends_with_the_fit(monkeypatch):
+    monkeypatch.setattr("train.refinement.air_speed.RUNS", 3)
+    policy, told = Feedback(4, 3, (0.3, 0.3, 0.05), MIDDLES, 0.075, 0), list[tuple[str, int, int]]()
+    settings = Config(refine=SETTINGS)
+    weights = air_speed_of(Oscillator(), [START], policy, settings, lambda *seen: told.append(seen[:3]))
+    assert weights.shape == (weight_count(2),) and np.isfinite(weights).all()
+    assert told == [(Phase.AIR_SPEED, number, 3) for number in (1, 2, 3)]
