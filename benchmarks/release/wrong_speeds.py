@@ -6,7 +6,8 @@ The fitted prior gets a speed that is up to 10 % wrong or leaves out a gust, and
 with the right speed. In the first round the original prior runs in closed loop and gets the right speed. The fit uses
 the actions of this run, and its inputs scaled with wrong speeds. In later rounds the fitted prior runs in closed loop
 with wrong speeds. The original prior with the right speed gives the right actions (dataset aggregation: Ross, Gordon
-and Bagnell, 2011). Each fit uses all rounds. With the right design speed the prior stays the same.
+and Bagnell, 2011). Each fit uses all rounds. With the right design speed the prior stays the same. At the end, the
+estimate of the air speed is fitted to runs of the fitted prior (`train.refinement.air_speed`).
 """
 
 import argparse

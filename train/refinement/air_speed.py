@@ -27,10 +27,10 @@ SPEEDS_BEYOND: Final = 0.2
 """Distance beyond the range of speeds up to which speeds are drawn, as a share of the range."""
 MOST_WRONG: Final = 0.12
 """Largest error of a told speed, as a share of the true speed."""
-RIGHT_SHARE: Final = 0.3
-"""Share of the other runs in which the told speed is right."""
 DESIGN_SPEED_EVERY: Final = 8
 """One in this number of runs has the design speed, correctly told, because a release is judged first at this speed."""
+RIGHT_SHARE: Final = 0.3
+"""Probability that the told speed is right in one of the other runs."""
 OFFSET: Final = 0.02
 """Standard deviation in Cp of the offset of a pair's sum. Every run counts several times, with other offsets."""
 COPIES: Final = 4

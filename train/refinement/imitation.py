@@ -134,7 +134,7 @@ def demonstration(
 
 
 def rows_as_told(run: Watched, told: Array, memory: int) -> list[tuple[Tensor, float]]:
-    """Return the rows (M, 2 p + 1) that a prior reads in each period from number `kept` on, and the told speed."""
+    """Return the rows (M, 2 p + 1) that a prior reads in each period with a complete past, and the told speed."""
     kept = ceil(memory / SLOWEST) + 1
     scale = torch.from_numpy(1.0 / told**2)[:, None]
     rows, speeds = torch.cat([run.rows[:, :-1] * scale, run.rows[:, -1:]], dim=1), (run.speeds * told).tolist()
