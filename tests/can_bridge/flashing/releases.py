@@ -159,6 +159,6 @@ def updated(*images: bytes) -> PlainBacking:
 
 
 def damage(backing: PlainBacking, slot: Slot, at: int = 9_000) -> None:
-    content = backing.memory.slots[slot]
+    content = backing.slots[slot]
     assert content is not None
     content[at] ^= 1

@@ -12,7 +12,6 @@ from can_bridge.tester.sequence import Flashed, flash
 from can_bridge.tester.transport import answers, silence
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
-from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.store_ecu import KEY
 
 NS = 1_000_000_000
@@ -72,7 +71,6 @@ class Line(DirectConnection):
         double: whether each payload from the ECU comes twice.
         heard: all requests that reached the ECU.
         pending: answers of the ECU that it needs more time.
-        cuts: losses of power in the middle of a write.
     """
 
     def __init__(self, ecu: Ecu, time: VirtualTime | None = None) -> None:
@@ -82,7 +80,7 @@ class Line(DirectConnection):
         self.lose: Callable[[bytes, bool], bool] = lambda payload, to_ecu: False
         self.double = False
         self.heard: list[bytes] = []
-        self.pending = self.cuts = 0
+        self.pending = 0
         self._request = b""
         self._waiting: deque[bytes] = deque()
         self.time.on_tick = self._tick
@@ -115,14 +113,9 @@ class Line(DirectConnection):
             self._take(lambda: self.ecu.server.tick(self.time.now_ns))
 
     def _take(self, work: Callable[[], list[bytes]]) -> None:
-        try:
-            payloads = work()
-            if self.ecu.is_reset:
-                self.ecu.power_on()
-        except PowerCut:
-            self.cuts += 1
+        payloads = work()
+        if self.ecu.is_reset:
             self.ecu.power_on()
-            return
         for payload in payloads:
             self.pending += payload[:1] == b"\x7f" and payload[2:] == b"\x78"
             if not self.lose(payload, False) and not self.ecu.is_dead:

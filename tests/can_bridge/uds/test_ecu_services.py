@@ -110,7 +110,7 @@ def test_identifiers_and_key_lists(client):
     client.talk(f"2E FD 02 {both} > ok\n2E FD 02 {keys(3).hex()} > CONDITIONS_NOT_CORRECT")
     client.talk("31 01 02 07 > CONDITIONS_NOT_CORRECT")
     client.ecu.is_wanted = False
-    client.memory.memory.records.pop(RecordKind.KEYS)
+    client.memory.kept.pop(RecordKind.KEYS)
     client.ecu.power_on()
     client.talk("22 FD 02 > 62 FD 02 00 00 00 00")
 

@@ -8,6 +8,7 @@ import pytest
 
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.flashing.access_level import Level
+from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.store import Store
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
@@ -19,7 +20,6 @@ from contract.release.checks import Bundle
 from contract.release.image import image_of
 from ecu.calibrating import release_calibration
 from ecu.in_c.c_ecu import CEcu, ecu_sources
-from tests.can_bridge.flashing.plain_backing import UnreadableError
 from tests.can_bridge.flashing.releases import RELEASE
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
@@ -165,7 +165,7 @@ def test_a_memory_that_fails_is_tried_once(rig: Rig, monkeypatch: pytest.MonkeyP
 
     def fail(store: Store, blob: bytes | None) -> None:
         tried.append(blob)
-        raise UnreadableError("sector 3 is bad", 0)
+        raise MediumError("sector 3 is bad", 0)
 
     monkeypatch.setattr(Store, "keep_calibration", fail)
     rig.power_on()

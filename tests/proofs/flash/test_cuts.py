@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from contract.errors import StillwakeError
+from tests.can_bridge.flashing.releases import booted, image, name_of, provision
 from tests.proofs.flash import cuts
 from tests.proofs.flash.cuts import Case, Tally, walk
 from tests.proofs.flash.places import FolderPlace
@@ -50,11 +52,10 @@ def kinds_found(picked: range) -> set[str]:
     return {finding.kind for finding in tally.findings}
 
 
-@pytest.mark.proofs  # repeats the cuts for each defect
 def test_planted_defects_are_found(monkeypatch, operations):
-    """Those of the store's own defects that only the whole sequence shows; `test_store_cuts` has the others."""
+    """Those of the store's own defects that only a cut shows."""
     end, all_along = range(operations - 40, operations), range(0, operations, 5)
-    activate, keep_slot = Store.activate, Remembered.keep_slot
+    activate, confirm, keep_slot = Store.activate, Store._confirm, Remembered.keep_slot
 
     def rising(self):
         activate(self)
@@ -63,6 +64,15 @@ def test_planted_defects_are_found(monkeypatch, operations):
     def uncounted(self, slot, changed):
         if not (changed.phase is SlotPhase.TRIAL and changed.boots_left < self.state.slots[slot].boots_left):
             keep_slot(self, slot, changed)
+
+    def counter_first(self, slot):
+        self.keep(dataclasses.replace(self.state, least_security_version=self.state.slots[slot].security_version))
+        confirm(self, slot)
+
+    def received_before_it_is_written(self, data):
+        slot, standing = self._transfer()
+        self.keep_slot(slot, dataclasses.replace(standing, received=standing.received + len(data)))
+        self.backing.append(slot, data)
 
     def forgetful(self, slot, changed):
         if changed.phase is SlotPhase.FILLING and changed.received < changed.length:
@@ -81,8 +91,22 @@ def test_planted_defects_are_found(monkeypatch, operations):
     assert planted(all_along, FolderPlace, "sync", lambda self, name: name.startswith("slot") or sync(self, name))
     assert planted(range(operations), FolderPlace, "sync_folder", lambda self: None)
     assert planted(end, Store, "activate", rising) & {"counter_moved", "bricked", "confirmed_lost"}
+    assert planted(end, Store, "_confirm", counter_first) & {"counter_moved", "bricked"}
+    assert planted(all_along, Store, "append", received_before_it_is_written)
     assert "confirmed_lost" in planted(end, Remembered, "keep_slot", uncounted)
     assert "checkpoint_lost" in planted(all_along, Remembered, "keep_slot", forgetful)
+
+
+def test_production_can_be_repeated_after_a_cut_in_any_operation():
+    def again(_number: int, torn: FolderPlace) -> None:
+        if booted(torn.backing())[1].reason is BootReason.NO_RELEASE:
+            provision(torn.backing(), image())
+        assert name_of(booted(torn.backing())[1]) == "one"
+
+    place = FolderPlace()
+    place.branch(lambda number: True, again)
+    provision(place.backing(), image())
+    assert place.operations > 20
 
 
 def test_a_case_has_one_name():

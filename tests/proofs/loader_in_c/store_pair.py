@@ -14,7 +14,6 @@ from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKin
 from can_bridge.flashing.store import OutOfOrderError, Store
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key
-from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.releases import ROOT
 from tests.proofs.loader_in_c.store_library import (
     GOOD,
@@ -38,6 +37,10 @@ FIRST_RECORD: Final = WORD - 2 * SECTOR
 _CODES: Final = {OutOfOrderError: 3, KeyFileError: 4, MediumError: 5, ConfigError: 2}
 """How the C store answers what the Python store raises."""
 _RUNNABLE: Final = frozenset({*GOOD.values(), LONG, WRONG["any"], WRONG["full"]})
+
+
+class PowerCut(BaseException):
+    """A loss of supply in an operation of the memory; no handler of the store may go on."""
 
 
 class MismatchError(AssertionError):

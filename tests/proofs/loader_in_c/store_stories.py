@@ -10,10 +10,9 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import RecordKind, Slot
 from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.verdicts import Verdict
-from tests.can_bridge.flashing.plain_backing import PowerCut
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER, keys
 from tests.proofs.loader_in_c.store_library import GOOD, LONG, NEVER, SLOT_BYTES, WRONG, Library
-from tests.proofs.loader_in_c.store_pair import DONE, MismatchError, Pair
+from tests.proofs.loader_in_c.store_pair import DONE, MismatchError, Pair, PowerCut
 
 LISTS: Final = (
     keys(1), keys(2, RELEASE, SECOND), keys(3, SECOND, revoked=(RELEASE,)),
