@@ -48,7 +48,7 @@ coverage: $(VENV)/dev.stamp
 		tests/can_bridge/flashing/test_store.py \
 		tests/can_bridge/flashing/test_store_records.py \
 		tests/can_bridge/flashing/test_state.py tests/can_bridge/flashing/test_checking.py \
-		--cov=can_bridge.flashing.store --cov=can_bridge.flashing.remembered --cov=can_bridge.flashing.boot \
+		--cov=can_bridge.flashing.store --cov=can_bridge.flashing.remembered \
 		--cov=can_bridge.flashing.state --cov=can_bridge.flashing.checking \
 		--cov=can_bridge.command_gate --cov=can_bridge.e2e --cov=can_bridge.wire.codec \
 		--cov=can_bridge.wire.classic_codec --cov=ecu.fail_safe --cov=ecu.timing \

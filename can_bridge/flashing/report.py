@@ -18,9 +18,8 @@ from typing import Any, Final
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Slot
-from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.state import SlotPhase
-from can_bridge.flashing.store import Store
+from can_bridge.flashing.store import BootReason, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import BusError
 from contract.printable import is_name, shown

@@ -12,15 +12,15 @@ The slot of a confirmed image that runs, or that the next boot starts, is never 
 """
 
 import hashlib
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 from can_bridge.flashing.backing import Backing, Long, MediumError, RecordKind, Slot, at_once
-from can_bridge.flashing.boot import Boot, boot
-from can_bridge.flashing.checking import Fits, ImageCheck, check
+from can_bridge.flashing.checking import Fits, ImageCheck, Release, check
 from can_bridge.flashing.remembered import PIECE, Remembered, encode_calibrations
 from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, SlotState, StoreState
-from can_bridge.flashing.verdicts import Verdict
+from can_bridge.flashing.verdicts import InWords, Verdict
 from contract.errors import BusError, ConfigError, KeyFileError
 from contract.release import key_list
 from contract.release.signing import PublicKey
@@ -30,6 +30,29 @@ _SHA256_BYTES: Final = 32
 
 class OutOfOrderError(BusError):
     """The request does not fit the store's present state."""
+
+
+class BootReason(InWords):
+    CONFIRMED = 1, "confirmed"
+    TRIAL = 2, "on trial"
+    """An activated image that has not been confirmed yet."""
+    REVERTED = 3, "confirmed; the release on trial was rejected"
+    """The image on trial failed a check or was not confirmed in time."""
+    FALLBACK = 4, "the previous release; the confirmed release is damaged"
+    NO_RELEASE = 5, "every release is damaged or missing"
+    """No image passed its checks: the jets stay shut, and a release can be flashed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Boot:
+    """The result of a boot. `slot` and `bundle` are None if no release booted. `verdicts` has a verdict for each slot
+    that was checked. `boots_left` is the number of boots left in a trial; 0 if the release is not on trial."""
+
+    slot: Slot | None = None
+    bundle: Release | None = None
+    verdicts: Mapping[Slot, Verdict]
+    reason: BootReason
+    boots_left: int = 0
 
 
 class Store(Remembered):
@@ -82,9 +105,43 @@ class Store(Remembered):
         """Choose an image and check it completely. If an image is on trial, its boot is counted before the check. No
         content of the memory makes this method raise an exception."""
         self._announced = None
-        self.last_boot = boot(self)
+        trial = self.state.on_trial
+        verdicts: dict[Slot, Verdict] = {}
+        on_trial = None if trial is None else self._boot_trial(trial, verdicts)
+        self.last_boot = on_trial or self._boot_confirmed(trial is not None, verdicts)
         self.running = self.last_boot.slot
         return self.last_boot
+
+    def _boot_trial(self, slot: Slot, verdicts: dict[Slot, Verdict]) -> Boot | None:
+        """Return the boot of the image on trial, if it has a boot left and passes its checks; otherwise reject it."""
+        standing = self.state.slots[slot]
+        try:
+            if standing.boots_left > 0:
+                # The boot is counted before the image runs, so that it is also counted if the image crashes.
+                left = standing.boots_left - 1
+                self.keep_slot(slot, replace(standing, boots_left=left))
+                verdicts[slot], bundle = at_once(self.judged(slot))
+                if bundle is not None:
+                    return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=BootReason.TRIAL, boots_left=left)
+            self.keep_slot(slot, _given_up(standing))
+        except MediumError:
+            # If the boot cannot be counted, the image is not run, because the trial would never end.
+            verdicts.setdefault(slot, Verdict.UNREADABLE)
+        return None
+
+    def _boot_confirmed(self, is_reverted: bool, verdicts: dict[Slot, Verdict]) -> Boot:
+        """Return the boot of the confirmed image, or of the image confirmed before it. An image that fails a check
+        stays confirmed, so that a wrong stillwake.dbc or wrong vehicle data in the ECU can be corrected."""
+        active = self.state.active
+        for slot in () if active is None else (active, active.other):
+            if self.state.slots[slot].phase != SlotPhase.CONFIRMED:
+                continue
+            verdicts[slot], bundle = at_once(self.judged(slot))
+            if bundle is not None:
+                expected = BootReason.REVERTED if is_reverted else BootReason.CONFIRMED
+                reason = expected if slot == active else BootReason.FALLBACK
+                return Boot(slot=slot, bundle=bundle, verdicts=verdicts, reason=reason)
+        return Boot(verdicts=verdicts, reason=BootReason.NO_RELEASE)
 
     def announce(self, length: int, sha256: bytes) -> Long[int]:
         """Prepare a slot for an image. Returns the offset of the first byte to send. The offset is 0 for a new image,

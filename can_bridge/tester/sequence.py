@@ -22,7 +22,7 @@ from can_bridge.tester import transfer
 from can_bridge.tester.asking import Asking, KeyOf
 from can_bridge.tester.facts import EcuFacts, read_facts, read_store
 from can_bridge.tester.messages import NoAnswerError, NotNowError, NotPassedError, RefusedError
-from can_bridge.tester.transfer import OnProgress, Transfer, Transferred, enter_programming, in_programming, in_session
+from can_bridge.tester.transfer import OnProgress, Transfer, enter_programming, in_programming, in_session
 from can_bridge.uds.services import Nrc, Routine, Session
 from contract.errors import FlashError, StillwakeError
 from contract.release import controller_image
@@ -65,22 +65,16 @@ class End(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlashOptions:
-    """Options that leave out steps: a dry run writes nothing; without `confirm` the release stays on trial."""
-
-    dry_run: bool = False
-    confirm: bool = True
-
-
-@dataclass(frozen=True, kw_only=True)
 class Flashed:
-    """The report on one run of `flash`. `transferred` is None if no image had to be transferred; `unanswered` counts
-    the requests that were repeated because no answer came."""
+    """The report on one run of `flash`. `resumed_from` is the number of bytes that the ECU had before a transfer, or
+    None if no image had to be transferred; `attempts` counts announcements of the image; `unanswered` counts requests
+    that were repeated because no answer came."""
 
     end: End
     before: EcuFacts
     after: StoreReport
-    transferred: Transferred | None = None
+    resumed_from: int | None = None
+    attempts: int = 0
     unanswered: int = 0
     seconds: float = 0.0
 
@@ -90,7 +84,8 @@ def flash(
     image: bytes,
     *,
     key: KeyOf | None,
-    options: FlashOptions = FlashOptions(),
+    dry_run: bool = False,
+    confirm: bool = True,
     judge: Callable[[EcuFacts], None] = lambda facts: None,
     progress: OnProgress = lambda received, length: None,
     on_step: Callable[[Step], None] = lambda step: None,
@@ -104,11 +99,13 @@ def flash(
         client: client with an open connection; this function changes its settings.
         image: image of the release, as built by `contract.release.image`.
         key: returns the key for a seed of the programming level; a dry run needs none.
+        dry_run: whether nothing is written.
+        confirm: whether the release is confirmed; otherwise it stays on trial.
         judge: raises FlashError if an ECU with these properties must not be flashed with this image.
     """
     began = clock()
     asking = Asking(client, key=key, clock=clock, sleep=sleep)
-    done = _Flashing(asking, image, options, judge, progress, on_step).run()
+    done = _Flashing(asking, image, dry_run, confirm, judge, progress, on_step).run()
     return replace(done, unanswered=asking.unanswered, seconds=clock() - began)
 
 
@@ -129,7 +126,8 @@ def reset_and_wait(asking: Asking) -> None:
 class _Flashing:
     asking: Asking
     image: bytes
-    options: FlashOptions
+    dry_run: bool
+    confirm: bool
     judge: Callable[[EcuFacts], None]
     progress: OnProgress
     on_step: Callable[[Step], None]
@@ -139,7 +137,8 @@ class _Flashing:
         return digest_of(self.image)
 
     def run(self) -> Flashed:
-        asking, transferred = self.asking, None
+        asking, attempts = self.asking, 0
+        resumed_from: int | None = None
         self.on_step(Step.IDENTIFY)
         asking.wait_until_there(THERE_S, "report its session")
         before = read_facts(asking)
@@ -147,26 +146,26 @@ class _Flashing:
 
         def ended(end: End) -> Flashed:
             asking.session(Session.DEFAULT)
-            return Flashed(end=end, before=before, after=after, transferred=transferred)
+            return Flashed(end=end, before=before, after=after, resumed_from=resumed_from, attempts=attempts)
 
         if self._is_ours(after.running_slot) and after.running == after.active:
             return ended(End.ALREADY)
         self.judge(before)
         self.on_step(Step.PRECONDITIONS)
         in_session(lambda: asking.session(Session.EXTENDED), lambda: asking.routine(Routine.PRECONDITIONS))
-        if self.options.dry_run:
+        if self.dry_run:
             return ended(End.WOULD_FLASH)
         running = after.running_slot
         if running is None or not self._is_ours(running) or running.phase is not SlotPhase.TRIAL:
-            transferred = self._bring()
+            resumed_from, attempts = self._bring()
         after = self._try_out()
-        if not self.options.confirm:
+        if not self.confirm:
             return ended(End.ON_TRIAL)
         self.on_step(Step.CONFIRM)
         after = self._confirm()
         return ended(End.CONFIRMED)
 
-    def _bring(self) -> Transferred:
+    def _bring(self) -> tuple[int, int]:
         try:
             self.asking.quieten()
             self.on_step(Step.TRANSFER)

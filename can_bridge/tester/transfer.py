@@ -7,7 +7,6 @@ session and a new announcement. The answer to the announcement states the byte f
 import hashlib
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 from can_bridge.flashing.access_level import Level
@@ -82,14 +81,6 @@ _ANNOUNCEMENT: Final = struct.Struct(">I32s")
 _COUNTERS: Final = 256
 
 
-@dataclass(frozen=True, kw_only=True)
-class Transferred:
-    """The number of bytes that the ECU had before a transfer, and the number of announcements."""
-
-    resumed_from: int
-    attempts: int
-
-
 class Transfer:
     def __init__(self, asking: Asking, image: bytes, progress: OnProgress) -> None:
         self._asking = asking
@@ -98,9 +89,9 @@ class Transfer:
         self._lengths = BlockLength()
         self._received = 0
 
-    def run(self) -> Transferred:
+    def run(self) -> tuple[int, int]:
         """Transfer the image, in several attempts if necessary. Afterwards the ECU's verdict is good, and the ECU is in
-        the programming session and unlocked.
+        the programming session and unlocked. Returns the number of bytes that the ECU had before, and of attempts.
 
         Raises:
             ImageRefusedError: the verdict is not good.
@@ -117,7 +108,7 @@ class Transfer:
                 self._progress(offset, len(self._image))
                 verdict = self._bring(offset)
                 if verdict is Verdict.GOOD:
-                    return Transferred(resumed_from=resumed_from, attempts=attempts)
+                    return resumed_from, attempts
                 failure: FlashError = messages.ImageRefusedError(verdict)
                 if verdict not in _DAMAGED_ON_THE_WAY:
                     raise failure

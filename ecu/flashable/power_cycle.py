@@ -6,9 +6,8 @@ from typing import NamedTuple, cast
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, MediumError
-from can_bridge.flashing.boot import Boot, BootReason
 from can_bridge.flashing.state import TRIAL_BOOTS
-from can_bridge.flashing.store import Store
+from can_bridge.flashing.store import Boot, BootReason, Store
 from can_bridge.secoc.node import Authentication
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.fault_memory import FaultMemory

@@ -1,5 +1,5 @@
 /* The images in the flash: the checks of an image, the choice of the image to boot, and the report for testers. The
- * file corresponds to boot.py, report.py (with the layout) and `judged` in remembered.py in can_bridge/flashing.
+ * file corresponds to store.py, report.py (with the layout) and `judged` in remembered.py in can_bridge/flashing.
  */
 #include "sw_store.h"
 

@@ -90,7 +90,6 @@ def _bring_release(
     bundle: Path, trust: str | None, bus: BusConfig, access: Path | None, *, dry_run: bool, confirm: bool
 ) -> None:
     from can_bridge.tester.facts import check_fits
-    from can_bridge.tester.sequence import FlashOptions
     from can_bridge.tester.sequence import flash as flash_ecu
     from can_bridge.tester.transport import open_client
     from can_bridge.uds.security import AccessKey
@@ -125,7 +124,8 @@ def _bring_release(
             client,
             image,
             key=None if key is None else key.answer,
-            options=FlashOptions(dry_run=dry_run, confirm=confirm),
+            dry_run=dry_run,
+            confirm=confirm,
             judge=judge,
             progress=shown.progress,
             on_step=shown.on_step,
@@ -172,9 +172,9 @@ def _running(facts: "EcuFacts") -> str:
 
 
 def _effort(flashed: "Flashed", length: int) -> str:
-    if flashed.transferred is None:
+    if flashed.resumed_from is None:
         return ""
-    sent = length - flashed.transferred.resumed_from
+    sent = length - flashed.resumed_from
     again = f", {flashed.unanswered} requests sent again" if flashed.unanswered else ""
     return f"; {sent} bytes sent, {span(flashed.seconds)} in all{again}"
 

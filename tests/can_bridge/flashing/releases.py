@@ -9,9 +9,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from can_bridge.flashing import checking
 from can_bridge.flashing.backing import Backing, Slot, at_once
-from can_bridge.flashing.boot import Boot
 from can_bridge.flashing.state import SlotPhase
-from can_bridge.flashing.store import Store
+from can_bridge.flashing.store import Boot, Store
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig

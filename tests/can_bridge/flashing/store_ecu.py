@@ -5,7 +5,7 @@ from hashlib import sha256
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Long
-from can_bridge.flashing.boot import Boot
+from can_bridge.flashing.store import Boot
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import AccessKey

@@ -7,9 +7,8 @@ step.
 import pytest
 
 from can_bridge.flashing.backing import RecordKind, Slot, at_once
-from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase, StoreState
-from can_bridge.flashing.store import OutOfOrderError
+from can_bridge.flashing.store import BootReason, OutOfOrderError
 from can_bridge.flashing.verdicts import Verdict
 from contract.errors import ConfigError, KeyFileError
 from contract.release.signing import public_key

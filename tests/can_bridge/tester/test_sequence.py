@@ -13,7 +13,7 @@ from can_bridge.flashing.state import SlotPhase
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester import messages
-from can_bridge.tester.sequence import End, Flashed, FlashOptions, Step
+from can_bridge.tester.sequence import End, Flashed, Step
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.services import SERVICES, Nrc, Refused, Routine, Service, Session
 from tests.can_bridge.flashing.releases import BLOCK, SECOND, STRANGER, damage, flash, image, phases
@@ -88,10 +88,10 @@ def test_counters_of_blocks_wrap_to_zero(line: Line, ecu: EcuToFlash) -> None:
 
 def test_it_goes_on_with_what_the_ecu_has(line: Line, ecu: EcuToFlash) -> None:
     """Running on trial, another one on trial, no release, and some or all of it in the other slot."""
-    assert flashed(line, options=FlashOptions(confirm=False)).end is End.ON_TRIAL
+    assert flashed(line, confirm=False).end is End.ON_TRIAL
     ecu.routines.clear()
     done = flashed(line)
-    assert (done.end, done.transferred, ecu.resets) == (End.CONFIRMED, None, 1)
+    assert (done.end, done.resumed_from, ecu.resets) == (End.CONFIRMED, None, 1)
     assert ecu.routines == [Routine.PRECONDITIONS, Routine.SELF_TEST, Routine.CONFIRM]
     line, ecu = fresh()
     flash(ecu.store, image("other"))
@@ -105,13 +105,12 @@ def test_it_goes_on_with_what_the_ecu_has(line: Line, ecu: EcuToFlash) -> None:
         ecu.store.append(NEW[:had])
         ecu.memory.written = 0
         done = flashed(line)
-        assert (done.end, ecu.memory.written) == (End.CONFIRMED, len(NEW) - had), had
-        assert done.transferred is not None and done.transferred.resumed_from == had
+        assert (done.end, done.resumed_from, ecu.memory.written) == (End.CONFIRMED, had, len(NEW) - had)
 
 
 def test_a_dry_run_and_a_judge_that_objects_write_nothing(line: Line, ecu: EcuToFlash) -> None:
     calls = ecu.memory.calls
-    assert flashed(line, options=FlashOptions(dry_run=True)).end is End.WOULD_FLASH
+    assert flashed(line, dry_run=True).end is End.WOULD_FLASH
     assert {request[0] for request in line.heard} <= {Service.READ, Service.SESSION, Service.ROUTINE}
     assert [request for request in line.heard if request[0] == Service.SESSION] == [b"\x10\x03", b"\x10\x01"]
 
@@ -220,8 +219,7 @@ def test_an_ecu_that_resets_itself_or_is_slow_is_gone_on_with(line: Line, ecu: E
 
     ecu.memory.on_written = reset_once
     done = flashed(line)
-    assert (done.end, ecu.memory.written) == (End.CONFIRMED, len(NEW))
-    assert done.transferred is not None and done.transferred.attempts == 2
+    assert (done.end, done.attempts, ecu.memory.written) == (End.CONFIRMED, 2, len(NEW))
     assert line.pending >= 2
 
 
@@ -245,9 +243,7 @@ def test_a_block_refused_once_begins_the_transfer_again() -> None:
         *(Nrc.SERVICE_NOT_IN_SESSION, Nrc.PROGRAMMING_FAILURE),
     ):
         done, ecu = refused_once(code)
-        assert done.end is End.CONFIRMED, code
-        assert done.transferred is not None and done.transferred.attempts == 2, code
-        assert ecu.memory.written == len(NEW), code
+        assert (done.end, done.attempts, ecu.memory.written) == (End.CONFIRMED, 2, len(NEW)), code
     with pytest.raises(messages.RefusedError, match=r"take a block of the image: service not supported \(0x11\)"):
         refused_once(Nrc.SERVICE_NOT_SUPPORTED)
 

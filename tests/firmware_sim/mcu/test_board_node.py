@@ -5,7 +5,7 @@ from itertools import count
 
 import pytest
 
-from can_bridge.flashing.boot import BootReason
+from can_bridge.flashing.store import BootReason
 from can_bridge.tester.messages import ImageRefusedError
 from can_bridge.tester.sequence import End
 from can_bridge.wire.frame import Frame

@@ -26,8 +26,8 @@ import typer
 
 from benchmarks.common.command_line import console, track
 from can_bridge.flashing.backing import MediumError, Slot
-from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.state import TRIAL_BOOTS, SlotPhase
+from can_bridge.flashing.store import BootReason
 from can_bridge.tester.sequence import End, Flashed, Step
 from contract.errors import StillwakeError
 from contract.release import bundle
@@ -183,10 +183,10 @@ def recover(
     except StillwakeError as error:
         wrong("reflash_failed", str(error))
         return
-    if flashed.transferred is not None and flashed.transferred.resumed_from < had:
-        wrong("checkpoint_lost", f"{had} bytes were acknowledged, the transfer began again at {flashed.transferred}")
+    if flashed.resumed_from is not None and flashed.resumed_from < had:
+        wrong("checkpoint_lost", f"{had} bytes were acknowledged, the transfer began again at {flashed.resumed_from}")
     place.branch(lambda number: False, None)
-    after = tally.boot(case, place, f"flashed again: {flashed.end.name}, {flashed.transferred}")
+    after = tally.boot(case, place, f"flashed again: {flashed.end.name}, from byte {flashed.resumed_from}")
     if flashed.end not in (End.CONFIRMED, End.ALREADY) or after.boot.reason is not BootReason.CONFIRMED:
         wrong("reflash_failed", f"it ended {flashed.end.name}, then booted {after.boot.reason.in_words}")
     _judge(after, place.twin(), Asked(0, activated=True, confirmed=True), wrong)

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from can_bridge.flashing.boot import BootReason
 from can_bridge.flashing.remembered import Remembered
 from can_bridge.flashing.state import SlotPhase
-from can_bridge.flashing.store import Store
+from can_bridge.flashing.store import BootReason, Store
 from contract.errors import StillwakeError
 from tests.can_bridge.flashing.releases import booted, image, name_of, provision
 from tests.proofs.flash import cuts
