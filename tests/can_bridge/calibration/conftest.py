@@ -1,37 +1,26 @@
 """A release's calibration on a vehicle with limits, and a tool's key."""
 
-from dataclasses import replace
 from itertools import count
-from typing import Any
 
 import pytest
 
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
 from can_bridge.uds.security import AccessKey
-from contract.config.controller import CostWeights
-from contract.controller.calibration import Calibration, CalibrationLimits
-from contract.controller.interface import TERMS
+from contract.controller.calibration import CALIBRATION_NAMES, Calibration, CalibrationLimits
 from tests.can_bridge.flashing.store_ecu import KEY
 
-REFERENCE = Calibration(
-    weights=CostWeights(drag_mean=1.0, drag_fluctuation=0.1, lift=0.01, smoothness=8.0),
-    action_limit=0.075,
-    command_step=0.0375,
-    delay_steps=1,
-)
+REFERENCE = Calibration.of((1.0, 0.1, 0.01, 0.0, 8.0, 0.0, 0.0, 0.0, 0.075, 0.0375, 1))
 LIMITS = CalibrationLimits(
-    least=Calibration(weights=CostWeights(**dict.fromkeys(TERMS, 0.0)), action_limit=0, command_step=0, delay_steps=0),
-    greatest=Calibration(
-        weights=CostWeights(**dict.fromkeys(TERMS, 1000.0)), action_limit=0.075, command_step=0.0375, delay_steps=6
-    ),
+    least=Calibration.of([0.0] * 11), greatest=Calibration.of([1000.0] * 8 + [0.075, 0.0375, 6.0])
 )
 
 
-def changed(**values: Any) -> Calibration:
-    """The reference with other values; weights by their names."""
-    weights = {name: values.pop(name) for name in TERMS if name in values}
-    return replace(REFERENCE, weights=replace(REFERENCE.weights, **weights), **values)
+def changed(**values: float) -> Calibration:
+    """The reference with other values by their names."""
+    return Calibration.of(
+        [values.get(name, own) for name, own in zip(CALIBRATION_NAMES, REFERENCE.values, strict=True)]
+    )
 
 
 @pytest.fixture

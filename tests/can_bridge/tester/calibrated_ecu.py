@@ -1,7 +1,5 @@
 """An ECU with nothing but a calibration behind the real server."""
 
-from dataclasses import replace
-
 from can_bridge.calibration.segment import Segment
 from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.server import UdsServer
@@ -13,10 +11,7 @@ from tests.can_bridge.flashing.store_ecu import KEY, Counted
 # 0.07 is less as float32, 0.075 is more.
 OWN = Calibration(weights=CostWeights(), action_limit=0.07, command_step=0.075, delay_steps=0)
 LIMITS = CalibrationLimits(
-    least=replace(
-        OWN, weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 0.0)), action_limit=0.01, command_step=0.01
-    ),
-    greatest=replace(OWN, weights=CostWeights(**dict.fromkeys(vars(OWN.weights), 10.0)), delay_steps=3),
+    least=Calibration.of([0.0] * 8 + [0.01, 0.01, 0.0]), greatest=Calibration.of([10.0] * 8 + [0.07, 0.075, 3.0])
 )
 
 
