@@ -52,9 +52,6 @@ class StoreEcu:
         store, boot, server: of this power-on.
     """
 
-    is_dead = False
-    """Nothing is answered."""
-
     def __init__(self, backing: Callable[[], Backing], random_bytes: Callable[[int], bytes] | None = None) -> None:
         self._backing, self._random_bytes = backing, random_bytes or Counted()
         self.is_wanted = False

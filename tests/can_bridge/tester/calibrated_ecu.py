@@ -18,7 +18,7 @@ LIMITS = CalibrationLimits(
 class Ecu:
     """What is around the server: a segment, a record, and jets."""
 
-    is_dead = is_reset = False
+    is_reset = False
 
     def __init__(self) -> None:
         self.raw: bytes | None = None

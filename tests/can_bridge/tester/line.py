@@ -36,13 +36,10 @@ class VirtualTime:
 
 
 class Ecu(Protocol):
-    """What is at the other end; `is_dead`: it answers nothing; `is_reset`: `power_on` is due."""
+    """What is at the other end; `is_reset`: `power_on` is due."""
 
     server: UdsServer
     is_reset: bool
-
-    @property
-    def is_dead(self) -> bool: ...
 
     def power_on(self) -> object: ...
 
@@ -94,9 +91,9 @@ class Line(DirectConnection):
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
         self._request = payload
-        if not self.lose(payload, True) and not self.ecu.is_dead:
+        if not self.lose(payload, True):
             self.heard.append(payload)
-            self._take(lambda: self.ecu.server.request(self.time.now_ns, payload))
+            self._take(self.ecu.server.request(self.time.now_ns, payload))
 
     def specific_wait_frame(self, timeout: float | None = None) -> bytes:
         until = self.time.now_ns + round((timeout or 0.0) * NS)
@@ -109,16 +106,14 @@ class Line(DirectConnection):
         raise TimeoutException
 
     def _tick(self) -> None:
-        if not self.ecu.is_dead:
-            self._take(lambda: self.ecu.server.tick(self.time.now_ns))
+        self._take(self.ecu.server.tick(self.time.now_ns))
 
-    def _take(self, work: Callable[[], list[bytes]]) -> None:
-        payloads = work()
+    def _take(self, payloads: list[bytes]) -> None:
         if self.ecu.is_reset:
             self.ecu.power_on()
         for payload in payloads:
             self.pending += payload[:1] == b"\x7f" and payload[2:] == b"\x78"
-            if not self.lose(payload, False) and not self.ecu.is_dead:
+            if not self.lose(payload, False):
                 self._waiting.extend([payload] * (1 + self.double))
 
 

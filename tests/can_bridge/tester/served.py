@@ -53,8 +53,6 @@ def _pump(bus: PythonCanBus, ecu: Ecu, config: BusConfig, fate: Fate, stop: Even
     while not stop.is_set():
         frame = bus.receive(0.002)
         now_ns = time.monotonic_ns()
-        if ecu.is_dead:
-            continue
         if frame is not None:
             count[0] += 1
             for _ in range(fate.copies()):

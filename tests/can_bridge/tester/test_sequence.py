@@ -6,7 +6,6 @@ from random import Random
 from typing import Any
 
 import pytest
-from udsoncan.client import Client
 
 from can_bridge.flashing.backing import Slot, at_once
 from can_bridge.flashing.state import SlotPhase
@@ -15,7 +14,7 @@ from can_bridge.flashing.verdicts import Verdict
 from can_bridge.tester import messages
 from can_bridge.tester.sequence import End, Flashed, Step
 from can_bridge.uds.security import AccessKey
-from can_bridge.uds.services import SERVICES, Nrc, Refused, Routine, Service, Session
+from can_bridge.uds.services import SERVICES, Nrc, Refused, Routine, Service
 from tests.can_bridge.flashing.releases import BLOCK, SECOND, STRANGER, damage, flash, image, phases
 from tests.can_bridge.tester.ecu_to_flash import EcuToFlash
 from tests.can_bridge.tester.line import Line, flash_over
@@ -246,19 +245,6 @@ def test_a_block_refused_once_begins_the_transfer_again() -> None:
         assert (done.end, done.attempts, ecu.memory.written) == (End.CONFIRMED, 2, len(NEW)), code
     with pytest.raises(messages.RefusedError, match=r"take a block of the image: service not supported \(0x11\)"):
         refused_once(Nrc.SERVICE_NOT_SUPPORTED)
-
-
-def test_tester_present_keeps_the_session_of_the_announced_timing(line: Line) -> None:
-    """Another implementation of ISO 14229 asks."""
-    config: Any = {"request_timeout": 10, "p2_timeout": 0.05, "p2_star_timeout": 5, "use_server_timing": True}
-    with Client(line, config=config) as client:
-        answer = client.change_session(Session.EXTENDED)
-        assert (answer.service_data.p2_server_max, answer.service_data.p2_star_server_max) == (0.05, 5.0)
-        for _ in range(5):
-            line.time.sleep(4.0)
-            with client.suppress_positive_response:
-                client.tester_present()
-        assert line.ecu.server.session is Session.EXTENDED
 
 
 @pytest.mark.slow

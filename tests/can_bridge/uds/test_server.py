@@ -71,6 +71,8 @@ def test_every_change_of_session_locks_and_leaves(bench):
 
 
 def test_silence_ends_a_session_and_any_request_keeps_it(bench):
+    # P2 and P2* are 50 ms and 5 s.
+    bench.talk("10 03 > 50 03 00 32 01 F4")
     bench.unlock()
     bench.wait(5 * S - 1)
     assert bench.server.session == Session.PROGRAMMING

@@ -152,7 +152,7 @@ class BoardLine(Line):
     def __init__(self, board: BoardEcu, bus: BusConfig = CONFIG.bus) -> None:
         super().__init__(self)
         self.server: Any = self
-        self.is_dead = self.is_reset = False
+        self.is_reset = False
         self._board, self.time.now_ns = board, board.board.counter.now_ns
         self._response = bus.diagnosis.response
         self._end = Endpoint(isotp_settings(bus, is_tester=True))
