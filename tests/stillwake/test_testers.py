@@ -133,6 +133,7 @@ def test_each_failure_of_the_ecu_has_its_status(refused, ecu, key, tmp_path):
     other = ("--access", tmp_path / "other.key")
     assert "refused the key" in refused("calibrate", *BUS, *other, "lift=1", status=4)
     ecu.has_release = False
+    ecu.power_on()
     assert "no release runs in it" in refused("calibrate", *BUS)
 
 

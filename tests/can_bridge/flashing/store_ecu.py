@@ -7,6 +7,7 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.backing import Backing, Long
 from can_bridge.flashing.store import Boot
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.uds.calibration_service import CalibrationService
 from can_bridge.uds.ecu_services import EcuServices
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.server import UdsServer
@@ -64,7 +65,7 @@ class StoreEcu:
         self.services = _Noted(
             self.store,
             self.values,
-            calibration=None,
+            calibration=self.calibration(self.boot),
             self_test=lambda: self.self_test(),
             refusal=lambda: Nrc.CONDITIONS_NOT_CORRECT if self.is_wanted else None,
             on_reset=self.reset,
@@ -73,6 +74,9 @@ class StoreEcu:
         self.services.routines = self.routines
         self.server = UdsServer(self.services, KEY, self._random_bytes)
         return self.boot
+
+    def calibration(self, boot: Boot) -> CalibrationService | None:
+        """What diagnosis can calibrate."""
 
     def self_test(self) -> Long[None]:
         yield

@@ -1,12 +1,13 @@
-"""An ECU with nothing but a calibration behind the real server."""
+"""An ECU whose running release can be calibrated, behind the real server and store."""
 
 from can_bridge.calibration.segment import Segment
+from can_bridge.flashing.store import Boot
 from can_bridge.uds.calibration_service import CalibrationService
-from can_bridge.uds.server import UdsServer
-from can_bridge.uds.services import Did, Nrc, Refused, Session
+from can_bridge.uds.services import Nrc
 from contract.config.controller import CostWeights
 from contract.controller.calibration import Calibration, CalibrationLimits
-from tests.can_bridge.flashing.store_ecu import KEY, Counted
+from tests.can_bridge.flashing.releases import digest_of, provisioned
+from tests.can_bridge.flashing.store_ecu import StoreEcu
 
 # 0.07 is less as float32, 0.075 is more.
 OWN = Calibration(weights=CostWeights(), action_limit=0.07, command_step=0.075, delay_steps=0)
@@ -15,45 +16,23 @@ LIMITS = CalibrationLimits(
 )
 
 
-class Ecu:
-    """What is around the server: a segment, a record, and jets."""
-
-    is_reset = False
+class Ecu(StoreEcu):
+    """Attributes: `jets`, whether they run; `has_release`, whether anything can be calibrated; `buses`, interface,
+    channel and frames of each that it was asked on."""
 
     def __init__(self) -> None:
-        self.raw: bytes | None = None
-        self.jets = False
-        self.has_release = True
-        self.attempts = 0
+        self.jets, self.has_release = False, True
         self.buses: list[tuple[str, str, str]] = []
-        """Interface, channel and frames of each that it was asked on."""
-        self.power_on()
+        memory = provisioned()
+        super().__init__(lambda: memory)
 
-    def power_on(self) -> None:
+    def calibration(self, boot: Boot) -> CalibrationService | None:
         self.segment = Segment(OWN, LIMITS)
         self.service = CalibrationService(
             self.segment,
-            kept=lambda: self.raw,
-            keep=lambda raw: setattr(self, "raw", raw),
+            kept=lambda: self.store.calibration(digest_of(boot)),
+            keep=self.store.keep_calibration,
             refusal=lambda: Nrc.CONDITIONS_NOT_CORRECT if self.jets else None,
         )
         self.service.restore()
-        self.server = UdsServer(self, KEY, Counted())  # type: ignore[arg-type]
-
-    def enter(self, session: Session) -> None: ...
-
-    def leave(self) -> None: ...
-
-    def read(self, did: Did) -> bytes:
-        if not self.has_release:
-            raise Refused(Nrc.OUT_OF_RANGE)
-        return self.service.read(did)
-
-    def write(self, did: Did, value: bytes) -> None:
-        self.service.write(did, value)
-
-    def failed_attempts(self, level) -> int:
-        return self.attempts
-
-    def keep_failed_attempts(self, level, count: int) -> None:
-        self.attempts = count
+        return self.service if self.has_release else None
