@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from can_bridge.calibration import xcp
-from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES
+from can_bridge.calibration.daq import MEASURED_ADDRESS, MEASURED_BYTES
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.calibration.xcp_slave import IDLE_NS
 from can_bridge.flashing.access_level import Level

@@ -12,8 +12,7 @@ from importlib.resources import files
 from string import Template
 from typing import Final
 
-from can_bridge.calibration.daq import EVENT_NAME, cycle_of
-from can_bridge.calibration.measured import MEASURED_ADDRESS
+from can_bridge.calibration.daq import EVENT_NAME, MEASURED_ADDRESS, cycle_of
 from can_bridge.calibration.segment import Segment
 from can_bridge.wire.messages import SENSORS, Mode, Reason
 from contract.config.vehicle import BusConfig

@@ -1,18 +1,30 @@
 """Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period.
 
+The values of the ECU's latest control period are a memory area, which a measurement tool reads or receives.
 A tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and starts the list. If
 frames of an earlier period are still waiting when a control period ends, the values of the ended period are not sent.
 So all frames that are sent for one event have the values of one period.
 """
 
+import struct
 from enum import IntEnum
+from math import copysign
 from typing import Final
 
-from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES
-from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error, deny_if
+import numpy as np
 
+from can_bridge.calibration.xcp import MAX_CTO, RESPONSE, Denied, Error, deny_if
+from can_bridge.wire.messages import SENSORS, Mode, Reason
+from contract.arrays import Array
+from contract.controller.calibration import PACKED_BYTES, Calibration
+
+MEASURED_ADDRESS: Final = 0x2000_0100
+"""The address at which a tool finds the area; the area is after the calibration segment."""
+_STATES: Final = struct.Struct("<3Bb")
+MEASURED_BYTES: Final = 4 * SENSORS + 4 + _STATES.size + PACKED_BYTES
+"""The size of the area in bytes: four for each floating-point value, one for each state number, and the calibration."""
 MOST_ODTS: Final = 16
-"""Largest number of frames per period: enough for all values of `measured`, one floating-point value per frame."""
+"""Largest number of frames per period: enough for all values of the area, one floating-point value per frame."""
 MOST_ENTRIES: Final = 32
 """Largest number of entries in all frames of the list together."""
 MOST_IN_ODT: Final = MAX_CTO - 1
@@ -24,6 +36,31 @@ OF_DAQ: Final = 0x44
 """Properties of the event: it is for measurement, and all frames of a list have values of the same control period."""
 _NO_BITS: Final = 0xFF
 _SELECTED, _RUNNING = 0x01, 0x40
+
+
+def measured_bytes(
+    pressures: Array,
+    command: float,
+    *,
+    mode: Mode,
+    reason: Reason,
+    gated: int,
+    calibration: Calibration,
+    correction: float = 1.0,
+) -> bytes:
+    """Pack the values of a control period, little-endian.
+
+    Args:
+        pressures: Cp of each sensor in the row from which the controller planned; for an excluded sensor, an estimate.
+        command: jet flow rate that was sent, in U_inf W.
+        gated: interventions of the command gate, as bits of `can_bridge.command_gate.Intervention`.
+        calibration: the values in force in this period.
+        correction: speed in use divided by the speed on the bus; packed as its difference from 1 in thousandths.
+    """
+    floats = np.array([*pressures[:SENSORS], command], np.float64).astype("<f4")
+    exact = (correction - 1.0) * 1000.0
+    thousandths = min(max(int(exact + copysign(0.5, exact)), -127), 127)
+    return floats.tobytes() + _STATES.pack(mode, reason, gated, thousandths) + calibration.pack()
 
 
 def cycle_of(period_ns: int) -> tuple[int, int]:

@@ -7,7 +7,7 @@ would need flow control. A functional request does not interrupt a physical requ
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from can_bridge.calibration.measured import measured_bytes
+from can_bridge.calibration.daq import measured_bytes
 from can_bridge.calibration.segment import Segment
 from can_bridge.calibration.xcp_slave import XcpSlave
 from can_bridge.flashing.store import Store

@@ -6,7 +6,6 @@ from struct import calcsize
 from typing import Any, Final
 
 from can_bridge.calibration import daq, xcp, xcp_slave
-from can_bridge.calibration.measured import MEASURED_ADDRESS
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.flashing.access_level import Level
 from can_bridge.isotp import endpoint
@@ -94,7 +93,7 @@ def _of_xcp() -> dict[str, int]:
         "WORKING_PROPERTIES": xcp_slave.WORKING_PROPERTIES,
         "REFERENCE_PROPERTIES": xcp_slave.REFERENCE_PROPERTIES,
         "ADDRESS": ADDRESS,
-        "MEASURED": MEASURED_ADDRESS,
+        "MEASURED": daq.MEASURED_ADDRESS,
         "PLACES": XCP_PLACES,
         "ODTS": daq.MOST_ODTS,
         "ENTRIES": daq.MOST_ENTRIES,

@@ -1,5 +1,5 @@
 /* The measurement by XCP (DAQ), with one dynamic list and one event, the end of a control period. This file corresponds
- * to can_bridge/calibration/daq.py and measured.py.
+ * to can_bridge/calibration/daq.py.
  *
  * If a control period ends before all frames of an earlier period are sent, the new period is not measured, so that
  * frames of two periods are never mixed.

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from can_bridge.calibration.a2l import a2l_text
-from can_bridge.calibration.daq import EVENT_NAME
-from can_bridge.calibration.measured import MEASURED_ADDRESS, MEASURED_BYTES, measured_bytes
+from can_bridge.calibration.daq import EVENT_NAME, MEASURED_ADDRESS, MEASURED_BYTES, measured_bytes
 from can_bridge.calibration.segment import ADDRESS, Page
 from can_bridge.calibration.xcp import Command
 from can_bridge.wire.messages import Mode, Reason

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from can_bridge.calibration.a2l import a2l_text
-from can_bridge.calibration.measured import measured_bytes
+from can_bridge.calibration.daq import measured_bytes
 from can_bridge.calibration.segment import ADDRESS
 from can_bridge.flashing.access_level import Level
 from can_bridge.wire.messages import Mode, Reason

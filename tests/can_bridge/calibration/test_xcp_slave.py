@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 import pytest
 
-from can_bridge.calibration.measured import measured_bytes
+from can_bridge.calibration.daq import measured_bytes
 from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS, XcpSlave
 from can_bridge.flashing.access_level import Level

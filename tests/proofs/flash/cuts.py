@@ -48,10 +48,6 @@ PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
 
 
-class ProofError(StillwakeError):
-    """A case in which something was lost; the message has the first one's name."""
-
-
 class Case(NamedTuple):
     """One case: the seed of what the cut leaves behind, the operation of the sequence in which the supply is cut, and
     the one after the power-on, if there is a second cut."""
@@ -132,13 +128,6 @@ def shipped(security_version: int) -> bytes:
         return image_of(read_files(target))
 
 
-def provisioned(seed: int) -> FolderPlace:
-    """An ECU's memory with the old release confirmed."""
-    place = FolderPlace(seed)
-    provision(place.backing(), shipped(OLD))
-    return place
-
-
 def walk(
     seed: int,
     at: Callable[[int], bool],
@@ -147,8 +136,9 @@ def walk(
 ) -> Tally:
     """The whole sequence, with a case for each operation of its number that `at` picks, and a further one for each that
     `then` picks in the recovery from it. The seed is of what cuts leave behind; a `tally` is gone on with."""
-    place, tally = provisioned(seed), tally or Tally()
-    begin, asked = place.operations, Asked()
+    place, tally, asked = FolderPlace(seed), tally or Tally(), Asked()
+    provision(place.backing(), shipped(OLD))
+    begin = place.operations
 
     def on_cut(number: int, torn: FolderPlace) -> None:
         tally.cases[1] += 1
@@ -279,7 +269,7 @@ def main(
     report(json_file, "flash", figures, packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"), **facts)
     if total.findings:
         first = total.findings[0]
-        raise ProofError(f"{len(total.findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
+        raise StillwakeError(f"{len(total.findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
 
 
 def run_piece(piece: tuple[int, int], *, of: int, share: float) -> Tally:
