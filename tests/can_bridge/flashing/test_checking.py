@@ -1,11 +1,9 @@
-"""Every verdict by a bundle that is at fault in this one thing"""
+"""Every verdict by a bundle that is at fault in this one thing; `tests/contract/release` damages bundles and images in
+every way."""
 
 import json
 from dataclasses import replace
 from typing import Any
-
-from hypothesis import given
-from hypothesis import strategies as st
 
 from can_bridge.flashing.checking import Rules, check, fits_as, judge_image
 from can_bridge.flashing.verdicts import Verdict
@@ -19,7 +17,6 @@ from contract.release.manifest import MANIFEST
 from contract.release.signing import public_key
 from contract.release.strict_json import digest_of
 from tests.can_bridge.flashing.releases import HARDWARE, RELEASE, ROOT, SECOND, STRANGER, fits, image, keys
-from tests.examples import examples
 
 RULES = Rules(
     keys=key_list.decode(keys(2, RELEASE, revoked=(SECOND,)), public_key(ROOT)),
@@ -35,16 +32,12 @@ def with_file(name: str, content: bytes | None) -> bytes:
     return image_of({name: content for name, content in files.items() if content is not None})
 
 
-def signed(body: dict[str, object]) -> bytes:
-    """The image with another manifest, its own hash and its signature put right."""
-    raw = strict_json.encode(body | {"manifest_sha256": digest_of(body)})
-    return image_of(files_of(GOOD) | {MANIFEST: raw, SIGNATURE: signing.sign(RELEASE, raw)})
-
-
 def with_manifest(**changes: object) -> bytes:
+    """The image with another manifest, its own hash and its signature put right."""
     body = json.loads(files_of(GOOD)[MANIFEST]) | changes
     del body["manifest_sha256"]
-    return signed(body)
+    raw = strict_json.encode(body | {"manifest_sha256": digest_of(body)})
+    return image_of(files_of(GOOD) | {MANIFEST: raw, SIGNATURE: signing.sign(RELEASE, raw)})
 
 
 def test_a_release_in_order_is_good_and_comes_with_its_bundle():
@@ -58,17 +51,10 @@ def test_a_release_in_order_is_good_and_comes_with_its_bundle():
 def test_what_is_wrong_is_the_verdict():
     for number, (wrong, expected) in enumerate([
         (b"", Verdict.DAMAGED),
-        (GOOD[:-1], Verdict.DAMAGED),
-        (GOOD + b"\0", Verdict.DAMAGED),
         (with_file(MANIFEST, None), Verdict.DAMAGED),
-        (with_file(CONTROLLER, None), Verdict.DAMAGED),
         (with_file(CONTROLLER, b"other"), Verdict.DAMAGED),
-        (with_file("more.txt", b""), Verdict.DAMAGED),
-        (with_manifest(schema="stillwake-bundle/5"), Verdict.DAMAGED),
         (with_file(SIGNATURE, None), Verdict.UNSIGNED),
-        (with_file(SIGNATURE, b""), Verdict.BAD_SIGNATURE),
         (with_file(SIGNATURE, signing.sign(RELEASE, b"other")), Verdict.BAD_SIGNATURE),
-        (with_file(MANIFEST, files_of(GOOD)[MANIFEST] + b" "), Verdict.BAD_SIGNATURE),
         (image(version=3, key=STRANGER), Verdict.UNKNOWN_KEY),
         (image(version=3, key=SECOND), Verdict.REVOKED_KEY),
         (with_manifest(dbc_sha256="0" * 64), Verdict.WRONG_DBC),
@@ -122,12 +108,3 @@ def test_a_key_of_the_list_must_have_signed():
     both = KeyList(version=1, keys=frozenset({public_key(RELEASE), public_key(SECOND)}))
     for key in (RELEASE, SECOND):
         assert check(image(version=3, key=key), replace(RULES, keys=both))[0] == Verdict.GOOD
-
-
-@examples(100)
-@given(st.integers(0, len(GOOD) - 1), st.integers(1, 255))
-def test_no_changed_byte_is_good(at, change):
-    damaged = GOOD[:at] + bytes([GOOD[at] ^ change]) + GOOD[at + 1 :]
-    verdict, bundle = check(damaged, RULES)
-    assert verdict in (Verdict.DAMAGED, Verdict.BAD_SIGNATURE, Verdict.UNKNOWN_KEY, Verdict.UNSIGNED)
-    assert bundle is None

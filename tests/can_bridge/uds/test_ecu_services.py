@@ -68,8 +68,6 @@ def test_only_the_bytes_that_are_missing_are_taken(client):
     client.talk(
         f"""
         31 01 FF 00 00x4 00x32 > OUT_OF_RANGE
-        31 01 FF 00 {200_001:08x} 00x32 > OUT_OF_RANGE
-        31 01 FF 00 FFx4 00x32 > OUT_OF_RANGE
         34 00 44 00x4 {LENGTH} > SEQUENCE_ERROR
         31 01 FF 01 > SEQUENCE_ERROR
         """
@@ -101,8 +99,6 @@ def test_identifiers_and_key_lists(client):
         2E FD 02 {both} > 6E FD 02
         2E FD 02 {both} > 6E FD 02
         2E FD 02 {keys(1).hex()} > OUT_OF_RANGE
-        2E FD 02 {keys(9)[:-1].hex()} > OUT_OF_RANGE
-        2E FD 02 {keys(9).hex()} 0A > OUT_OF_RANGE
         22 FD 02 > 62 FD 02 {2:08x}
         """
     )
