@@ -2,7 +2,6 @@
 
 import logging
 import queue
-import re
 import struct
 from collections.abc import Iterator
 from typing import Any
@@ -18,6 +17,7 @@ from can_bridge.flashing.access_level import Level
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.vehicle import BusConfig
 from tests.can_bridge.calibration.conftest import REFERENCE
+from tests.can_bridge.calibration.test_a2l import read
 from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
 
 config = pytest.importorskip("pyxcp.config")
@@ -75,8 +75,8 @@ class Periods(daq_stim.DaqOnlinePolicy):  # type: ignore[name-defined,misc]
 def measurements(text):
     """What the A2L file says is measured, as pyxcp wants it."""
     types_of = {"FLOAT32_IEEE": "F32", "UBYTE": "U8", "SBYTE": "I8", "ULONG": "U32"}
-    found = re.findall(r"/begin MEASUREMENT (\w+) \"[^\"]*\"\s+(\w+)[^/]*ECU_ADDRESS (\w+)", text)
-    return [(name, int(address, 16), 0, types_of[kind]) for name, kind, address in found]
+    blocks = read(text).one("PROJECT").one("MODULE").all("MEASUREMENT")
+    return [(one.words[0], int(one.after("ECU_ADDRESS"), 16), 0, types_of[one.words[2]]) for one in blocks]
 
 
 @pytest.fixture
@@ -110,15 +110,9 @@ def test_a_master_connects_reads_writes_stores_and_measures_all_that_the_file_na
         master.setMta(EFFORT)
         master.download(struct.pack("<f", 0.25))
         assert segment.take().weights.effort == 0.25
-        whole = struct.pack("<10fI", 1, 2, 3, 4, 5, 6, 7, 8, 0.05, 0.025, 2)
         assert not master.getCommModeInfo().commModeOptional.masterBlockMode
-        # Its `push` does not wait for answers, even without block mode (0.29).
         master.setMta(ADDRESS)
-        for begin in range(0, 44, 6):
-            master.download(whole[begin : begin + 6])
-        assert segment.take().weights.as_tuple() == (1, 2, 3, 4, 5, 6, 7, 8)
-        master.setMta(ADDRESS)
-        assert master.buildChecksum(44).checksum == checksum.check(whole, "XCP_CRC_32")
+        assert master.buildChecksum(44).checksum == checksum.check(segment.in_force.pack(), "XCP_CRC_32")
 
         assert master.getCalPage(1, 0) == 0
         master.setCalPage(0x83, 0, 1)

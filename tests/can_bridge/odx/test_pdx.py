@@ -8,8 +8,6 @@ from importlib.metadata import version
 from typing import Any
 
 import pytest
-from cryptography.hazmat.primitives.ciphers.algorithms import AES
-from cryptography.hazmat.primitives.cmac import CMAC
 
 from can_bridge.flashing.access_level import Level
 from can_bridge.flashing.verdicts import Verdict
@@ -30,6 +28,7 @@ from tests.can_bridge.flashing.store_ecu import SECRET
 from tests.can_bridge.uds.scripted_ecu import Bench
 from tests.can_bridge.uds.test_ecu_services import Client
 from tests.can_bridge.uds.test_faults import SNAPSHOT, Memory
+from tests.can_bridge.uds.test_security import cmac
 
 odxtools = pytest.importorskip("odxtools")
 variantmatcher = pytest.importorskip("odxtools.variantmatcher")
@@ -241,13 +240,6 @@ def test_a_tester_that_reads_nothing_but_these_files_flashes_a_release(written):
             client.ecu.power_on()
     assert name_of(client.ecu.boot) == "new"
     assert client.ecu.routines[-2:] == [Routine.SELF_TEST, Routine.CONFIRM]
-
-
-def cmac(key: bytes, message: bytes) -> bytes:
-    """The answer by the library; `tests/can_bridge/secoc/test_key.py` has the published answers of our own."""
-    made = CMAC(AES(key))
-    made.update(message)
-    return made.finalize()
 
 
 def key_by_json(seed: bytes, level: str, secret: bytes = SECRET) -> bytes:

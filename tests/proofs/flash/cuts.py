@@ -12,6 +12,7 @@ Each case has a name, by which it can be played again: 0.123 is the cut in call 
 sequence, with seed 0 of what it leaves behind; 0.123.45 has a second one in call 45 after that power-on.
 """
 
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable
@@ -48,24 +49,20 @@ PIECE: Final = 100
 """Cuts that a process makes in one go; it repeats the sequence for them."""
 
 
-class Case(NamedTuple):
-    """One case: the seed of what the cut leaves behind, the operation of the sequence in which the supply is cut, and
-    the one after the power-on, if there is a second cut."""
+Case = tuple[int, ...]
+"""The seed of what the cut leaves behind, the operation of the sequence in which the supply is cut, and the one after
+the power-on, if there is a second cut."""
 
-    seed: int
-    first: int
-    second: int | None = None
 
-    def __str__(self) -> str:
-        return ".".join(str(number) for number in self if number is not None)
+def name_of(case: Case) -> str:
+    return ".".join(map(str, case))
 
-    @classmethod
-    def parse(cls, name: str) -> "Case":
-        """Raises StillwakeError for what is no case's name."""
-        try:
-            return cls(*map(int, name.split(".")))
-        except (ValueError, TypeError):
-            raise StillwakeError(f"case {name!r}: must be such as 0.123 or 0.123.45") from None
+
+def case_of(name: str) -> Case:
+    """Raises StillwakeError for what is no case's name."""
+    if not re.fullmatch(r"\d+\.\d+(\.\d+)?", name):
+        raise StillwakeError(f"case {name!r}: must be such as 0.123 or 0.123.45")
+    return tuple(map(int, name.split(".")))
 
 
 @dataclass
@@ -115,7 +112,7 @@ class Tally:
         ecu = StoreEcu(place.backing)
         self.boots += 1
         if self.report is not None:
-            self.report(f"{case}: {before}; booted: {_in_words(ecu)}")
+            self.report(f"{name_of(case)}: {before}; booted: {_in_words(ecu)}")
         return ecu
 
 
@@ -143,7 +140,7 @@ def walk(
     def on_cut(number: int, torn: FolderPlace) -> None:
         tally.cases[1] += 1
         first = number - begin
-        recover(Case(seed, first), torn, asked, tally, lambda second: then(first, second))
+        recover((seed, first), torn, asked, tally, lambda second: then(first, second))
 
     place.branch(lambda number: at(number - begin), on_cut)
     _flash(StoreEcu(place.backing), asked)
@@ -159,7 +156,7 @@ def recover(
 
     def on_cut(number: int, torn: FolderPlace) -> None:
         tally.cases[2] += 1
-        recover(case._replace(second=number - begin), torn, asked, tally)
+        recover((*case, number - begin), torn, asked, tally)
 
     def wrong(kind: str, text: str) -> None:
         tally.findings.append(Finding(case, kind, text))
@@ -245,7 +242,7 @@ def main(
 ) -> None:
     """Cut, power on, judge, flash again, judge; then print what was lost, which must be nothing."""
     if replay:
-        _replay(Case.parse(replay))
+        _replay(case_of(replay))
         return
     began = perf_counter()
     operations = walk(0, lambda number: False).operations
@@ -262,14 +259,16 @@ def main(
         "cuts_depth_2": total.cases[2],
         "boots": total.boots,
         **{kind: lost[kind] for kind in KINDS},
-        "cases_lost": [str(finding.case) for finding in total.findings][:20],
+        "cases_lost": [name_of(finding.case) for finding in total.findings][:20],
         "seconds_proof": perf_counter() - began,
     }
     facts: dict[str, Any] = {"every": every, "seeds": seeds, "second_cuts": second_cuts, "workers": workers}
     report(json_file, "flash", figures, packages=("stillwake", "onnxruntime", "cryptography", "udsoncan"), **facts)
     if total.findings:
         first = total.findings[0]
-        raise StillwakeError(f"{len(total.findings)} findings, the first: {first.case}, {first.kind}: {first.text}")
+        raise StillwakeError(
+            f"{len(total.findings)} findings, the first: {name_of(first.case)}, {first.kind}: {first.text}"
+        )
 
 
 def run_piece(piece: tuple[int, int], *, of: int, share: float) -> Tally:
@@ -285,10 +284,11 @@ def run_piece(piece: tuple[int, int], *, of: int, share: float) -> Tally:
 
 def _replay(case: Case) -> None:
     tally = Tally(report=console.print)
-    walk(case.seed, lambda n: n == case.first, lambda first, second: second == case.second, tally)
+    seed, cut, *again = case
+    walk(seed, lambda number: number == cut, lambda first, second: second in again, tally)
     for finding in tally.findings:
-        console.print(f"{finding.case}: {finding.kind}: {finding.text}")
+        console.print(f"{name_of(finding.case)}: {finding.kind}: {finding.text}")
     if not any(tally.cases.values()):
-        raise StillwakeError(f"case {case}: the sequence has {tally.operations} operations; name one of them")
+        raise StillwakeError(f"case {name_of(case)}: the sequence has {tally.operations} operations; name one of them")
     if not tally.findings:
-        console.print(f"{case}: nothing was lost")
+        console.print(f"{name_of(case)}: nothing was lost")

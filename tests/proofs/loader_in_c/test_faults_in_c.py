@@ -143,7 +143,7 @@ def live(of: Any, library: Library) -> None:
         course.twins.backing.keep = keep  # type: ignore[method-assign]
         course.next_cycle()
         course.reports()
-    kept = course.twins.backing.memory.records[RecordKind.FAULTS]
+    kept = course.twins.backing.kept[RecordKind.FAULTS]
     ages = (7, 38, 39, 40, 254, 255)
     rows = [
         bytes([(0x08, 0x00, 0xFF)[at // len(ages) % 3], ages[at % len(ages)], at % 4]) for at in range(2 * len(CODES))
