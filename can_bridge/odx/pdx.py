@@ -113,65 +113,54 @@ class Described(NamedTuple):
     """One service with one sub-function or identifier.
 
     Attributes:
-        constants: numbers with their sizes in bits; they follow the service's number in the request and are repeated in
-            the answer.
+        constants: numbers that follow the service's number in the request and are repeated in the answer, of 8 bits, or
+            of 16 bits from 256 on.
         request, answer: parameters of the request and of the answer that follow the constants.
+        at: permission; None for the permission of the whole service.
     """
 
     name: str
     service: Service
-    permission: Permission
-    constants: tuple[tuple[int, int], ...] = ()
+    constants: tuple[int, ...] = ()
     request: tuple[str, ...] = ()
     answer: tuple[str, ...] = ()
+    at: Permission | None = None
 
 
 def described() -> Iterator[Described]:
     """Yield all services, from the server's own tables."""
-
-    def one(
-        name: str,
-        service: Service,
-        *numbers: int,
-        bits: int = 8,
-        at: Permission | None = None,
-        request: tuple[str, ...] = (),
-        answer: tuple[str, ...] = (),
-    ) -> Described:
-        constants = tuple((number, bits) for number in numbers)
-        return Described(name.lower(), service, at or services.SERVICES[service], constants, request, answer)
-
     timing = (value("p2_ms", "u16"), value("p2_star_10_ms", "u16"))
     for session in Session:
-        yield one(f"session_{session.name}", Service.SESSION, session, answer=timing)
-    yield one("reset_hard", Service.RESET, 1)
-    yield one("clear_faults", Service.CLEAR_FAULTS, request=(value("group", "u24"),))
+        yield Described(f"session_{session.name}", Service.SESSION, (session,), answer=timing)
+    yield Described("reset_hard", Service.RESET, (1,))
+    yield Described("clear_faults", Service.CLEAR_FAULTS, request=(value("group", "u24"),))
     for report, request, answer in _reports():
-        yield one(f"faults_{report.name}", Service.REPORT_FAULTS, report, request=request, answer=answer)
+        yield Described(f"faults_{report.name}", Service.REPORT_FAULTS, (report,), request, answer)
     for did, of in DID_TYPES.items():
-        yield one(f"read_{did.name}", Service.READ, did, bits=16, answer=(value("value", of),))
+        yield Described(f"read_{did.name}", Service.READ, (did,), answer=(value("value", of),))
     for level in Level:
-        at = services.LEVELS[level]
-        yield one(f"seed_{level.name}", Service.SECURITY, level, at=at, answer=(value("seed", "bytes_16"),))
-        yield one(f"key_{level.name}", Service.SECURITY, level + 1, at=at, request=(value("key", "bytes_16"),))
+        seed, key, at = (value("seed", "bytes_16"),), (value("key", "bytes_16"),), services.LEVELS[level]
+        yield Described(f"seed_{level.name}", Service.SECURITY, (level,), answer=seed, at=at)
+        yield Described(f"key_{level.name}", Service.SECURITY, (level + 1,), request=key, at=at)
     for name, number in (("enable_sending", 0), ("disable_sending", 1)):
-        yield one(name, Service.COMMUNICATION, number, request=(value("kind", "u8"),))
+        yield Described(name, Service.COMMUNICATION, (number,), request=(value("kind", "u8"),))
     for number, at in services.WRITABLE.items():
         did = Did(number)
         of = "bytes" if did is Did.KEY_LIST else DID_TYPES[did]
-        yield one(f"write_{did.name}", Service.WRITE, did, bits=16, at=at, request=(value("value", of),))
+        yield Described(f"write_{did.name}", Service.WRITE, (did,), request=(value("value", of),), at=at)
     for number, at in services.ROUTINES.items():
         routine = Routine(number)
         both = _OPTIONS.get(routine, ()), _STATUSES.get(routine, ())
-        yield Described(f"routine_{routine.name.lower()}", Service.ROUTINE, at, ((1, 8), (routine, 16)), *both)
+        yield Described(f"routine_{routine.name}", Service.ROUTINE, (1, routine), *both, at)
     place = (constant("plain", 0x00), constant("sizes", 0x44), value("offset", "u32"), value("length", "u32"))
-    yield one("download", Service.DOWNLOAD, request=place, answer=(constant("size", 0x20), value("block", "u16")))
+    block = (constant("size", 0x20), value("block", "u16"))
+    yield Described("download", Service.DOWNLOAD, request=place, answer=block)
     counter = value("counter", "u8")
-    yield one("transfer", Service.TRANSFER, request=(counter, value("data", "bytes")), answer=(counter,))
-    yield one("exit", Service.EXIT)
-    yield one("tester_present", Service.TESTER_PRESENT, 0)
+    yield Described("transfer", Service.TRANSFER, request=(counter, value("data", "bytes")), answer=(counter,))
+    yield Described("exit", Service.EXIT)
+    yield Described("tester_present", Service.TESTER_PRESENT, (0,))
     for name, number in (("faults_on", 1), ("faults_off", 2)):
-        yield one(name, Service.FAULT_SETTING, number)
+        yield Described(name, Service.FAULT_SETTING, (number,))
 
 
 def _reports() -> Iterator[tuple[FaultReport, tuple[str, ...], tuple[str, ...]]]:
@@ -241,7 +230,8 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
 
 
 def _filling(bus: BusConfig, because: Mapping[Reason, str]) -> dict[str, object]:
-    every, is_fd, ids, software = list(described()), bus.frames == "fd", bus.diagnosis, version("stillwake")
+    every = [one._replace(name=one.name.lower()) for one in described()]
+    is_fd, ids, software = bus.frames == "fd", bus.diagnosis, version("stillwake")
     return {
         "software": escape(software),
         "variant": re.sub(r"\W", "_", software),
@@ -307,13 +297,16 @@ def _structures() -> Iterator[str]:
 
 def _head(one: Described, more: int = 0) -> Iterator[str]:
     yield constant("sid", one.service + more)
-    yield from (constant(f"constant_{place}", *each) for place, each in enumerate(one.constants))
+    for place, number in enumerate(one.constants):
+        yield constant(f"constant_{place}", number, 8 if number < 256 else 16)
 
 
 def _states(one: Described) -> Iterator[str]:
-    yield from map(_session, sorted(one.permission.sessions & services.SERVICES[one.service].sessions))
-    if one.permission.level is not None:
-        yield _level(one.permission.level)
+    whole = services.SERVICES[one.service]
+    permission = one.at or whole
+    yield from map(_session, sorted(permission.sessions & whole.sessions))
+    if permission.level is not None:
+        yield _level(permission.level)
 
 
 def _session(session: Session) -> str:
