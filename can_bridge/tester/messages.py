@@ -84,7 +84,6 @@ class RefusedError(FlashError):
     def __init__(self, step: str, code: int) -> None:
         super().__init__(f"the ECU refused to {step}: {in_words(code)}")
         self.code = code
-        self.step = step
 
 
 @contextmanager

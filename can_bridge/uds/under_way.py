@@ -21,7 +21,7 @@ class Job:
     answer is sent. `passed_over` has the negative response codes that are not sent either."""
 
     def __init__(
-        self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc] = ()
+        self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc]
     ) -> None:
         self.service = service
         self._work = work

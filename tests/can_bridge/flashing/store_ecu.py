@@ -42,7 +42,6 @@ class StoreEcu:
 
     Args:
         backing: opens the memory.
-        random_bytes: for seeds.
 
     Attributes:
         is_wanted: the vehicle asks for control, so that nothing may be programmed.
@@ -53,8 +52,8 @@ class StoreEcu:
         store, boot, server: of this power-on.
     """
 
-    def __init__(self, backing: Callable[[], Backing], random_bytes: Callable[[int], bytes] | None = None) -> None:
-        self._backing, self._random_bytes = backing, random_bytes or Counted()
+    def __init__(self, backing: Callable[[], Backing]) -> None:
+        self._backing, self._random_bytes = backing, Counted()
         self.is_wanted = False
         self.resets, self.routines, self.values = 0, list[Routine](), dict(VALUES)
         self.power_on()
@@ -134,12 +133,9 @@ class FlashingSteps:
             yield min(at + size, len(raw))
         self.good(b"\x37")
 
-    def verdict(self) -> Verdict:
-        return Verdict(self.good(b"\x31\x01\xff\x01")[4])
-
     def write(self, raw: bytes) -> Verdict:
         """All of an image, and the ECU's verdict on it."""
         self.programming()
         for _ in self.blocks(raw, self.announce(raw)):
             pass
-        return self.verdict()
+        return Verdict(self.good(b"\x31\x01\xff\x01")[4])
