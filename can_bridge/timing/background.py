@@ -12,7 +12,7 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Final
 
-from can_bridge.timing.periodic_message import NS_PER_MS, OUR_IDS, PeriodicMessage
+from can_bridge.timing.response_time import NS_PER_MS, OUR_IDS, PeriodicMessage
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
 from can_bridge.wire.message_specs import SPECS
 from can_bridge.wire.network_file import load_network

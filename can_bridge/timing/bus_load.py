@@ -6,8 +6,7 @@ from random import Random
 from typing import Final
 
 from can_bridge.timing.background import background
-from can_bridge.timing.periodic_message import NS_PER_MS, PeriodicMessage
-from can_bridge.timing.response_time import Response, message_response_times
+from can_bridge.timing.response_time import NS_PER_MS, PeriodicMessage, Response, message_response_times
 from can_bridge.wire.frame_bits import frame_ns
 from can_bridge.wire.message_sets import message_set
 from contract.config.tree import Config

@@ -1,4 +1,4 @@
-"""Worst-case response times of periodic messages on a CAN bus without errors.
+"""Periodic messages, and their worst-case response times on a CAN bus without errors.
 
 The source is Davis, Burns, Bril and Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited
 and revised", Real-Time Systems 35 (2007), section 3. A frame cannot be interrupted, so a message waits for at most one
@@ -19,17 +19,60 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate, pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
-from can_bridge.timing.periodic_message import PeriodicMessage
+from can_bridge.wire.frame import Frame, Priority, priority
+from can_bridge.wire.frame_bits import worst_case_ns
+from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
+
+NS_PER_MS: Final = 10**6
+
+OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
+"""Identifiers of our messages in all message sets, used or not. No message of another node may have one of them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodicMessage:
+    """A periodic message of a node.
+
+    Attributes:
+        period_ns: shortest time between two releases.
+        offset_ns: time of the first release.
+        jitter_ns: largest delay from a release until the frame is queued.
+        deadline_ns: time after a release by which the frame has to arrive; 0 means the period.
+    """
+
+    name: str
+    frame_id: int
+    is_extended: bool = False
+    is_fd: bool
+    length: int
+    period_ns: int
+    offset_ns: int = 0
+    jitter_ns: int = 0
+    deadline_ns: int = 0
+
+    @property
+    def priority(self) -> Priority:
+        return priority(self.frame(bytes(self.length)))
+
+    def frame(self, data: bytes) -> Frame:
+        """Return a frame of the message; `data` must have `length` bytes."""
+        return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
+
+    def worst_ns(self, bus: BusConfig) -> int:
+        """Return the longest time in ns for which a frame of the message occupies the bus."""
+        return worst_case_ns(
+            self.frame(bytes(self.length)), nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
+        )
+
 
 LONGEST_BUSY_NS: Final = 60 * 10**9
 """Longest examined busy period in ns. After a longer one (near 100 % load), the response time counts as unbounded."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class MessageTiming:
+class MessageTiming(NamedTuple):
     """A message's parameters in the analysis: the paper's C, T, D and J. `deadline_ns` is the longest permitted time
     from the release to the end of the frame."""
 

@@ -19,11 +19,10 @@ from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Final, NamedTuple
 
-from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.attempt import RECESSIVE_BITS, AttemptOutcome, AttemptVerdict, Sender, resolve
-from can_bridge.bus.simulated.port import Queued, Recovery, SimulatedPort
+from can_bridge.bus.simulated.attempt import AttemptOutcome, AttemptVerdict, counted, resolve
+from can_bridge.bus.simulated.port import RECESSIVE_BITS, Queued, Recovery, SimulatedPort
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
+from can_bridge.wire.frame_bits import bits_ns, frame_ns
 from contract.config.vehicle import BusConfig
 
 Corrupts = Callable[[Frame, str, int], int | None]
@@ -69,7 +68,7 @@ class _Attempt(NamedTuple):
     begin_ns: int
     end_ns: int
     free_ns: int
-    outcome: AttemptOutcome[SimulatedPort]
+    outcome: AttemptOutcome
     items: dict[SimulatedPort, Queued]
 
 
@@ -186,16 +185,12 @@ class SimulatedBus:
             if port.recovery is not None:
                 idle_ns = max(at_ns - max(self._free_ns, port.recovery.since_ns), 0)
                 port.recovery = Recovery(port.recovery.left - idle_ns // self._ns(RECESSIVE_BITS), at_ns)
-        passive = {port: port.faults.state is BusState.ERROR_PASSIVE for port in self._ports if not port.faults.is_off}
-        receivers = {port: is_passive for port, is_passive in passive.items() if port not in items}
-        senders = [
-            Sender(port, item.frame, sent_bits(item.frame, error_passive=passive[port]), passive[port])
-            for port, item in items.items()
-        ]
-        frame = senders[0].frame
+        frames = {port: item.frame for port, item in items.items()}
+        receivers = [port for port in self._ports if not port.is_off and port not in items]
+        first, frame = next(iter(frames.items()))
         misheard = self._seen_wrong(self._mishears, frame, receivers, at_ns)
-        disturbed = self._seen_wrong(self._corrupts, frame, [senders[0].node], at_ns)
-        outcome = resolve(senders, receivers, misheard=misheard, disturbed=next(iter(disturbed.values()), None))
+        disturbed = self._seen_wrong(self._corrupts, frame, [first], at_ns).get(first)
+        outcome = resolve(frames, receivers, misheard=misheard, disturbed=disturbed)
         nominal, fast = outcome.used
         self._attempt = _Attempt(
             begin_ns=at_ns,
@@ -230,17 +225,17 @@ class SimulatedBus:
 
     def _conclude(self, attempt: _Attempt) -> None:
         outcome = attempt.outcome
-        frame = None if outcome.frame is None else replace(outcome.frame, timestamp_ns=attempt.end_ns)
+        frame = replace(outcome.frame, timestamp_ns=attempt.end_ns)
         for port, verdict in outcome.verdicts.items():
-            port.faults = verdict.applied(port.faults)
-            if verdict.is_senders and port.faults.state is BusState.ERROR_PASSIVE:
+            port.errors = counted(port.errors, verdict)
+            if verdict.is_senders and port.is_passive:
                 port.ready_ns = attempt.free_ns + self._ns(SUSPEND)
-            if verdict is AttemptVerdict.HEARD and frame is not None:
+            if verdict is AttemptVerdict.HEARD:
                 port.deliver(frame)
         sent = [port for port, verdict in outcome.verdicts.items() if verdict is AttemptVerdict.SENT]
         for port in sent:
             port.sent(attempt.items[port])
-        if sent and frame is not None:
+        if sent:
             # If several nodes sent an identical frame at the same time, the bus carried only one frame.
             self._frames += 1
             self._capture(frame)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.timing.background import PERIODS_MS, made_up, read_traffic
-from can_bridge.timing.periodic_message import PeriodicMessage
+from can_bridge.timing.response_time import PeriodicMessage
 from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError

@@ -3,7 +3,7 @@
 import pytest
 
 from can_bridge.timing.bus_load import bus_load, loop_messages, mean_ns
-from can_bridge.timing.periodic_message import PeriodicMessage
+from can_bridge.timing.response_time import PeriodicMessage
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig
 from contract.errors import ConfigError

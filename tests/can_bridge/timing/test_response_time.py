@@ -2,8 +2,7 @@
 
 import pytest
 
-from can_bridge.timing.periodic_message import PeriodicMessage
-from can_bridge.timing.response_time import MessageTiming, message_response_times, response_times
+from can_bridge.timing.response_time import MessageTiming, PeriodicMessage, message_response_times, response_times
 from contract.config.vehicle import BusConfig
 
 US = 1000

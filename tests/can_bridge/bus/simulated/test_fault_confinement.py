@@ -6,11 +6,11 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.attempt import FaultConfinement
-from can_bridge.bus.simulated.background_node import BackgroundNode
+from can_bridge.bus.interface import BusHealth, BusState
+from can_bridge.bus.simulated.attempt import AttemptVerdict, counted
+from can_bridge.bus.simulated.background_node import send_background
 from can_bridge.bus.simulated.medium import SimulatedBus, Transmission
-from can_bridge.timing.periodic_message import PeriodicMessage
+from can_bridge.timing.response_time import PeriodicMessage
 from can_bridge.wire.frame import Frame, priority
 from can_bridge.wire.frame_bits import sent_bits
 from contract.config.vehicle import BusConfig
@@ -18,42 +18,37 @@ from contract.config.vehicle import BusConfig
 ACTIVE, PASSIVE, OFF = BusState.ERROR_ACTIVE, BusState.ERROR_PASSIVE, BusState.BUS_OFF
 
 
-def counters(faults: FaultConfinement) -> tuple[int, int]:
-    return faults.tx_errors, faults.rx_errors
+def at(tx_errors: int, rx_errors: int) -> BusHealth:
+    state = PASSIVE if max(tx_errors, rx_errors) >= 128 else ACTIVE
+    return BusHealth(state=state, tx_errors=tx_errors, rx_errors=rx_errors)
 
 
-def test_rules_1_to_3_and_7_and_8_count_one_event():
-    def of(tx: int, rx: int) -> FaultConfinement:
-        return FaultConfinement(tx_errors=tx, rx_errors=rx)
-
-    for rule, after, expected in [
-        ("1: a receive error", of(5, 7).receive_error(), (5, 8)),
-        ("2: a dominant bit behind the own flag", of(0, 1).dominant_after_flag(), (0, 9)),
-        ("2: a register of eight bits", of(0, 250).dominant_after_flag(), (0, 255)),
-        ("3: a transmit error", of(5, 7).transmit_error(), (13, 7)),
+def test_each_verdict_counts_by_its_rules_and_a_node_is_passive_from_128_and_off_from_256_on():
+    for verdict, before, after in [
+        (AttemptVerdict.RECEIVE_ERROR, (5, 7), at(5, 8)),
+        (AttemptVerdict.RECEIVE_ERROR, (0, 127), at(0, 128)),
+        (AttemptVerdict.SIGNALLED_FIRST, (0, 0), at(0, 9)),
+        (AttemptVerdict.SIGNALLED_FIRST, (0, 250), at(0, 255)),  # a register of eight bits
+        (AttemptVerdict.TRANSMIT_ERROR, (5, 7), at(13, 7)),
+        (AttemptVerdict.TRANSMIT_ERROR, (120, 0), at(128, 0)),
+        (AttemptVerdict.TRANSMIT_ERROR, (247, 0), at(255, 0)),
+        (AttemptVerdict.ARBITRATION_STUFF, (5, 7), at(5, 7)),
         *(
-            (f"3: no acknowledgement at {tx}", of(tx, 0).unacknowledged(), (counted, 0))
-            for tx, counted in [(0, 8), (120, 128), (127, 135), (128, 128), (255, 255)]
+            (AttemptVerdict.UNACKNOWLEDGED, (tx, 0), at(after, 0))
+            for tx, after in [(0, 8), (120, 128), (127, 135), (128, 128), (255, 255)]
         ),
-        *((f"7: sent at {tx}", of(tx, 3).transmitted(), (max(tx - 1, 0), 3)) for tx in [0, 1, 8, 255]),
-        *((f"8: received at {rx}", of(3, rx).received(), (3, max(rx - 1, 0))) for rx in [0, 1, 127]),
+        *((AttemptVerdict.SENT, (tx, 3), at(max(tx - 1, 0), 3)) for tx in [0, 1, 8, 128, 255]),
+        *((AttemptVerdict.HEARD, (3, rx), at(3, max(rx - 1, 0))) for rx in [0, 1, 127]),
+        # The standard allows 119 to 127.
+        *((AttemptVerdict.HEARD, (0, rx), at(0, 127)) for rx in [128, 135, 255]),
     ]:
-        assert counters(after) == expected, rule
-    for rx in [128, 135, 255]:
-        assert 119 <= of(0, rx).received().rx_errors <= 127, f"8: received at {rx}"
-
-
-def test_rules_9_to_12_passive_from_128_on_and_bus_off_from_256_transmit_errors_on_until_the_recovery():
-    for tx_errors, rx_errors, state in [(127, 127, ACTIVE), (128, 0, PASSIVE), (0, 128, PASSIVE), (255, 255, PASSIVE)]:
-        assert FaultConfinement(tx_errors=tx_errors, rx_errors=rx_errors).state is state, (tx_errors, rx_errors, state)
-    assert FaultConfinement(tx_errors=247).transmit_error().state is PASSIVE
-    off = FaultConfinement(tx_errors=248, rx_errors=90).transmit_error()
-    assert (off.state, off.times_off) == (OFF, 1)
+        assert counted(at(*before), verdict) == after, (verdict, before)
+    off = counted(at(248, 90), AttemptVerdict.TRANSMIT_ERROR)
+    assert off == BusHealth(state=OFF, tx_errors=256, rx_errors=90, bus_off=1)
     # It stays off whatever happens, and counts once.
-    assert off.transmitted().received().transmit_error().state is OFF
-    assert off.transmit_error().times_off == 1
-    assert off.recovered() == FaultConfinement(times_off=1)
-    assert off.recovered().state is ACTIVE
+    for verdict in (AttemptVerdict.SENT, AttemptVerdict.HEARD, AttemptVerdict.TRANSMIT_ERROR):
+        off = counted(off, verdict)
+        assert (off.state, off.bus_off) == (OFF, 1), verdict
 
 
 @st.composite
@@ -90,7 +85,7 @@ def sent(*messages: PeriodicMessage, seed: int = 1, drift_ppm: float = 0.0) -> l
     bus = SimulatedBus(BusConfig(), observe=seen.append)
     port = bus.port("background")
     bus.port()
-    BackgroundNode(bus, port, messages, seed, drift_ppm=drift_ppm)
+    send_background(bus, port, messages, seed, drift_ppm=drift_ppm)
     bus.advance_to(1000 * MS)
     assert port.refused == 0
     return seen
