@@ -1,4 +1,4 @@
-"""A python-can bus with this package's frames and errors.
+"""A python-can bus with this package's frames and errors, and a thread that reads it.
 
 python-can has defects that a node must avoid: `virtual` blocks for ever in `send` without a timeout when a peer stops
 reading, one garbage datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. In this
@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from threading import Event, Thread
 from typing import Final, Self
 
 import can
@@ -235,3 +236,41 @@ class PythonCanBus(OpenBus):
         if (frame.is_fd and self._is_classic) or _IS_FD.get(frame.identifier, frame.is_fd) != frame.is_fd:
             return Rejection.WRONG_FORMAT
         return frame
+
+
+POLL_S: Final = 0.05
+"""Longest time in s that the thread waits for one frame, and so the longest time that it takes to stop."""
+
+
+class ReceiveThread:
+    """A thread that reads a bus in its `with` block; close the bus afterwards. `fault` is the error that ended it."""
+
+    def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
+        """Prepare the thread, which calls `deliver` with each frame; `deliver` must return without waiting."""
+        self._bus = bus
+        self._deliver = deliver
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name="can-receive", daemon=True)
+        self.fault: BaseException | None = None
+
+    def check(self) -> None:
+        """Raise BusError if an error ended the thread. Call this method wherever the thread's frames are used."""
+        if self.fault is not None:
+            raise BusError(f"CAN reception ended: {self.fault}") from self.fault
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                frame = self._bus.receive(POLL_S)
+                if frame is not None:
+                    self._deliver(frame)
+        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is kept
+            self.fault = error

@@ -10,8 +10,7 @@ import can
 import pytest
 
 from can_bridge.bus.backends.connection import GARBAGE_LIMIT, QUEUE_SIZE, open_backend
-from can_bridge.bus.backends.python_can import RECEPTION_LIMIT, PythonCanBus, health_after, lost_frames
-from can_bridge.bus.backends.receive_thread import ReceiveThread
+from can_bridge.bus.backends.python_can import RECEPTION_LIMIT, PythonCanBus, ReceiveThread, health_after, lost_frames
 from can_bridge.bus.backends.slcan import SlcanBus
 from can_bridge.bus.conversion import to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection, UnusableReceptionError
