@@ -22,6 +22,7 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import CLASSIC, FD, SECURED
 from can_bridge.wire.message_specs import MessageSpec
 from contract.config.vehicle import E2eConfig
+from tests.can_bridge.bus.backends.peers import ScriptedBus
 
 _SENDER: Final = ("127.0.0.1", 1)
 _E2E: Final = E2eConfig()
@@ -37,7 +38,7 @@ class ReceivePath:
     frames of secured messages that came as far as their end-to-end check; the caller may clear it."""
 
     def __init__(self) -> None:
-        self._datagrams, self._port, self._messages = _FedUdpBus(), _FedPort(), _FedMessages()
+        self._datagrams, self._port, self._messages = _FedUdpBus(), _FedPort(), ScriptedBus([])
         self._lines = _FedSlcanBus(self._port)
         self.udp, self.slcan = PythonCanBus(self._datagrams), PythonCanBus(self._lines)
         self.driver = PythonCanBus(self._messages, linux_error_frames=True)
@@ -64,8 +65,8 @@ class ReceivePath:
 
     def messages(self, contents: Iterable[can.Message]) -> list[Frame]:
         """Messages as any driver of python-can's may give them."""
-        self._messages.waiting.extend(contents)
-        return self._followed(self.driver, len(self._messages.waiting))
+        self._messages.script.extend(contents)
+        return self._followed(self.driver, len(self._messages.script))
 
     def totals(self) -> tuple[int, dict[Rejection, int]]:
         """Frames accepted by the three buses, and receptions refused by reason."""
@@ -146,17 +147,3 @@ class _FedSlcanBus(SlcanBus):
     def is_left_over(self) -> bool:
         """Whether more bytes wait than a line may have."""
         return bool(self.serialPortOrig.waiting) or len(self._buffer) > LINE_LIMIT
-
-
-class _FedMessages(can.BusABC):
-    def __init__(self) -> None:
-        self.channel_info = "fed"
-        self.waiting: deque[can.Message] = deque()
-        super().__init__(channel="fed")
-        self.shutdown()
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        return (self.waiting.popleft() if self.waiting else None), False
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        raise NotImplementedError
