@@ -15,7 +15,7 @@ frames and phase differences are left out: all nodes begin a frame in the same n
 
 import heapq
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -34,8 +34,7 @@ SUSPEND: Final = 8
 begins a frame meanwhile, the waiting node may send right after that frame, because the frame outlasts the wait."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Transmission:
+class Transmission(NamedTuple):
     """A frame that was sent over the bus, stamped with `end_ns`. The successful attempt lasted from `begin_ns` to
     `end_ns`, without the intermission."""
 
@@ -46,8 +45,7 @@ class Transmission:
     end_ns: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class BusActivity:
+class BusActivity(NamedTuple):
     """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and their total time, with intermissions."""
 
     frames: int
@@ -122,9 +120,7 @@ class SimulatedBus:
 
     def activity(self) -> BusActivity:
         """Return the activity so far, without the attempt that is on the bus now."""
-        return BusActivity(
-            frames=self._frames, error_frames=self._error_frames, busy_ns=self._busy_ns, now_ns=self.now_ns
-        )
+        return BusActivity(self._frames, self._error_frames, self._busy_ns, self.now_ns)
 
     def call_at(self, at_ns: int, action: Callable[[], None]) -> None:
         """Run `action` when the bus's time reaches `at_ns`: after the frames that arrive at `at_ns`, and before the
@@ -240,15 +236,8 @@ class SimulatedBus:
             self._frames += 1
             self._capture(frame)
             for port in sent:
-                self._observe(
-                    Transmission(
-                        frame=frame,
-                        sender=port.name,
-                        queued_ns=attempt.items[port].queued_ns,
-                        begin_ns=attempt.begin_ns,
-                        end_ns=attempt.end_ns,
-                    )
-                )
+                queued_ns = attempt.items[port].queued_ns
+                self._observe(Transmission(frame, port.name, queued_ns, attempt.begin_ns, attempt.end_ns))
 
     def _ns(self, nominal: int, fast: int = 0) -> int:
         return bits_ns(nominal, fast, **self._rates)
