@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated.background_node import send_background
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus, Transmission
 from can_bridge.bus.simulated.port import SimulatedPort
 from can_bridge.secoc.node import Authentication
-from can_bridge.timing.background import background
+from can_bridge.timing.background import background, send_background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.arrays import Array
