@@ -113,10 +113,9 @@ class PythonCanBus(OpenBus):
         self._linux_error_frames = linux_error_frames
         self._keep = keep
         self._rejected = dict.fromkeys(Rejection, 0)
-        self._reported = HEALTHY
+        self._health = HEALTHY
         self._overflow_reports = 0
         self._driver_was_off = False
-        self._driver_offs = 0
         self.received = 0
         self.accepted = 0
 
@@ -165,14 +164,11 @@ class PythonCanBus(OpenBus):
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):
             is_off = False
-        if is_off and not self._driver_was_off:
-            self._driver_offs += 1
-        self._driver_was_off = is_off
-        return replace(
-            self._reported,
-            state=BusState.BUS_OFF if is_off else self._reported.state,
-            bus_off=self._reported.bus_off + self._driver_offs,
-        )
+        if is_off != self._driver_was_off:
+            self._driver_was_off = is_off
+            state = BusState.BUS_OFF if is_off else BusState.ERROR_ACTIVE
+            self._health = replace(self._health, state=state, bus_off=self._health.bus_off + is_off)
+        return self._health
 
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
         """Send one frame. Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD
@@ -228,7 +224,7 @@ class PythonCanBus(OpenBus):
             is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
             if is_report and self._linux_error_frames:
                 data = bytes(message.data)
-                self._reported = health_after(self._reported, message.arbitration_id, data)
+                self._health = health_after(self._health, message.arbitration_id, data)
                 self._overflow_reports += lost_frames(message.arbitration_id, data)
             return frame
         if frame.is_extended if self._accept is None else frame.identifier not in self._accept:
