@@ -63,7 +63,7 @@ def sent_bits(frame: Frame, *, error_passive: bool = False) -> SentBits:
     """Return the bits of a frame. In CAN FD the bit ESI shows whether the sender is error-passive."""
     if not frame.is_fd:
         head = _classic_head(frame) + _bits_of(frame.data)
-        sent = stuffed(head + _to_bits(_crc15(head), 15))
+        sent = stuffed(head + _to_bits(crc15(head), 15))
         return SentBits(stuffed=sent, nominal=len(sent), data=0)
     arbitration = _fd_arbitration(frame)
     rest = str(int(error_passive)) + _to_bits(FD_LENGTHS.index(len(frame.data)), 4) + _bits_of(frame.data)
@@ -112,7 +112,7 @@ def is_arbitration_bit(frame: Frame, position: int) -> bool:
     return 0 < position < len(stuffed(_identifier_bits(frame)))
 
 
-def _crc15(bits: str) -> int:
+def crc15(bits: str) -> int:
     """Return the CRC of a classic frame over a sequence of "0" and "1" (polynomial 0x4599, start 0)."""
     crc = 0
     # Leading zeros do not change a CRC that starts at 0.

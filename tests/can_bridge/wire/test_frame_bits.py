@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from can_bridge.wire import frame_bits
 from can_bridge.wire.frame import FD_LENGTHS, Frame, priority
-from can_bridge.wire.frame_bits import is_arbitration_stuff_bit, sent_bits, worst_case_bits
+from can_bridge.wire.frame_bits import is_arbitration_stuff_bit, sent_bits, stuffed, worst_case_bits
 from tests.can_bridge.can_messages import frames
 from tests.refused import refused
 
@@ -77,6 +77,15 @@ def test_a_can_fd_frame_has_the_bits_of_its_fields(frame):
     fixed = -(-(4 + crc) // 4)  # before the stuff count, then after every fourth bit of stuff count and CRC
     assert sent_bits(frame).stuffed == "".join(str(bit) for bit, _ in sent)
     assert sent_bits(frame).total == (switch + 1 + 2 + 7 + 3, len(sent) - switch + 4 + crc + fixed)
+
+
+def test_the_published_worst_case_of_stuffing_and_check_value():
+    """Figure 1 of Davis et al. (2007): five bits, then runs of four, each of which a stuff bit makes five."""
+    body = "111110000111100001111"
+    assert stuffed(body) == "11111000001111100000111110"
+    assert len(stuffed(body)) - len(body) == (len(body) - 1) // 4
+    # The check value of CRC-15/CAN in the RevEng catalogue.
+    assert frame_bits.crc15("".join(format(byte, "08b") for byte in b"123456789")) == 0x059E
 
 
 def test_every_stuff_bit_in_the_identifier_is_known():
