@@ -2,6 +2,7 @@
 takes, worked out in bits by hand.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -13,23 +14,24 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import sent_bits
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.simulated.disturbing import (
-    BIT,
-    DELIMITER,
-    FLAG,
-    FLAGS,
-    INTERMISSION,
-    LENGTH,
-    SENT,
-    SUSPEND,
-    TO_ACKNOWLEDGE,
-    bits,
-    bus_of,
-    counts,
-    script,
-)
+from tests.can_bridge.bus.simulated.disturbing import BIT, INTERMISSION, SENT, bus_of, counts
 
+FLAGS, FLAG, DELIMITER, SUSPEND = 12, 6, 8, 8
+LENGTH = sent_bits(SENT).total[0]
+TO_ACKNOWLEDGE = LENGTH - INTERMISSION - 7 - 1
+"""Bits up to and including the acknowledge slot."""
 ACTIVE, PASSIVE, OFF = BusState.ERROR_ACTIVE, BusState.ERROR_PASSIVE, BusState.BUS_OFF
+
+
+def bits(ns: int) -> int:
+    assert ns % BIT == 0
+    return ns // BIT
+
+
+def script(*positions: int, only: str = "") -> Callable[[Frame, str, int], int | None]:
+    """A disturbance of the first so many attempts, of those of one node if it is named."""
+    left = list(positions)
+    return lambda frame, name, begin_ns: left.pop(0) if left and only in ("", name) else None
 
 
 def at(tx_errors: int, rx_errors: int) -> BusHealth:
