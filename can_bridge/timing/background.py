@@ -1,4 +1,5 @@
-"""The background traffic of other nodes on the bus: generated, or from a DBC file; and its sender on a simulated bus.
+"""Periodic messages, the background traffic of other nodes (generated, or from a DBC file), and its sender on a
+simulated bus.
 
 The share of the bus that generated messages fill is computed from the longest frame of each message. A background of
 0.9 therefore leaves at least a tenth of the bus free, so that no queue grows without bound. Random contents need fewer
@@ -16,8 +17,8 @@ from typing import TYPE_CHECKING, Final
 
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.bus.simulated.port import SimulatedPort
-from can_bridge.timing.response_time import NS_PER_MS, OUR_IDS, PeriodicMessage
-from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame, Priority, priority
+from can_bridge.wire.frame_bits import worst_case_ns
 from can_bridge.wire.message_specs import SPECS
 from can_bridge.wire.network_file import load_network
 from contract.config.vehicle import BusConfig
@@ -26,6 +27,48 @@ from contract.errors import BusError, ConfigError
 if TYPE_CHECKING:
     from cantools.database.can.database import Database
     from cantools.database.can.message import Message
+
+NS_PER_MS: Final = 10**6
+
+OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
+"""Identifiers of our messages in all message sets, used or not. No message of another node may have one of them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodicMessage:
+    """A periodic message of a node.
+
+    Attributes:
+        period_ns: shortest time between two releases.
+        offset_ns: time of the first release.
+        jitter_ns: largest delay from a release until the frame is queued.
+        deadline_ns: time after a release by which the frame has to arrive; 0 means the period.
+    """
+
+    name: str
+    frame_id: int
+    is_extended: bool = False
+    is_fd: bool
+    length: int
+    period_ns: int
+    offset_ns: int = 0
+    jitter_ns: int = 0
+    deadline_ns: int = 0
+
+    @property
+    def priority(self) -> Priority:
+        return priority(self.frame(bytes(self.length)))
+
+    def frame(self, data: bytes) -> Frame:
+        """Return a frame of the message; `data` must have `length` bytes."""
+        return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
+
+    def worst_ns(self, bus: BusConfig) -> int:
+        """Return the longest time in ns for which a frame of the message occupies the bus."""
+        return worst_case_ns(
+            self.frame(bytes(self.length)), nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
+        )
+
 
 _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 

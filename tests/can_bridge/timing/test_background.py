@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.simulated.medium import Transmission
-from can_bridge.timing.background import PERIODS_MS, made_up, read_traffic, send_background
-from can_bridge.timing.response_time import PeriodicMessage
+from can_bridge.timing.background import PERIODS_MS, PeriodicMessage, made_up, read_traffic, send_background
 from can_bridge.wire.message_specs import SPECS
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError, ConfigError
