@@ -1,19 +1,24 @@
-"""The background traffic of other nodes on the bus: generated, or from a DBC file.
+"""Periodic messages, the background traffic of other nodes (generated, or from a DBC file), and its sender on a
+simulated bus.
 
 The share of the bus that generated messages fill is computed from the longest frame of each message. A background of
 0.9 therefore leaves at least a tenth of the bus free, so that no queue grows without bound. Random contents need fewer
 stuff bits, so the measured load of the bus is about 15 per cent smaller than the share.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Final
 
-from can_bridge.timing.periodic_message import NS_PER_MS, OUR_IDS, PeriodicMessage
-from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
+from can_bridge.bus.simulated.medium import SimulatedBus
+from can_bridge.bus.simulated.port import SimulatedPort
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame, Priority, priority
+from can_bridge.wire.frame_bits import worst_case_ns
 from can_bridge.wire.message_specs import SPECS
 from can_bridge.wire.network_file import load_network
 from contract.config.vehicle import BusConfig
@@ -22,6 +27,48 @@ from contract.errors import BusError, ConfigError
 if TYPE_CHECKING:
     from cantools.database.can.database import Database
     from cantools.database.can.message import Message
+
+NS_PER_MS: Final = 10**6
+
+OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
+"""Identifiers of our messages in all message sets, used or not. No message of another node may have one of them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodicMessage:
+    """A periodic message of a node.
+
+    Attributes:
+        period_ns: shortest time between two releases.
+        offset_ns: time of the first release.
+        jitter_ns: largest delay from a release until the frame is queued.
+        deadline_ns: time after a release by which the frame has to arrive; 0 means the period.
+    """
+
+    name: str
+    frame_id: int
+    is_extended: bool = False
+    is_fd: bool
+    length: int
+    period_ns: int
+    offset_ns: int = 0
+    jitter_ns: int = 0
+    deadline_ns: int = 0
+
+    @property
+    def priority(self) -> Priority:
+        return priority(self.frame(bytes(self.length)))
+
+    def frame(self, data: bytes) -> Frame:
+        """Return a frame of the message; `data` must have `length` bytes."""
+        return Frame(frame_id=self.frame_id, data=data, is_fd=self.is_fd, is_extended=self.is_extended)
+
+    def worst_ns(self, bus: BusConfig) -> int:
+        """Return the longest time in ns for which a frame of the message occupies the bus."""
+        return worst_case_ns(
+            self.frame(bytes(self.length)), nominal_bitrate=bus.nominal_bitrate, data_bitrate=bus.data_bitrate
+        )
+
 
 _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
@@ -171,3 +218,42 @@ def _identifiers(count: int, random: Random) -> list[int]:
     fixed = [random.choice(part) for part in (above, below)] if count > 1 else []
     rest = sorted(set(free) - set(fixed))
     return sorted([*fixed, *random.sample(rest, count - len(fixed))])
+
+
+DRIFT_PPM: Final = 200
+"""Largest drift in ppm between two quartz clocks whose errors are 100 ppm each."""
+
+
+def send_background(
+    bus: SimulatedBus,
+    port: SimulatedPort,
+    messages: Iterable[PeriodicMessage],
+    seed: int,
+    *,
+    drift_ppm: float = DRIFT_PPM,
+) -> None:
+    """Let a node of the simulated bus send periodic messages with random contents. Each message starts at its offset
+    from now, and is late by at most its jitter. It has a separate clock, as if sent by a separate node, so that its
+    phase relative to the control loop changes during a run. `SimulatedPort.refused` counts the frames that the bus
+    refuses.
+
+    Args:
+        seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.
+        drift_ppm: largest drift of the clocks. A clock is slower than the bus's time by a drift between 0 and this
+            value. No clock is faster, because the response-time analysis assumes that no period is shorter than stated.
+    """
+
+    def plan(message: PeriodicMessage, random: Random, period_ns: int, due_ns: int) -> None:
+        late_ns = random.randint(0, message.jitter_ns)
+        bus.call_at(due_ns + late_ns, partial(send, message, random))
+        next_ns = due_ns + period_ns
+        bus.call_at(next_ns, partial(plan, message, random, period_ns, next_ns))
+
+    def send(message: PeriodicMessage, random: Random) -> None:
+        with suppress(BusError):
+            port.send(message.frame(random.randbytes(message.length)))
+
+    for message in messages:
+        random = Random(f"{seed} {message.is_extended} {message.frame_id}")
+        period_ns = message.period_ns + round(message.period_ns * random.uniform(0.0, drift_ppm) * 1e-6)
+        plan(message, random, period_ns, bus.now_ns + message.offset_ns)

@@ -12,15 +12,7 @@ The codec works as `can_bridge.wire.codec` does, within the limits of eight byte
 import struct
 from typing import Final
 
-from can_bridge.wire.message_specs import (
-    CLASSIC_AGE_RESOLUTION_NS,
-    CLASSIC_PRESSURE_RESOLUTION_PA,
-    FLOW_RESOLUTION_M2_PER_S,
-    INT12_MAX,
-    INT16_MAX,
-)
-from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure, VehicleSpeed
-from can_bridge.wire.packing import (
+from can_bridge.wire.codec import (
     MODES,
     REASONS,
     UNPACKABLE,
@@ -33,6 +25,14 @@ from can_bridge.wire.packing import (
     unsigned,
     vehicle_speed,
 )
+from can_bridge.wire.message_specs import (
+    CLASSIC_AGE_RESOLUTION_NS,
+    CLASSIC_PRESSURE_RESOLUTION_PA,
+    FLOW_RESOLUTION_M2_PER_S,
+    INT12_MAX,
+    INT16_MAX,
+)
+from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure, VehicleSpeed
 
 _LENGTH: Final = 8
 

@@ -5,29 +5,27 @@ ValueError for a value that is not finite or out of range. `parse_*` reads the v
 for data of another length, or with a value outside the DBC's table for this value; it never raises. Values are rounded
 to the nearest multiple of the resolution; bits without a signal are sent as zero and ignored when received.
 
-These functions run for every frame, so `emit_*` searches for the invalid value only after packing has failed.
+These functions run for every frame, so `emit_*` searches for the invalid value only after packing has failed. The
+tables and conversions without an underscore also serve `can_bridge.wire.classic_codec`.
 """
 
+import math
 import struct
+from itertools import product
 from typing import Final
 
 from can_bridge.wire import messages
-from can_bridge.wire.message_specs import AGE_RESOLUTION_NS, FLOW_RESOLUTION_M2_PER_S, INT16_MAX, PRESSURE_RESOLUTION_PA
-from can_bridge.wire.messages import SET_ASIDE_LIMIT, EcuStatus, JetCommand, Mode, Pressure, VehicleSpeed
-from can_bridge.wire.packing import (
-    MODES,
-    REASONS,
-    UNPACKABLE,
-    VALIDITIES,
-    check_pressure_counts,
-    made,
-    mode_of,
-    reason_of,
-    signed,
-    speed_steps,
-    unsigned,
-    vehicle_speed,
+from can_bridge.wire.message_specs import (
+    AGE_RESOLUTION_NS,
+    DENSITY_RESOLUTION_KG_PER_M3,
+    DENSITY_UNKNOWN,
+    FLOW_RESOLUTION_M2_PER_S,
+    INT16_MAX,
+    PRESSURE_RESOLUTION_PA,
+    SPEED_RESOLUTION_M_PER_S,
+    SPEED_UNKNOWN,
 )
+from can_bridge.wire.messages import SENSORS, EcuStatus, JetCommand, Mode, Pressure, Reason, VehicleSpeed
 
 # "3x" is the E2E header: CRC-16 and counter.
 _PRESSURE: Final = struct.Struct("<3x B 4h H 2x")  # flags, pressures, age
@@ -46,6 +44,21 @@ _COUNTER_VALID: Final = 1 << 4
 _NEXT_PERIOD: Final = 1 << 5
 
 _STATE_MASK: Final = 0b1111
+
+UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
+"""Exceptions of packing or rounding for a value out of range."""
+
+made: Final = tuple.__new__
+"""A function that builds a named tuple from all of its values in order. Calling the named tuple's own constructor would
+take a sixth of a parser's time."""
+
+_BYTE: Final = range(256)
+MODES: Final = tuple(Mode(value) if value in frozenset(Mode) else None for value in _BYTE)
+REASONS: Final = tuple(Reason(value) if value in frozenset(Reason) else None for value in _BYTE)
+"""Members by raw value; None for a value outside the DBC's table. This look-up is faster than a call of the enum."""
+
+_VALIDITIES: Final = tuple(bits[::-1] for bits in product((False, True), repeat=SENSORS))
+"""Validity flags of the sensors, by the raw value of their bits."""
 
 
 def emit_pressure(message: Pressure) -> bytes:
@@ -80,7 +93,7 @@ def parse_pressure(data: bytes) -> Pressure | None:
         Pressure,
         (
             (p0 * scale, p1 * scale, p2 * scale, p3 * scale),
-            VALIDITIES[flags & _VALID],
+            _VALIDITIES[flags & _VALID],
             flags & _ENABLE_REQUEST != 0,
             age * AGE_RESOLUTION_NS,
         ),
@@ -133,7 +146,7 @@ def parse_jet_command(data: bytes) -> JetCommand | None:
 def emit_ecu_status(message: EcuStatus) -> bytes:
     """Return the message as 24 bytes."""
     state, reason, overruns, missed, crc, bus_off, bundle_hash, refused, forged, tx, rx, aside = message
-    if not 0 <= aside <= SET_ASIDE_LIMIT:
+    if not 0 <= aside <= messages.SET_ASIDE_LIMIT:
         aside = -1  # packing fails, because no byte holds this value
     try:
         counts = bus_off, overruns, missed, crc, bundle_hash, refused, forged, tx, rx, aside
@@ -144,7 +157,7 @@ def emit_ecu_status(message: EcuStatus) -> bytes:
             "bundle_hash": 0xFFFFFFFF,
             "tx_errors": messages.ERROR_LIMIT,
             "rx_errors": messages.ERROR_LIMIT,
-            "set_aside": SET_ASIDE_LIMIT,
+            "set_aside": messages.SET_ASIDE_LIMIT,
         }
         for name in message._fields[2:]:
             unsigned(f"EcuStatus.{name}", getattr(message, name), limits.get(name, messages.COUNT_LIMIT))
@@ -160,7 +173,7 @@ def parse_ecu_status(data: bytes) -> EcuStatus | None:
     if known_state is None or known_reason is None:
         return None
     counts = overruns, missed, crc, bus_off, *rest
-    return made(EcuStatus, (known_state, known_reason, *counts, aside & SET_ASIDE_LIMIT))
+    return made(EcuStatus, (known_state, known_reason, *counts, aside & messages.SET_ASIDE_LIMIT))
 
 
 def _age_steps(age_ns: int) -> int:
@@ -170,3 +183,64 @@ def _age_steps(age_ns: int) -> int:
 
 def _age_error(message: str, age_ns: int) -> ValueError:
     return ValueError(f"{message}.age_ns = {age_ns}: must be in 0..{0xFFFF * AGE_RESOLUTION_NS}")
+
+
+def mode_of(mode: Mode) -> Mode:
+    """Return the mode; raises ValueError for another number."""
+    return mode if mode.__class__ is Mode else Mode(mode)
+
+
+def reason_of(reason: Reason) -> Reason:
+    """Return the reason; raises ValueError for another number."""
+    return reason if reason.__class__ is Reason else Reason(reason)
+
+
+def check_pressure_counts(message: Pressure) -> None:
+    """Raise ValueError unless the message has a pressure and a validity for each sensor."""
+    for name, values in (("pressure_pa", message.pressure_pa), ("valid", message.valid)):
+        if len(values) != SENSORS:
+            raise ValueError(f"Pressure.{name} has {len(values)} values: must have {SENSORS}")
+
+
+def speed_steps(message: VehicleSpeed) -> tuple[int, int]:
+    """Return the raw values of density and speed; raises ValueError as `signed` does."""
+    speed, _, density = message
+    most = SPEED_UNKNOWN - 1
+    return (
+        DENSITY_UNKNOWN
+        if density is None
+        else signed("VehicleSpeed.density_kg_per_m3", density, DENSITY_RESOLUTION_KG_PER_M3, DENSITY_UNKNOWN + 1, 0xFF),
+        SPEED_UNKNOWN
+        if speed is None
+        else signed("VehicleSpeed.speed_m_per_s", speed, SPEED_RESOLUTION_M_PER_S, 0, most),
+    )
+
+
+def vehicle_speed(density: int, speed: int, age_ns: int) -> VehicleSpeed:
+    """Return the message with these raw values of density and speed."""
+    return made(
+        VehicleSpeed,
+        (
+            None if speed == SPEED_UNKNOWN else speed * SPEED_RESOLUTION_M_PER_S,
+            age_ns,
+            None if density == DENSITY_UNKNOWN else density * DENSITY_RESOLUTION_KG_PER_M3,
+        ),
+    )
+
+
+def signed(name: str, value: float, resolution: float, low: int, high: int) -> int:
+    """Return the raw value nearest to `value`; raises ValueError if it is not finite or not in `low` to `high`."""
+    if not math.isfinite(value):
+        raise ValueError(f"{name} = {value}: must be finite")
+    # The quotient of a very large value is infinite, and cannot be rounded to an integer.
+    steps = value / resolution
+    if not (math.isfinite(steps) and low <= round(steps) <= high):
+        raise ValueError(f"{name} = {value}: must be in {low * resolution:g}..{high * resolution:g}")
+    return round(steps)
+
+
+def unsigned(name: str, value: int, largest: int) -> int:
+    """Return the value; raises ValueError if it is not in 0..largest."""
+    if not 0 <= value <= largest:
+        raise ValueError(f"{name} = {value}: must be in 0..{largest}")
+    return value

@@ -9,7 +9,6 @@ stuff bit always follows the data, so five equal bits at the end of the data nee
 
 import re
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 from typing import Final
 
@@ -17,7 +16,16 @@ from can_bridge.wire.frame import FD_LENGTHS, Frame
 
 _RUN: Final = re.compile("0{5}|1{5}")
 _RUN_INSIDE: Final = re.compile("(?:0{5}|1{5})(?=.)")
-_CRC15: Final = 0x4599
+
+
+def _crc15_entry(byte: int) -> int:
+    crc = byte << 7
+    for _ in range(8):
+        crc = (crc << 1 & 0x7FFF) ^ (0x4599 if crc >> 14 else 0)
+    return crc
+
+
+_CRC15: Final = tuple(map(_crc15_entry, range(256)))
 
 TAIL: Final = 13
 """Bits after the CRC, without stuff bits: CRC delimiter, acknowledge (2), end of frame (7), intermission (3)."""
@@ -106,22 +114,11 @@ def is_arbitration_bit(frame: Frame, position: int) -> bool:
 
 def crc15(bits: str) -> int:
     """Return the CRC of a classic frame over a sequence of "0" and "1" (polynomial 0x4599, start 0)."""
-    table, crc = _crc15_table(), 0
+    crc = 0
     # Leading zeros do not change a CRC that starts at 0.
     for byte in int(bits or "0", 2).to_bytes(len(bits) // 8 + 1):
-        crc = (crc << 8 & 0x7FFF) ^ table[crc >> 7 ^ byte]
+        crc = (crc << 8 & 0x7FFF) ^ _CRC15[crc >> 7 ^ byte]
     return crc
-
-
-@cache
-def _crc15_table() -> tuple[int, ...]:
-    table = []
-    for byte in range(256):
-        crc = byte << 7
-        for _ in range(8):
-            crc = (crc << 1 & 0x7FFF) ^ (_CRC15 if crc >> 14 else 0)
-        table.append(crc)
-    return tuple(table)
 
 
 def _identifier_bits(frame: Frame) -> str:

@@ -12,8 +12,7 @@ from dataclasses import replace
 from threading import Event, Lock, Thread
 from typing import Final, NamedTuple, Self
 
-from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.backends.receive_thread import ReceiveThread
+from can_bridge.bus.backends.python_can import PythonCanBus, ReceiveThread
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated.background_node import BackgroundNode
 from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus, Transmission
 from can_bridge.bus.simulated.port import SimulatedPort
 from can_bridge.secoc.node import Authentication
-from can_bridge.timing.background import background
+from can_bridge.timing.background import background, send_background
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.arrays import Array
@@ -126,7 +125,7 @@ def wire(
     bus = SimulatedBus(config.bus, capture, observe=seen, corrupts=disturbs.corrupts, mishears=disturbs.mishears)
     ports = {name: bus.port(name) for name in (*PORT_NAMES.values(), "background")[: 3 if others else 2]}
     if others:
-        BackgroundNode(bus, ports["background"], others, config.bus.background.seed)
+        send_background(bus, ports["background"], others, config.bus.background.seed)
     node = VehicleNode(sensors, config, wake.layout, authentication, read=disturbs.readings)
     around = disturbs.connect(bus)
 

@@ -1,9 +1,25 @@
-"""Any message that a wire carries."""
+"""Any frame and any message that a wire carries."""
 
 import can
 from hypothesis import strategies as st
 
-from can_bridge.wire.frame import FD_LENGTHS
+from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+
+_REPEATED = st.sampled_from([b"\x00", b"\xff", b"\x0f", b"\xf0", b"\x1e", b"\xe1", b"\x78", b"\x87"])
+_PAYLOADS = st.binary(max_size=64) | _REPEATED.map(lambda byte: byte * 64)
+
+
+@st.composite
+def frames(draw: st.DrawFn, formats: st.SearchStrategy[bool] = st.booleans()) -> Frame:  # noqa: B008
+    """A data frame, in CAN FD where `formats` says so; many have long runs of equal bits, for their stuff bits."""
+    fd, extended = draw(formats), draw(st.booleans())
+    length = draw(st.sampled_from(FD_LENGTHS if fd else CLASSIC_LENGTHS))
+    return Frame(
+        frame_id=draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF)),
+        data=draw(_PAYLOADS).ljust(length, b"\0")[:length],
+        is_fd=fd,
+        is_extended=extended,
+    )
 
 
 @st.composite

@@ -1,4 +1,4 @@
-"""A python-can bus with this package's frames and errors.
+"""A python-can bus with this package's frames and errors, and a thread that reads it.
 
 python-can has defects that a node must avoid: `virtual` blocks for ever in `send` without a timeout when a peer stops
 reading, one garbage datagram ends python-can's Notifier, and garbage on a serial line raises a bare ValueError. In this
@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from threading import Event, Thread
 from typing import Final, Self
 
 import can
@@ -112,10 +113,9 @@ class PythonCanBus(OpenBus):
         self._linux_error_frames = linux_error_frames
         self._keep = keep
         self._rejected = dict.fromkeys(Rejection, 0)
-        self._reported = HEALTHY
+        self._health = HEALTHY
         self._overflow_reports = 0
         self._driver_was_off = False
-        self._driver_offs = 0
         self.received = 0
         self.accepted = 0
 
@@ -164,14 +164,11 @@ class PythonCanBus(OpenBus):
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):
             is_off = False
-        if is_off and not self._driver_was_off:
-            self._driver_offs += 1
-        self._driver_was_off = is_off
-        return replace(
-            self._reported,
-            state=BusState.BUS_OFF if is_off else self._reported.state,
-            bus_off=self._reported.bus_off + self._driver_offs,
-        )
+        if is_off != self._driver_was_off:
+            self._driver_was_off = is_off
+            state = BusState.BUS_OFF if is_off else BusState.ERROR_ACTIVE
+            self._health = replace(self._health, state=state, bus_off=self._health.bus_off + is_off)
+        return self._health
 
     def send(self, frame: Frame, *, timeout_s: float = 0.005) -> None:
         """Send one frame. Raises BusError if the bus failed, if it does not accept the frame in time, or for a CAN FD
@@ -227,7 +224,7 @@ class PythonCanBus(OpenBus):
             is_report = frame is Rejection.ERROR_FRAME and isinstance(message.arbitration_id, int)
             if is_report and self._linux_error_frames:
                 data = bytes(message.data)
-                self._reported = health_after(self._reported, message.arbitration_id, data)
+                self._health = health_after(self._health, message.arbitration_id, data)
                 self._overflow_reports += lost_frames(message.arbitration_id, data)
             return frame
         if frame.is_extended if self._accept is None else frame.identifier not in self._accept:
@@ -235,3 +232,41 @@ class PythonCanBus(OpenBus):
         if (frame.is_fd and self._is_classic) or _IS_FD.get(frame.identifier, frame.is_fd) != frame.is_fd:
             return Rejection.WRONG_FORMAT
         return frame
+
+
+POLL_S: Final = 0.05
+"""Longest time in s that the thread waits for one frame, and so the longest time that it takes to stop."""
+
+
+class ReceiveThread:
+    """A thread that reads a bus in its `with` block; close the bus afterwards. `fault` is the error that ended it."""
+
+    def __init__(self, bus: PythonCanBus, deliver: Callable[[Frame], None]) -> None:
+        """Prepare the thread, which calls `deliver` with each frame; `deliver` must return without waiting."""
+        self._bus = bus
+        self._deliver = deliver
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name="can-receive", daemon=True)
+        self.fault: BaseException | None = None
+
+    def check(self) -> None:
+        """Raise BusError if an error ended the thread. Call this method wherever the thread's frames are used."""
+        if self.fault is not None:
+            raise BusError(f"CAN reception ended: {self.fault}") from self.fault
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                frame = self._bus.receive(POLL_S)
+                if frame is not None:
+                    self._deliver(frame)
+        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is kept
+            self.fault = error

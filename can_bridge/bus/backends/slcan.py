@@ -113,17 +113,15 @@ class SlcanBus(slcanBus):
             while True:
                 with suppress(BlockingIOError):
                     written += os.write(port.fd, line[written:])
-                if written == len(line):
-                    self._line_cut = False
-                    return
                 left = max(0.0, deadline - time.monotonic())
-                if not select.select([], [port.fd], [], left)[1]:
-                    self._line_cut = self._line_cut or written > 0
-                    raise can.CanTimeoutError(f"the serial port accepted {written} of {len(line)} bytes in {limit:g} s")
-        except can.CanTimeoutError:  # CanTimeoutError is an OSError, too
-            raise
+                if written == len(line) or not select.select([], [port.fd], [], left)[1]:
+                    break
         except OSError as error:
             raise can.CanOperationError(f"the serial port failed: {error}") from error
+        if written < len(line):
+            self._line_cut = self._line_cut or written > 0
+            raise can.CanTimeoutError(f"the serial port accepted {written} of {len(line)} bytes in {limit:g} s")
+        self._line_cut = False
 
     def shutdown(self) -> None:
         """Close the channel. The port is closed even if it no longer accepts the command that closes the channel."""

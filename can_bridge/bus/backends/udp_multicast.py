@@ -1,7 +1,8 @@
-"""CAN over UDP multicast: python-can's backend with our own parser.
+"""CAN over UDP multicast: python-can's backend with a parser that checks every value.
 
 python-can 4.6 does not check the types of a datagram's values: 20 bytes with `{"data": 2**30}` allocate a gigabyte. The
-backend receives its own frames and, on Linux, frames of groups that other processes joined.
+C parser of msgpack (1.1.2) leaks up to 4 KB for each truncated map, so msgspec reads the datagrams. The backend
+receives its own frames and, on Linux, frames of groups that other processes joined.
 
 Equal datagrams are not treated as copies of one datagram: some senders send no time, and the sequence numbers of
 ISO-TP repeat every 16 frames. A datagram that stays on this machine arrives only once.
@@ -15,18 +16,12 @@ from threading import Lock
 from typing import Any, Final
 
 import can
+import msgspec
 from can.interfaces.udp_multicast import UdpMulticastBus as PythonCanUdpMulticastBus
 from can.interfaces.udp_multicast.utils import pack_message
 
 from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS
-
-try:
-    # The library's C parser (1.1.2) leaks up to 4 KB for each truncated map that it has read.
-    from msgpack import fallback  # type: ignore[import-untyped]  # has no types
-except ModuleNotFoundError:
-    # msgpack is in the extra `bus`. Without msgpack, python-can does not open this bus, so nothing has to be parsed.
-    fallback = None
 
 RECEIVE_QUEUE: Final = 1 << 22
 """Size in bytes of the requested receive buffer, for about 5,000 datagrams; the kernel's default size holds 256."""
@@ -39,39 +34,41 @@ _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
 """Linux: whether a socket receives, as by default, datagrams of groups that only other sockets have joined (ip(7))."""
 
-_FLAGS: Final = (
-    "is_extended_id",
-    "is_remote_frame",
-    "is_error_frame",
-    "is_fd",
-    "bitrate_switch",
-    "error_state_indicator",
-)
-_FIELDS: Final = frozenset({"timestamp", "arbitration_id", "channel", "dlc", "data", *_FLAGS})
+
+class _Datagram(msgspec.Struct, forbid_unknown_fields=True):
+    """The values that python-can packs for a message. Some senders leave out values that have a default."""
+
+    arbitration_id: int
+    data: bytes
+    dlc: int | None = None
+    is_extended_id: bool = True
+    is_remote_frame: bool = False
+    is_error_frame: bool = False
+    is_fd: bool = False
+    bitrate_switch: bool = False
+    error_state_indicator: bool = False
+    timestamp: Any = None
+    channel: Any = None
+
+
+_decoded: Final = msgspec.msgpack.Decoder(_Datagram).decode
 
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
     """Return the message in a datagram packed by python-can, or the reason why it has none. Never raises, and
     allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's time."""
     try:
-        fields = fallback.unpackb(datagram)
+        fields = _decoded(datagram)
     except Exception:  # noqa: BLE001 - invalid bytes may raise any error in the library
         return Rejection.GARBAGE
-    if not isinstance(fields, dict) or not {"arbitration_id", "data"} <= fields.keys() <= _FIELDS:
-        return Rejection.GARBAGE
-    data, dlc = fields["data"], fields.get("dlc")
-    flags: dict[str, Any] = {name: fields[name] for name in _FLAGS if name in fields}
-    sound = type(fields["arbitration_id"]) is int and isinstance(data, bytes) and type(dlc) in (int, type(None))
-    if not sound or any(type(flag) is not bool for flag in flags.values()):
-        return Rejection.GARBAGE
-    is_fd, is_remote = flags.get("is_fd", False), flags.get("is_remote_frame", False)
-    length = len(data) if dlc is None else dlc
-    if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS) or len(data) != (0 if is_remote else length):
+    length = len(fields.data) if fields.dlc is None else fields.dlc
+    lengths = FD_LENGTHS if fields.is_fd else CLASSIC_LENGTHS
+    if length not in lengths or len(fields.data) != (0 if fields.is_remote_frame else length):
         return Rejection.WRONG_LENGTH
+    # The sender's time and channel have no meaning for the receiver.
+    values = msgspec.structs.asdict(fields) | {"dlc": length, "timestamp": timestamp, "channel": None}
     try:
-        return can.Message(
-            check=True, arbitration_id=fields["arbitration_id"], data=data, dlc=length, timestamp=timestamp, **flags
-        )
+        return can.Message(check=True, **values)
     except ValueError:
         return Rejection.GARBAGE
 

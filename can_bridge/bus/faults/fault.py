@@ -1,7 +1,7 @@
 """The common part of all faults: their spans, the frames on which they act, and the bus that applies them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
 from random import Random
@@ -38,26 +38,6 @@ class WrappedBus:
         """Return the health of the wrapped bus's CAN controller; `HEALTHY` if that bus reports no health."""
         health: Callable[[], BusHealth] | None = getattr(self._bus, "health", None)
         return HEALTHY if health is None else health()
-
-
-class FrameArrivals:
-    """The rule for arrival times. A frame arrives at its time stamp if the stamp lies between the node's last two
-    readings of the bus, otherwise at the last reading. No frame arrives before a frame that was returned earlier."""
-
-    def __init__(self) -> None:
-        self._looked_ns = 0
-        self._latest_ns = 0
-
-    def of(self, frames: Iterable[Frame], now_ns: int) -> list[tuple[int, Frame]]:
-        """Return the frames of this reading, each with its time of arrival in ns."""
-        arrived: list[tuple[int, Frame]] = []
-        for frame in frames:
-            stamp_ns = frame.timestamp_ns
-            # The bus returns frames in the order of their arrival, which need not be the order of their time stamps.
-            self._latest_ns = max(self._latest_ns, stamp_ns if self._looked_ns <= stamp_ns <= now_ns else now_ns)
-            arrived.append((self._latest_ns, frame))
-        self._looked_ns = now_ns
-        return arrived
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,12 +77,21 @@ class Injector(WrappedBus):
         super().__init__(bus)
         self.beneath, self.clock, self.random = bus, clock, random
         self.acted = 0
-        self._arrivals = FrameArrivals()
+        self._looked_ns = self._latest_ns = 0
         self._send, self._receive = fault.acting(self)
 
     def arrived(self, now_ns: int) -> list[tuple[int, Frame]]:
-        """Return the frames that the wrapped bus received since the last call, each with its time of arrival in ns."""
-        return self._arrivals.of(self.beneath.receive_all(), now_ns)
+        """Return the frames that the wrapped bus received since the last call, each with its time of arrival in ns. A
+        frame arrives at its time stamp if the stamp lies between the last two calls, otherwise at the last call. No
+        frame arrives before a frame that was returned earlier."""
+        arrived: list[tuple[int, Frame]] = []
+        for frame in self.beneath.receive_all():
+            stamp_ns = frame.timestamp_ns
+            # The bus returns frames in the order of their arrival, which need not be the order of their time stamps.
+            self._latest_ns = max(self._latest_ns, stamp_ns if self._looked_ns <= stamp_ns <= now_ns else now_ns)
+            arrived.append((self._latest_ns, frame))
+        self._looked_ns = now_ns
+        return arrived
 
     def send(self, frame: Frame) -> None:
         self._send(frame)

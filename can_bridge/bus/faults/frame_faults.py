@@ -78,7 +78,7 @@ class Duplicate(SidedFault, section="duplicate"):
 
 @dataclass(frozen=True, kw_only=True)
 class Delay(FrameFault, section="delay"):
-    """A fault that holds frames in a queue until the delay since their arrival (`FrameArrivals`) has passed. Frames
+    """A fault that holds frames in a queue until the delay since their arrival (`Injector.arrived`) has passed. Frames
     keep their order. `acted` counts the late frames."""
 
     delay_s: NonNegative[float]

@@ -15,15 +15,14 @@ frames and phase differences are left out: all nodes begin a frame in the same n
 
 import heapq
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from operator import itemgetter
 from typing import Final, NamedTuple
 
-from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.attempt import RECESSIVE_BITS, AttemptOutcome, AttemptVerdict, Sender, resolve
-from can_bridge.bus.simulated.port import Queued, Recovery, SimulatedPort
+from can_bridge.bus.simulated.attempt import AttemptOutcome, AttemptVerdict, counted, resolve
+from can_bridge.bus.simulated.port import RECESSIVE_BITS, Queued, Recovery, SimulatedPort
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.frame_bits import bits_ns, frame_ns, sent_bits
+from can_bridge.wire.frame_bits import bits_ns, frame_ns
 from contract.config.vehicle import BusConfig
 
 Corrupts = Callable[[Frame, str, int], int | None]
@@ -35,8 +34,7 @@ SUSPEND: Final = 8
 begins a frame meanwhile, the waiting node may send right after that frame, because the frame outlasts the wait."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Transmission:
+class Transmission(NamedTuple):
     """A frame that was sent over the bus, stamped with `end_ns`. The successful attempt lasted from `begin_ns` to
     `end_ns`, without the intermission."""
 
@@ -47,8 +45,7 @@ class Transmission:
     end_ns: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class BusActivity:
+class BusActivity(NamedTuple):
     """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and their total time, with intermissions."""
 
     frames: int
@@ -69,7 +66,7 @@ class _Attempt(NamedTuple):
     begin_ns: int
     end_ns: int
     free_ns: int
-    outcome: AttemptOutcome[SimulatedPort]
+    outcome: AttemptOutcome
     items: dict[SimulatedPort, Queued]
 
 
@@ -123,9 +120,7 @@ class SimulatedBus:
 
     def activity(self) -> BusActivity:
         """Return the activity so far, without the attempt that is on the bus now."""
-        return BusActivity(
-            frames=self._frames, error_frames=self._error_frames, busy_ns=self._busy_ns, now_ns=self.now_ns
-        )
+        return BusActivity(self._frames, self._error_frames, self._busy_ns, self.now_ns)
 
     def call_at(self, at_ns: int, action: Callable[[], None]) -> None:
         """Run `action` when the bus's time reaches `at_ns`: after the frames that arrive at `at_ns`, and before the
@@ -186,16 +181,12 @@ class SimulatedBus:
             if port.recovery is not None:
                 idle_ns = max(at_ns - max(self._free_ns, port.recovery.since_ns), 0)
                 port.recovery = Recovery(port.recovery.left - idle_ns // self._ns(RECESSIVE_BITS), at_ns)
-        passive = {port: port.faults.state is BusState.ERROR_PASSIVE for port in self._ports if not port.faults.is_off}
-        receivers = {port: is_passive for port, is_passive in passive.items() if port not in items}
-        senders = [
-            Sender(port, item.frame, sent_bits(item.frame, error_passive=passive[port]), passive[port])
-            for port, item in items.items()
-        ]
-        frame = senders[0].frame
+        frames = {port: item.frame for port, item in items.items()}
+        receivers = [port for port in self._ports if not port.is_off and port not in items]
+        first, frame = next(iter(frames.items()))
         misheard = self._seen_wrong(self._mishears, frame, receivers, at_ns)
-        disturbed = self._seen_wrong(self._corrupts, frame, [senders[0].node], at_ns)
-        outcome = resolve(senders, receivers, misheard=misheard, disturbed=next(iter(disturbed.values()), None))
+        disturbed = self._seen_wrong(self._corrupts, frame, [first], at_ns).get(first)
+        outcome = resolve(frames, receivers, misheard=misheard, disturbed=disturbed)
         nominal, fast = outcome.used
         self._attempt = _Attempt(
             begin_ns=at_ns,
@@ -230,30 +221,23 @@ class SimulatedBus:
 
     def _conclude(self, attempt: _Attempt) -> None:
         outcome = attempt.outcome
-        frame = None if outcome.frame is None else replace(outcome.frame, timestamp_ns=attempt.end_ns)
+        frame = replace(outcome.frame, timestamp_ns=attempt.end_ns)
         for port, verdict in outcome.verdicts.items():
-            port.faults = verdict.applied(port.faults)
-            if verdict.is_senders and port.faults.state is BusState.ERROR_PASSIVE:
+            port.errors = counted(port.errors, verdict)
+            if verdict.is_senders and port.is_passive:
                 port.ready_ns = attempt.free_ns + self._ns(SUSPEND)
-            if verdict is AttemptVerdict.HEARD and frame is not None:
+            if verdict is AttemptVerdict.HEARD:
                 port.deliver(frame)
         sent = [port for port, verdict in outcome.verdicts.items() if verdict is AttemptVerdict.SENT]
         for port in sent:
             port.sent(attempt.items[port])
-        if sent and frame is not None:
+        if sent:
             # If several nodes sent an identical frame at the same time, the bus carried only one frame.
             self._frames += 1
             self._capture(frame)
             for port in sent:
-                self._observe(
-                    Transmission(
-                        frame=frame,
-                        sender=port.name,
-                        queued_ns=attempt.items[port].queued_ns,
-                        begin_ns=attempt.begin_ns,
-                        end_ns=attempt.end_ns,
-                    )
-                )
+                queued_ns = attempt.items[port].queued_ns
+                self._observe(Transmission(frame, port.name, queued_ns, attempt.begin_ns, attempt.end_ns))
 
     def _ns(self, nominal: int, fast: int = 0) -> int:
         return bits_ns(nominal, fast, **self._rates)

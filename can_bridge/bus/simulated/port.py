@@ -5,8 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from can_bridge.bus.interface import BusHealth
-from can_bridge.bus.simulated.attempt import RECOVERY, FaultConfinement
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
 from can_bridge.wire.frame import Frame, Priority, priority
 from contract.errors import BusError
 
@@ -23,6 +22,11 @@ class Queued(NamedTuple):
 TRANSMIT_CAPACITY: Final = 64
 RECEIVE_CAPACITY: Final = 4096
 """Largest numbers of frames in a node's transmit queue and in its receive queue."""
+
+
+RECOVERY: Final = 128
+"""Number of sequences of `RECESSIVE_BITS` recessive bits that end bus-off."""
+RECESSIVE_BITS: Final = 11
 
 
 class Recovery(NamedTuple):
@@ -50,14 +54,22 @@ class SimulatedPort:
         self._received: deque[Frame] = deque()
         # Only the bus uses the attributes below.
         self.waiting: list[Queued] = []
-        self.faults = FaultConfinement()
+        self.errors = HEALTHY
         self.ready_ns = 0
         self.recovery: Recovery | None = None
+
+    @property
+    def is_off(self) -> bool:
+        return self.errors.state is BusState.BUS_OFF
+
+    @property
+    def is_passive(self) -> bool:
+        return self.errors.state is BusState.ERROR_PASSIVE
 
     def send(self, frame: Frame) -> None:
         """Put one frame into the transmit queue, at the bus's present time; the frame's timestamp is ignored. Raises
         BusError if the node is bus-off or the queue is full."""
-        if self.faults.is_off:
+        if self.is_off:
             self.refused += 1
             raise BusError(f"{self.name} is bus-off: frame {frame.frame_id:#x} was not sent")
         if len(self.waiting) >= TRANSMIT_CAPACITY:
@@ -78,7 +90,7 @@ class SimulatedPort:
         return frames
 
     def health(self) -> BusHealth:
-        return self.faults.health
+        return self.errors
 
     def deliver(self, frame: Frame) -> None:
         """Put a frame into this node's receive queue. Only the bus calls this method."""
@@ -93,12 +105,12 @@ class SimulatedPort:
         heapq.heapify(self.waiting)
 
     def recover(self) -> None:
-        """End bus-off. Only the bus calls this method."""
-        self.recovery, self.faults = None, self.faults.recovered()
+        """End bus-off, and reset both error counters (rule 12). Only the bus calls this method."""
+        self.recovery, self.errors = None, BusHealth(bus_off=self.errors.bus_off)
 
     def settle(self, now_ns: int) -> None:
         """Empty the queue of a node that went bus-off, and begin its recovery. Called by the bus after each attempt."""
-        if self.faults.is_off and self.recovery is None:
+        if self.is_off and self.recovery is None:
             self.discarded += len(self.waiting)
             self.waiting.clear()
             self.recovery = Recovery(left=RECOVERY, since_ns=now_ns)

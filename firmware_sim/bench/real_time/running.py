@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.backends.receive_thread import ReceiveThread
+from can_bridge.bus.backends.python_can import PythonCanBus, ReceiveThread
 from can_bridge.bus.heard import SILENCE_S, Heard, Silence
 from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.key import read_key

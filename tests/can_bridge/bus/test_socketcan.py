@@ -15,6 +15,7 @@ from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.bus.interface import HEALTHY, Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
+from tests.can_bridge.bus.backends.peers import rejections
 
 CHANNEL = "vcan0"
 
@@ -36,7 +37,6 @@ def test_frames_of_both_formats_pass_and_others_are_refused_by_reason():
         got = [frame for frame in (other.receive(10.0), other.receive(10.0)) if frame is not None]
         assert [replace(frame, timestamp_ns=0) for frame in got] == frames
         assert other.receive(0.2) is None
-        refused = {reason: count for reason, count in other.rejected.items() if count}
-        assert refused == {Rejection.EXTENDED: 1, Rejection.REMOTE: 1, Rejection.WRONG_FORMAT: 1}
+        assert rejections(other) == {Rejection.EXTENDED: 1, Rejection.REMOTE: 1, Rejection.WRONG_FORMAT: 1}
         assert one.receive_all() == []
         assert (other.health(), other.overflows) == (HEALTHY, 0)

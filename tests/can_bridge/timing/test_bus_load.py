@@ -1,13 +1,100 @@
-"""Load and response times of our own sets of messages, by hand, and with background traffic."""
+"""Response times, by a published example and another tool; load and times of our own sets of messages, by hand."""
 
 import pytest
 
-from can_bridge.timing.bus_load import bus_load, loop_messages, mean_ns
-from can_bridge.timing.periodic_message import PeriodicMessage
+from can_bridge.timing.background import PeriodicMessage
+from can_bridge.timing.bus_load import (
+    MessageTiming,
+    bus_load,
+    loop_messages,
+    mean_ns,
+    message_response_times,
+    response_times,
+)
 from contract.config.tree import Config
 from contract.config.vehicle import BackgroundConfig, BusConfig, EcuConfig
 from contract.errors import ConfigError
 from tests.refused import refused
+
+US = 1000
+
+
+def timings(*rows: tuple[int, int, int]) -> list[MessageTiming]:
+    """Each from (frame, period, jitter), with deadlines as the periods."""
+    return [MessageTiming(frame_ns=c, period_ns=t, deadline_ns=t, jitter_ns=j) for c, t, j in rows]
+
+
+def test_the_counterexample_to_the_first_analysis():
+    """Messages A, B and C of Davis et al. (2007), section 3.1: seven bytes at 125 kbit/s, 125 bits in 1 ms.
+
+    The third meets its deadline in the first instance, at 3 ms, and misses it in the second, at 3.5 ms.
+    """
+    bus = BusConfig(nominal_bitrate=125_000)
+    messages = [
+        PeriodicMessage(name=n, frame_id=k, is_fd=False, length=7, period_ns=period * US, deadline_ns=deadline * US)
+        for k, (n, period, deadline) in enumerate([("A", 2500, 2500), ("B", 3500, 3250), ("C", 3500, 3250)], start=1)
+    ]
+    assert [message.worst_ns(bus) for message in messages] == [1000 * US] * 3
+    bounds = message_response_times(messages, bus)
+    assert [one.response_ns for one in bounds] == [2000 * US, 3000 * US, 3500 * US]
+    assert [one.blocking_ns for one in bounds] == [1000 * US, 1000 * US, 0]
+    assert [one.in_time for one in bounds] == [True, True, False]
+    a, b, _ = messages
+    for wrong in ([b, a], [a, a]):
+        with pytest.raises(ValueError, match="must be in strictly falling priority"):
+            message_response_times(wrong, bus)
+
+
+# What pyCPA 1.2 (github.com/IDA-TUBS/pycpa, 824e794), SPNPScheduler(cycle_time=1) with PJd event models, says of the
+# messages without jitter of their own; it counts from when a frame is queued, the analysis here from its release.
+PYCPA = (
+    (((6, 100, 50), (11, 35, 17), (9, 35, 0), (3, 70, 0), (10, 35, 17)), {2: 47, 3: 85}),
+    (((6, 130, 0), (11, 70, 0), (4, 35, 17), (10, 20, 3), (3, 20, 0)), {0: 17, 1: 27, 4: 90}),
+    (((10, 130, 0), (7, 25, 0), (9, 35, 17), (11, 35, 17), (2, 50, 0)), {0: 21, 1: 28, 4: 234}),
+    (((8, 100, 3), (2, 50, 0), (9, 50, 25), (10, 20, 3), (3, 20, 0)), {1: 20, 4: 90}),
+)
+
+
+def test_another_tool_gives_the_same_response_times():
+    for rows, published in PYCPA:
+        bounds = response_times(timings(*rows), bit_ns=1)
+        assert {level: bounds[level].response_ns for level in published} == published, (rows, published)
+
+
+def test_a_bus_that_cannot_keep_up_has_no_bound():
+    for rows, bounded in [
+        (((5, 10, 0), (6, 10, 0)), [True, False]),  # 110 %
+        (((5, 10, 0), (5, 10, 0)), [True, True]),  # all of it, and nothing that adds to it
+        (((5, 10, 0), (5, 10, 1)), [True, False]),  # all of it, and jitter
+        (((5, 10, 0), (5, 10, 0), (1, 100, 0)), [True, False, False]),  # the second can be blocked by the third
+    ]:
+        bounds = response_times(timings(*rows), bit_ns=1)
+        assert [one.response_ns is not None for one in bounds] == bounded, (rows, bounded)
+        assert [one.in_time for one in bounds][-1] == bounded[-1], (rows, bounded)
+    # A busy period would last for years.
+    almost = [MessageTiming(frame_ns=999_999_999, period_ns=10**9, deadline_ns=10**9)]
+    small = MessageTiming(frame_ns=1, period_ns=2 * 10**9, deadline_ns=2 * 10**9)
+    assert response_times([*almost, small, *almost], bit_ns=1)[1].response_ns is None
+
+
+def test_a_frame_that_comes_within_a_bit_still_wins():
+    """The tau_bit of the paper: the second frame of the first message comes as the bus gets free for the last one."""
+    for bit_ns, in_between in ((1, 0), (2, 40)):
+        rows = timings((40, 101, 0), (60, 1000, 0), (10, 1000, 0))
+        assert response_times(rows, bit_ns=bit_ns)[2].response_ns == 40 + 60 + in_between + 10
+
+
+def test_thousands_of_messages_with_one_rhythm_are_counted_not_listed():
+    """All at once, 2,000 frames of a tenth of a millisecond: each waits for those above it and one from below.
+
+    Two sums over all messages of higher priority for every message would take minutes.
+    """
+    count, frame = 2000, 100 * US
+    bounds = response_times(timings(*[(frame, 10_000 * count * US, 0)] * count), bit_ns=2 * US)
+    below = [frame] * (count - 1) + [0]
+    assert [one.response_ns for one in bounds] == [below[k] + (k + 1) * frame for k in range(count)]
+    assert [one.blocking_ns for one in bounds] == below
+
 
 PERIOD_NS = Config().period_ns
 

@@ -21,14 +21,9 @@ from tests.can_bridge.wire.described import jet, pressure, speed, status
 from tests.refused import refused
 
 PARSERS: list[tuple[Callable[[bytes], Any], Callable[[Any], bytes], int]] = [
-    (parse, emit, spec.length)
-    for module, used in ((codec, FD), (classic_codec, CLASSIC))
-    for parse, emit, spec in zip(
-        (module.parse_pressure, module.parse_vehicle_speed, module.parse_jet_command, module.parse_ecu_status),
-        (module.emit_pressure, module.emit_vehicle_speed, module.emit_jet_command, module.emit_ecu_status),
-        used.specs,
-        strict=True,
-    )
+    (one.parse, one.emit, one.spec.length)
+    for used in (FD, CLASSIC)
+    for one in (used.pressure, used.speed, used.command, used.status)
 ]
 
 

@@ -1,6 +1,7 @@
 """Exact lengths and bounds against published numbers and a plain bit-by-bit construction."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -9,24 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.wire import frame_bits
-from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
+from can_bridge.wire.frame import FD_LENGTHS, Frame, priority
 from can_bridge.wire.frame_bits import is_arbitration_stuff_bit, sent_bits, stuffed, worst_case_bits
+from tests.can_bridge.can_messages import frames
 from tests.refused import refused
-
-REPEATED = st.sampled_from([b"\x00", b"\xff", b"\x0f", b"\xf0", b"\x1e", b"\xe1", b"\x78", b"\x87"])
-PAYLOADS = st.binary(max_size=64) | REPEATED.map(lambda byte: byte * 64)
-
-
-@st.composite
-def frames(draw, *, fd: bool) -> Frame:
-    extended = draw(st.booleans())
-    length = draw(st.sampled_from(FD_LENGTHS if fd else CLASSIC_LENGTHS))
-    return Frame(
-        frame_id=draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF)),
-        data=draw(PAYLOADS).ljust(length, b"\0")[:length],
-        is_fd=fd,
-        is_extended=extended,
-    )
 
 
 def bits(value: int, count: int) -> list[int]:
@@ -69,7 +56,7 @@ def crc_by_division(body: list[int]) -> int:
     return rest
 
 
-@given(frame=frames(fd=False))
+@given(frame=frames(st.just(False)))
 def test_a_classic_frame_has_the_bits_of_its_fields(frame):
     body = header(frame) + length_bits(frame) + payload_bits(frame)
     sent = on_the_wire(body + bits(crc_by_division(body), 15))
@@ -78,7 +65,7 @@ def test_a_classic_frame_has_the_bits_of_its_fields(frame):
     assert sent_bits(frame).total == (len(sent) + 1 + 1 + 1 + 7 + 3, 0)
 
 
-@given(frame=frames(fd=True))
+@given(frame=frames(st.just(True)))
 def test_a_can_fd_frame_has_the_bits_of_its_fields(frame):
     before = header(frame)
     sent = on_the_wire(before + length_bits(frame) + payload_bits(frame))
@@ -116,7 +103,7 @@ def test_an_error_passive_sender_says_so_in_can_fd_alone():
     assert sent_bits(classic) == sent_bits(classic, error_passive=True)
 
 
-@given(frame=frames(fd=False) | frames(fd=True))
+@given(frame=frames())
 def test_every_bit_is_counted_once_and_in_order_and_not_more_than_the_bound(frame):
     sent = sent_bits(frame)
     assert sent.through(0) == (1, 0)
@@ -126,6 +113,18 @@ def test_every_bit_is_counted_once_and_in_order_and_not_more_than_the_bound(fram
     assert all(a <= b and c <= d for (a, c), (b, d) in pairwise(counts))
     most = worst_case_bits(frame)
     assert sent.total[0] <= most[0] and sum(sent.total) <= sum(most)
+
+
+@given(one=frames(), other=frames(), meet=st.booleans())
+def test_the_smaller_priority_is_the_one_whose_bits_win(one, other, meet):
+    """The dominant one, 0, prevails at the first bit in which two frames with stuff bits differ."""
+    if meet:  # in their first 11 bits
+        base = priority(one)[0]
+        other = replace(other, frame_id=base << 18 | other.frame_id & 0x3FFFF if other.is_extended else base)
+    if priority(one) != priority(other):
+        assert (priority(one) < priority(other)) == (sent_bits(one).stuffed < sent_bits(other).stuffed)
+    else:
+        assert one.identifier == other.identifier
 
 
 def test_times_are_the_bits_at_their_rates():

@@ -13,7 +13,7 @@ from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
 from ecu.daemon.connection import Back, Connection, Lost
-from tests.can_bridge.bus.backends.ptys import adapter
+from tests.can_bridge.bus.backends.peers import adapter
 from tests.ecu.daemon.conftest import wait_for
 
 FRAME = Frame(frame_id=0x130, data=bytes(8))

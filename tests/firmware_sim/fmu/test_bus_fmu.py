@@ -3,7 +3,6 @@
 import csv
 import json
 import struct
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -12,8 +11,8 @@ import pytest
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 
-from can_bridge.bus.interface import BusState
-from can_bridge.bus.simulated.attempt import FaultConfinement
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.bus.simulated.attempt import AttemptVerdict, counted
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from contract.arrays import Array
@@ -159,37 +158,37 @@ def test_a_wrong_operation_is_answered_and_what_is_beside_it_taken(fmu_of):
 def test_its_controller_counts_errors_and_goes_off_the_bus_as_iso_11898_has_it(fmu_of):
     path, _ = fmu_of(bus=True)
     node, deaf = TerminalNode(path, bus_notifications=True), TerminalNode(path)
-    faults, rng, now_ns, seen = FaultConfinement(), np.random.default_rng(1), 1, set[BusState]()
-    kinds: tuple[tuple[float, bytes, Callable[[FaultConfinement], FaultConfinement]], ...] = (
-        (0.30, op(ERROR, struct.pack("<IBBB", 0x7FF, 1, 2, 1)), lambda one: one.transmit_error()),
-        (0.10, op(ERROR, struct.pack("<IBBB", 0x7FF, ACK_ERROR, 2, 1)), lambda one: one.unacknowledged()),
-        (0.10, op(ERROR, struct.pack("<IBBB", 1, 4, 1, 0)), lambda one: one.receive_error().dominant_after_flag()),
-        (0.10, op(ERROR, struct.pack("<IBBB", 1, 4, 2, 0)), lambda one: one.receive_error()),
-        (0.20, op(CONFIRM, struct.pack("<I", 1)), lambda one: one.transmitted()),
-        (0.20, operation(Frame(frame_id=0x7FF, data=b"")), lambda one: one.received()),
+    health, rng, now_ns, seen = HEALTHY, np.random.default_rng(1), 1, set[BusState]()
+    kinds = (
+        (0.30, op(ERROR, struct.pack("<IBBB", 0x7FF, 1, 2, 1)), AttemptVerdict.TRANSMIT_ERROR),
+        (0.10, op(ERROR, struct.pack("<IBBB", 0x7FF, ACK_ERROR, 2, 1)), AttemptVerdict.UNACKNOWLEDGED),
+        (0.10, op(ERROR, struct.pack("<IBBB", 1, 4, 1, 0)), AttemptVerdict.SIGNALLED_FIRST),
+        (0.10, op(ERROR, struct.pack("<IBBB", 1, 4, 2, 0)), AttemptVerdict.RECEIVE_ERROR),
+        (0.20, op(CONFIRM, struct.pack("<I", 1)), AttemptVerdict.SENT),
+        (0.20, operation(Frame(frame_id=0x7FF, data=b"")), AttemptVerdict.HEARD),
     )
     node.event(0), deaf.event(0)
     for _ in range(1500):
-        state, off = faults.state, faults.times_off
+        before = health
         now_ns += 100
-        _, content, rule = kinds[rng.choice(len(kinds), p=[share for share, _, _ in kinds])]
-        faults = rule(faults)
+        _, content, verdict = kinds[rng.choice(len(kinds), p=[share for share, _, _ in kinds])]
+        health = counted(health, verdict)
         for one in (node, deaf):
             assert all(code not in (STATUS, FORMAT_ERROR) for code, _ in operations(one.event(now_ns, content)))
         told = [*operations(node.event(now_ns))] if node.due_ns <= now_ns else []
         assert [one for one in told if one[0] == STATUS] == (
-            [(STATUS, bytes([STATES.index(faults.state) + 1]))] if faults.state is not state else []
+            [(STATUS, bytes([STATES.index(health.state) + 1]))] if health.state is not before.state else []
         )
         assert deaf.due_ns > now_ns or not [*operations(deaf.event(now_ns))]
-        seen.add(faults.state)
-        if faults.times_off > off:
+        seen.add(health.state)
+        if health.bus_off > before.bus_off:
             recovered_ns = now_ns + 128 * 11 * 10**9 // CONFIG.bus.nominal_bitrate
             while now_ns < recovered_ns:
                 now_ns = min(max(node.due_ns, now_ns + 1), recovered_ns)
                 assert not [*operations(node.event(now_ns))]
             assert (STATUS, b"\1") in [*operations(node.event(now_ns))]
-            faults = faults.recovered()
-    assert seen == set(STATES) and faults.times_off > 1
+            health = BusHealth(bus_off=health.bus_off)
+    assert seen == set(STATES) and health.bus_off > 1
 
 
 def test_a_frame_that_is_lost_is_sent_again_unless_the_next_waits(fmu_of):

@@ -46,7 +46,7 @@ def test_of_anything_on_the_wire_all_is_counted_and_genuine_frames_arrive(monkey
     # A third of the genuine frames are secured. Their content under damaged flags may overtake them: then they are old.
     assert 40 <= measured["authentic"] <= 50 and measured["authentic_made_up"] == 0
     with monkeypatch.context() as patch:
-        patch.setattr("tests.proofs.bus.receive_path.verified", lambda state, frames, **_: (state, frames, False))
+        patch.setattr(fuzz, "verified", lambda state, frames, **_: (state, frames, False))
         assert fuzz.measure(frames=6000, seed=3)["authentic_made_up"] > 0
     monkeypatch.setattr(fuzz, "_lines", lambda rng, path, sound: 1 // 0)
     measured = fuzz.measure(frames=300)

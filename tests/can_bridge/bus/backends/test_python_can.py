@@ -2,7 +2,6 @@
 
 import struct
 import sys
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -10,22 +9,15 @@ import can
 import pytest
 
 from can_bridge.bus.backends.connection import GARBAGE_LIMIT, QUEUE_SIZE, open_backend
-from can_bridge.bus.backends.python_can import RECEPTION_LIMIT, PythonCanBus, health_after, lost_frames
-from can_bridge.bus.backends.receive_thread import ReceiveThread
+from can_bridge.bus.backends.python_can import RECEPTION_LIMIT, PythonCanBus, ReceiveThread, health_after, lost_frames
 from can_bridge.bus.backends.slcan import SlcanBus
 from can_bridge.bus.conversion import to_message
 from can_bridge.bus.interface import HEALTHY, BusHealth, BusState, Rejection, UnusableReceptionError
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.backends.ptys import PATIENCE_S, adapter
+from tests.can_bridge.bus.backends.peers import PATIENCE_S, ScriptedBus, adapter, rejections
 from tests.refused import refused
-
-
-def counts(bus: PythonCanBus) -> dict[Rejection, int]:
-    """The reasons that occurred; checks the books on the way."""
-    assert bus.received == bus.accepted + sum(bus.rejected.values())
-    return {reason: count for reason, count in bus.rejected.items() if count}
 
 
 def test_frames_arrive_in_order_with_their_times_and_a_peer_that_stops_reading_blocks_no_sender_for_ever(pair):
@@ -44,34 +36,6 @@ def test_frames_arrive_in_order_with_their_times_and_a_peer_that_stops_reading_b
     for call in (lambda: one.send(frames[0]), one.receive_all):
         with pytest.raises(BusError, match="closed"):
             call()
-
-
-class ScriptedBus(can.BusABC):
-    """A backend whose receptions are given: a message, None, or an error to raise."""
-
-    def __init__(self, script: Iterable[can.Message | BaseException | None]) -> None:
-        self.script = list(script)
-        self.channel_info = "scripted"
-        self.driver_state = can.BusState.ACTIVE
-        super().__init__(channel="scripted")
-        self.shutdown()  # nothing to close: python-can would remind us of it
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        item = self.script.pop(0) if self.script else None
-        if isinstance(item, BaseException):
-            raise item
-        return item, False
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        raise can.CanTimeoutError
-
-    @property
-    def state(self) -> can.BusState:
-        return self.driver_state
-
-    @state.setter
-    def state(self, new: can.BusState) -> None:
-        raise NotImplementedError
 
 
 SOUND = to_message(Frame(frame_id=0x120, data=bytes(16)))
@@ -113,9 +77,9 @@ def test_what_is_refused_is_counted_by_reason_and_what_follows_is_received():
         for one in receptions:
             bus = PythonCanBus(ScriptedBus([one, SOUND, one, one, SOUND]))
             assert bus.receive(1.0) is not None, one
-            assert counts(bus) == {reason: 1}, one
+            assert rejections(bus) == {reason: 1}, one
             assert [frame.frame_id for frame in bus.receive_all()] == [0x120], one
-            assert counts(bus) == {reason: 3}, one
+            assert rejections(bus) == {reason: 3}, one
             assert (bus.received, bus.accepted) == (5, 2), one
 
 
@@ -132,7 +96,7 @@ def test_what_is_no_garbage_is_raised():
         is_the_systems = isinstance(fault, OSError | can.CanError)
         with refused(*((BusError, "CAN bus failed: .") if is_the_systems else (type(fault), "."))):
             bus.receive_all()
-        assert counts(bus) == {}, fault
+        assert rejections(bus) == {}, fault
 
 
 def test_classic_bus_takes_and_sends_classic_frames_of_accepted_ids_alone():
@@ -140,7 +104,7 @@ def test_classic_bus_takes_and_sends_classic_frames_of_accepted_ids_alone():
     script = [to_message(one) for one in (fd, replace(classic, frame_id=0x131), classic)]
     bus = PythonCanBus(ScriptedBus(script), is_classic=True, accept=(0x121, 0x7E0))
     assert bus.receive_all() == [classic]
-    assert counts(bus) == {Rejection.WRONG_FORMAT: 1, Rejection.OTHER_ID: 1}
+    assert rejections(bus) == {Rejection.WRONG_FORMAT: 1, Rejection.OTHER_ID: 1}
     with pytest.raises(BusError, match=r"0x7e0 was not sent: it is CAN FD, and bus\.frames = classic"):
         bus.send(fd)
     with pytest.raises(BusError, match="0x121 was not sent: CanTimeoutError"):
@@ -158,7 +122,7 @@ def test_error_frames_of_socketcan_are_about_the_controllers_health():
     assert bus.health() == HEALTHY
     assert len(bus.receive_all()) == 1
     assert bus.health() == BusHealth(state=BusState.ERROR_PASSIVE, tx_errors=130, rx_errors=9)
-    assert (bus.overflows, counts(bus)) == (1, {Rejection.ERROR_FRAME: 2})
+    assert (bus.overflows, rejections(bus)) == (1, {Rejection.ERROR_FRAME: 2})
     # From elsewhere they mean something else, or another node.
     other = PythonCanBus(ScriptedBus(script))
     other.receive_all()
@@ -185,12 +149,12 @@ def test_garbage_up_to_a_limit_in_a_row_and_any_flood_of_what_our_backends_refus
         bus = PythonCanBus(ScriptedBus([*garbage, calm, *garbage]))
         bus.receive_all()
         bus.receive_all()
-        assert counts(bus) == {Rejection.GARBAGE: 2 * GARBAGE_LIMIT}, calm
+        assert rejections(bus) == {Rejection.GARBAGE: 2 * GARBAGE_LIMIT}, calm
     with pytest.raises(BusError, match="unreadable receptions in a row, last: noise"):
         PythonCanBus(ScriptedBus([*garbage, ValueError("noise")])).receive_all()
     # A flood on the wire is no fault of the backend; yet one collection ends.
     bus = PythonCanBus(ScriptedBus([*[UnusableReceptionError(Rejection.GARBAGE)] * RECEPTION_LIMIT, SOUND]))
-    assert (bus.receive_all(), counts(bus)) == ([], {Rejection.GARBAGE: RECEPTION_LIMIT})
+    assert (bus.receive_all(), rejections(bus)) == ([], {Rejection.GARBAGE: RECEPTION_LIMIT})
     assert len(bus.receive_all()) == 1
 
 

@@ -14,7 +14,7 @@ from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.backends.ptys import PATIENCE_S, Adapter, adapter
+from tests.can_bridge.bus.backends.peers import PATIENCE_S, Adapter, adapter, collected, rejections
 from tests.can_bridge.can_messages import can_messages
 from tests.refused import refused
 
@@ -50,18 +50,6 @@ def bus(line: Adapter) -> Iterator[PythonCanBus]:
         yield bus
 
 
-def refused_by(bus: PythonCanBus) -> dict[Rejection, int]:
-    return {reason: count for reason, count in bus.rejected.items() if count}
-
-
-def all_of(bus: PythonCanBus, frames: int) -> list[Frame]:
-    got: list[Frame] = []
-    deadline = time.monotonic() + PATIENCE_S
-    while len(got) < frames and time.monotonic() < deadline:
-        got += bus.receive_all()
-    return got
-
-
 def wait_for(bus: PythonCanBus, size: int) -> None:
     """Wait until so many bytes are in the port: the kernel brings them there by a thread of its own."""
     deadline = time.monotonic() + PATIENCE_S
@@ -74,10 +62,10 @@ def test_bad_lines_are_counted_and_the_good_ones_around_them_arrive(line, bus):
     for reason, bad in ((reason, bad) for reason, lines in BAD_LINES.items() for bad in lines):
         # A good line may bear the time stamp of the adapter.
         line.write(LINE + bad + LINE * 2 + LINE[:-1] + b"EA5F\r")
-        got = all_of(bus, 4)
+        got = collected(bus, 4)
         assert [(frame.frame_id, frame.data, frame.is_fd) for frame in got] == [(0x120, FRAME.data, True)] * 4, bad
         counted[reason] += 1
-        assert refused_by(bus) == {reason: count for reason, count in counted.items() if count}, bad
+        assert rejections(bus) == {reason: count for reason, count in counted.items() if count}, bad
 
 
 def test_a_line_may_arrive_in_two_parts_and_noise_takes_no_more_memory_than_a_line(line, bus):
@@ -85,8 +73,8 @@ def test_a_line_may_arrive_in_two_parts_and_noise_takes_no_more_memory_than_a_li
         line.write(LINE[:cut])
         assert bus.receive_all() == [], cut
         line.write(LINE[cut:])
-        assert len(all_of(bus, 1)) == 1, cut
-    assert refused_by(bus) == {}
+        assert len(collected(bus, 1)) == 1, cut
+    assert rejections(bus) == {}
     for _ in range(20):
         line.write(b"A" * 2000)
         wait_for(bus, 2000)
@@ -173,7 +161,7 @@ def test_port_that_vanishes_ends_the_bus_and_closes_without_another_error(line):
         # The error of the body must come out, not one of closing.
         with pytest.raises(BusError, match="was not sent"):
             bus.send(FRAME)
-        all_of(bus, 1)
+        collected(bus, 1)
     assert not bus._bus.serialPortOrig.is_open  # type: ignore[attr-defined]
     with pytest.raises(BusError, match="was not sent: the serial port is closed"):
         bus.send(FRAME)

@@ -1,9 +1,7 @@
 """The multicast backend on this machine's own network."""
 
 import os
-import resource
 import socket
-import time
 import tracemalloc
 from collections.abc import Iterator
 from typing import Any
@@ -22,7 +20,7 @@ from can_bridge.bus.interface import Rejection
 from can_bridge.wire.frame import Frame
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.backends.ptys import PATIENCE_S
+from tests.can_bridge.bus.backends.peers import collected
 
 GROUP = f"239.74.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
 """Another one for each process, as other tests run at the same time."""
@@ -41,20 +39,9 @@ def pair() -> Iterator[tuple[PythonCanBus, PythonCanBus]]:
         pytest.skip(f"no multicast here: {error}")
     with one, other:
         one.send(Frame(frame_id=FRAME_ID, data=b"is anyone there?"))
-        if not heard(other, 1):
+        if not collected(other, 1, FRAME_ID):
             pytest.skip("multicast does not loop back here")
         yield one, other
-
-
-def heard(bus: PythonCanBus, frames: int) -> list[Frame]:
-    """Frames of this process, as many as are wanted."""
-    got: list[Frame] = []
-    deadline = time.monotonic() + PATIENCE_S
-    while len(got) < frames and time.monotonic() < deadline:
-        frame = bus.receive(0.1)
-        if frame is not None and frame.frame_id == FRAME_ID:
-            got.append(frame)
-    return got
 
 
 def test_own_frames_are_heard_again_and_left_out(pair):
@@ -62,8 +49,8 @@ def test_own_frames_are_heard_again_and_left_out(pair):
     for i in range(20):
         one.send(Frame(frame_id=FRAME_ID, data=bytes([i])))
         other.send(Frame(frame_id=FRAME_ID, data=bytes([i + 100])))
-    assert [frame.data[0] for frame in heard(one, 20)] == list(range(100, 120))
-    assert [frame.data[0] for frame in heard(other, 20)] == list(range(20))
+    assert [frame.data[0] for frame in collected(one, 20, FRAME_ID)] == list(range(100, 120))
+    assert [frame.data[0] for frame in collected(other, 20, FRAME_ID)] == list(range(20))
     for bus in pair:
         bus.receive_all()
     # One more: what the fixture sent.
@@ -75,11 +62,11 @@ def test_own_frames_are_heard_again_and_left_out(pair):
         one._bus.send(to_message(frame))
     one._bus._multicast.send = sendto
     other.send(frame)
-    assert [got.data for got in heard(one, 1)] == [b"twin"]
+    assert [got.data for got in collected(one, 1, FRAME_ID)] == [b"twin"]
     # Equal frames are no echoes: a tester sends no time, and ISO-TP's frames n and n + 16 of a run of zeros are equal.
     for i in range(64):
         one.send(Frame(frame_id=FRAME_ID, data=bytes([0x20 + i % 16, *bytes(7)])))
-    assert [got.data[0] & 15 for got in heard(other, 64)] == [*range(16)] * 4
+    assert [got.data[0] & 15 for got in collected(other, 64, FRAME_ID)] == [*range(16)] * 4
 
 
 def test_what_the_kernel_had_to_drop_is_counted(pair):
@@ -113,7 +100,7 @@ def test_group_stays_on_this_machine_and_others_are_not_heard(pair):
         received = other.received
         elsewhere.send(Frame(frame_id=FRAME_ID, data=b"there"))
         one.send(Frame(frame_id=FRAME_ID, data=b"here"))
-        assert [frame.data for frame in heard(other, 1)] == [b"here"]
+        assert [frame.data for frame in collected(other, 1, FRAME_ID)] == [b"here"]
         assert other.received == received + 1
 
 
@@ -171,14 +158,3 @@ def test_small_datagram_cannot_ask_for_much_memory():
         tracemalloc.stop()
     # Some objects of Python's, and what msgpack needs for a stack of 4,000.
     assert peak < 2**20
-
-
-def test_cut_datagrams_leave_nothing_behind():
-    """msgpack 1.1.2's parser in C would keep the first key of each of these: 4 KB a datagram."""
-    cut = b"\x82\xda\x0f\x00" + b"k" * 0xF00 + b"\xda\x0f"
-    parse_datagram(cut)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for i in range(2000):
-        assert parse_datagram(cut.replace(b"kkkk", b"%04d" % i, 1)) is Rejection.GARBAGE
-    # 8 MB, were they kept; a page or two of the allocator's may come.
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2048

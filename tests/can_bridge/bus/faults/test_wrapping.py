@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.faults.fault import BusFault, FrameArrivals, WrappedBus, wrap
+from can_bridge.bus.faults.fault import BusFault, WrappedBus, wrap
 from can_bridge.bus.faults.frame_faults import Delay, Drop, Duplicate, FlipBits, WireErrors
 from can_bridge.bus.faults.text import parse_fault
 from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
@@ -149,10 +149,19 @@ def test_health_comes_from_beneath_and_is_good_where_it_is_not_known(link):
         assert wrap(Unaware(), faults, link.clock).health() == HEALTHY, faults
 
 
-def test_arrivals_are_stamps_where_those_can_be_meant():
-    arrivals = FrameArrivals()
-    frames = [numbered(0, now_ns=t) for t in (3, 7, 5, 99, 8)]
-    # 5 is before the frame ahead of it, 99 is in the future, and what follows was not there before that.
-    assert [t for t, _ in arrivals.of(frames, 10)] == [3, 7, 7, 10, 10]
-    assert [t for t, _ in arrivals.of([numbered(0, now_ns=t) for t in (9, 12, 10**18)], 20)] == [20, 20, 20]
-    assert [t for t, _ in arrivals.of([numbered(0, now_ns=21)], PERIOD_NS)] == [21]
+def test_arrivals_are_stamps_where_those_can_be_meant(link):
+    class Received(WrappedBus):
+        stamps: Sequence[int]
+
+        def receive_all(self) -> list[Frame]:
+            return [numbered(0, now_ns=stamp) for stamp in self.stamps]
+
+    bus = Received(link.one)
+    (port,) = link.wrapped(bus, Drop(probability=0.0)).injectors
+    for now_ns, bus.stamps, expected in (
+        # 5 is before the frame ahead of it, 99 is in the future, and what follows was not there before that.
+        (10, (3, 7, 5, 99, 8), [3, 7, 7, 10, 10]),
+        (20, (9, 12, 10**18), [20, 20, 20]),
+        (PERIOD_NS, (21,), [21]),
+    ):
+        assert [arrived_ns for arrived_ns, _ in port.arrived(now_ns)] == expected

@@ -2,33 +2,69 @@
 takes, worked out in bits by hand.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
-from can_bridge.bus.interface import HEALTHY, BusState
+from can_bridge.bus.interface import HEALTHY, BusHealth, BusState
+from can_bridge.bus.simulated.attempt import AttemptVerdict, counted
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import sent_bits
 from contract.config.vehicle import BusConfig
 from contract.errors import BusError
-from tests.can_bridge.bus.simulated.disturbing import (
-    BIT,
-    DELIMITER,
-    FLAG,
-    FLAGS,
-    INTERMISSION,
-    LENGTH,
-    SENT,
-    SUSPEND,
-    TO_ACKNOWLEDGE,
-    bits,
-    bus_of,
-    counts,
-    script,
-)
+from tests.can_bridge.bus.simulated.disturbing import BIT, INTERMISSION, SENT, bus_of, counts
 
+FLAGS, FLAG, DELIMITER, SUSPEND = 12, 6, 8, 8
+LENGTH = sent_bits(SENT).total[0]
+TO_ACKNOWLEDGE = LENGTH - INTERMISSION - 7 - 1
+"""Bits up to and including the acknowledge slot."""
 ACTIVE, PASSIVE, OFF = BusState.ERROR_ACTIVE, BusState.ERROR_PASSIVE, BusState.BUS_OFF
+
+
+def bits(ns: int) -> int:
+    assert ns % BIT == 0
+    return ns // BIT
+
+
+def script(*positions: int, only: str = "") -> Callable[[Frame, str, int], int | None]:
+    """A disturbance of the first so many attempts, of those of one node if it is named."""
+    left = list(positions)
+    return lambda frame, name, begin_ns: left.pop(0) if left and only in ("", name) else None
+
+
+def at(tx_errors: int, rx_errors: int) -> BusHealth:
+    state = PASSIVE if max(tx_errors, rx_errors) >= 128 else ACTIVE
+    return BusHealth(state=state, tx_errors=tx_errors, rx_errors=rx_errors)
+
+
+def test_each_verdict_counts_by_its_rules_and_a_node_is_passive_from_128_and_off_from_256_on():
+    for verdict, before, after in [
+        (AttemptVerdict.RECEIVE_ERROR, (5, 7), at(5, 8)),
+        (AttemptVerdict.RECEIVE_ERROR, (0, 127), at(0, 128)),
+        (AttemptVerdict.SIGNALLED_FIRST, (0, 0), at(0, 9)),
+        (AttemptVerdict.SIGNALLED_FIRST, (0, 250), at(0, 255)),  # a register of eight bits
+        (AttemptVerdict.TRANSMIT_ERROR, (5, 7), at(13, 7)),
+        (AttemptVerdict.TRANSMIT_ERROR, (120, 0), at(128, 0)),
+        (AttemptVerdict.TRANSMIT_ERROR, (247, 0), at(255, 0)),
+        (AttemptVerdict.ARBITRATION_STUFF, (5, 7), at(5, 7)),
+        *(
+            (AttemptVerdict.UNACKNOWLEDGED, (tx, 0), at(after, 0))
+            for tx, after in [(0, 8), (120, 128), (127, 135), (128, 128), (255, 255)]
+        ),
+        *((AttemptVerdict.SENT, (tx, 3), at(max(tx - 1, 0), 3)) for tx in [0, 1, 8, 128, 255]),
+        *((AttemptVerdict.HEARD, (3, rx), at(3, max(rx - 1, 0))) for rx in [0, 1, 127]),
+        # The standard allows 119 to 127.
+        *((AttemptVerdict.HEARD, (0, rx), at(0, 127)) for rx in [128, 135, 255]),
+    ]:
+        assert counted(at(*before), verdict) == after, (verdict, before)
+    off = counted(at(248, 90), AttemptVerdict.TRANSMIT_ERROR)
+    assert off == BusHealth(state=OFF, tx_errors=256, rx_errors=90, bus_off=1)
+    # It stays off whatever happens, and counts once.
+    for verdict in (AttemptVerdict.SENT, AttemptVerdict.HEARD, AttemptVerdict.TRANSMIT_ERROR):
+        off = counted(off, verdict)
+        assert (off.state, off.bus_off) == (OFF, 1), verdict
 
 
 def test_a_destroyed_frame_is_sent_again_after_the_error_frame():

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.bus.backends.receive_thread import ReceiveThread
+from can_bridge.bus.backends.python_can import PythonCanBus, ReceiveThread
 from can_bridge.secoc.freshness_store import FreshnessStore
 from can_bridge.secoc.key import read_key
 from can_bridge.wire.frame import Frame
