@@ -79,12 +79,12 @@ class Cutter:
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
         if not len(whole):
-            self._note(f"none of the {len(table) - 1} rows {self._at(clock, 1)} is complete: left out")
+            self.lines.append(f"none of the {len(table) - 1} rows {self._at(clock, 1)} is complete: left out")
             return
         # Missing rows at the ends are not gaps: the log began before the ECU, or ended between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
-            self._note(
+            self.lines.append(
                 f"{self._at(clock, 1)}, {head - 1} rows before the first complete row are left out, and "
                 f"{len(table) - tail} after the last"
             )
@@ -105,7 +105,7 @@ class Cutter:
                     short.append((where, a, b))
         lines = [where for where, a, b in short if not cut[a:b].all()]
         for line in (*lines[:_SHOWN], *([f"and {len(lines) - _SHOWN} more such gaps"] if lines[_SHOWN:] else ())):
-            self._note(f"{line}: filled")
+            self.lines.append(f"{line}: filled")
         for a, b in _runs(~cut[head:tail], head):
             self._keep(table, a, b, clock)
 
@@ -128,7 +128,7 @@ class Cutter:
         begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]
         count = int(whole[-1]) + 1 - int(begins[0]) if len(begins) else 0
         if count < SHORTEST_PIECE:
-            self._note(f"a piece of {count} rows {self._at(clock, a)} is left out: too short")
+            self.lines.append(f"a piece of {count} rows {self._at(clock, a)} is left out: too short")
             return
         begin = int(begins[0])
         rows = np.arange(count)
@@ -151,10 +151,7 @@ class Cutter:
     def _cut(self, what: str, why: str = "") -> None:
         if not self._split:
             raise DatasetError(f"{self._path}: {what}{why}; --split makes separate episodes of both parts")
-        self._note(f"{what}: cut there")
-
-    def _note(self, line: str) -> None:
-        self.lines.append(f"{self._path}: {line}")
+        self.lines.append(f"{what}: cut there")
 
     def _at(self, clock: SenderClock, place: int) -> str:
         return f"at {max(0.0, clock.start_s + clock.period_s * (place - 1) - self._begin_s):.3f} s"

@@ -39,11 +39,13 @@ _STANDS: Final = 0.2
 period in W. The pressures are then as small as their resolution."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LogReport:
-    """A report of the data that were read from a log, and of the data that were not read.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogSeries:
+    """The pieces of a log in the order of time, and a report of the data that were read, and that were not read.
 
     Attributes:
+        start_s: time of the log's first row in s on the log's clock; `travel` is counted from this time.
+        period_s: the sender's period in s on the log's clock.
         messages: name of the message set.
         speed: smallest, median and largest speed of the vehicle in the log in m/s, the median while the vehicle moves;
             None if the log has no speed.
@@ -57,9 +59,14 @@ class LogReport:
         stale: number of frames whose pressures were a period old or older when they were sent.
         drift: relative difference between the sender's period, measured on the log's clock, and its nominal value.
         jitter_s: largest difference in s between the time of a pressure frame and its row's time.
+        gaps: a line of text for each gap, with times in s after the log's first pressure.
         checked: whether authentication codes were checked; None for messages without such codes.
     """
 
+    pieces: tuple[Piece, ...]
+    start_s: float
+    travel: Travel
+    period_s: float
     messages: str
     channel: str
     speed: tuple[float, float, float] | None
@@ -75,18 +82,6 @@ class LogReport:
     jitter_s: float
     gaps: tuple[str, ...]
     checked: bool | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LogSeries:
-    """The pieces of a log in the order of time. `travel` is counted from `start_s`, the time of the log's first row.
-    `start_s` and the sender's period, `period_s`, are on the log's clock."""
-
-    pieces: tuple[Piece, ...]
-    start_s: float
-    travel: Travel
-    period_s: float
-    report: LogReport
 
 
 def series_of(
@@ -178,7 +173,11 @@ def series_of(
         "with a repeated speed, or a speed that no vehicle reaches so fast": 0 if speeds is None else speeds.left_out,
         **log.others,
     }
-    report = LogReport(
+    return LogSeries(
+        pieces=tuple(pieces),
+        start_s=start_s,
+        travel=travel,
+        period_s=period_s,
         messages=log.messages.name,
         channel=log.channel,
         speed=None if speeds is None else (speeds.speed.min(), point.speed, speeds.speed.max()),
@@ -195,7 +194,6 @@ def series_of(
         gaps=tuple(cutter.lines),
         checked=(verify is not None) if log.messages.pressure.spec.is_secured else None,
     )
-    return LogSeries(pieces=tuple(pieces), start_s=start_s, travel=travel, period_s=period_s, report=report)
 
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:

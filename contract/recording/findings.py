@@ -241,7 +241,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
         why = f"{alone[0]} for example: no sensor is at (x, -y)" if alone else "because body or jets are not symmetric"
         yield f"the sensors have no mirror images, {why}; so training has no mirrored data, only the recording"
     yield from implausible(dataset)
-    yield from (item.text for item in asymmetry(dataset))
+    yield from asymmetry(dataset)
     yield from _units(dataset)
     yield from _forcing(dataset)
     training = _of_role(dataset, "train")
@@ -259,7 +259,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
         )
 
 
-def asymmetry(dataset: Dataset) -> Iterator[Finding]:
+def asymmetry(dataset: Dataset) -> Iterator[str]:
     """Report mirrored sensors whose mean pressures differ. Such a recording has no valid mirror image."""
     mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in _of_role(dataset, "train")]
     if mirror is None or not training:
@@ -270,11 +270,10 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
     worst = int(apart.argmax())
     if apart[worst] > 0.0:
         one, other = (dataset.layout.names[k] for k in (worst, mirror[worst]))
-        yield Finding(
-            stops=None,
-            text=f"{one} and {other} are mirror images, but their mean Cp is {mean[worst]:.3g} and "
+        yield (
+            f"{one} and {other} are mirror images, but their mean Cp is {mean[worst]:.3g} and "
             f"{mean[mirror[worst]]:.3g}, with deviations of {deviation[worst]:.2g} and {deviation[mirror[worst]]:.2g}: "
-            f"training also learns the mirrored flow; import with --asymmetric if body or jets are not symmetric",
+            f"training also learns the mirrored flow; import with --asymmetric if body or jets are not symmetric"
         )
 
 

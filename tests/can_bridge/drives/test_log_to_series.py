@@ -75,7 +75,7 @@ def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataOb
         # The straight line between neighbours, which are the truth itself where nothing is lost.
         expected = np.column_stack([np.interp(inside, kept, column[kept]) for column in values.T])
         np.testing.assert_allclose(found, expected, atol=EXACT)
-    unused = dict(series.report.unused)
+    unused = dict(series.unused)
     odd = sum(unused.pop(reason, 0) for reason in ("error frames", "remote frames", "of other messages"))
     assert (unused, odd) == ({"damaged": 3, **({"repeated": copies} if copies else {})}, 20)
 
@@ -120,7 +120,7 @@ def test_frames_are_put_in_their_order_by_counter_and_echo() -> None:
     messages.insert(140, pressure(one, 3, messages[139].timestamp))
     series = read(messages)
     same(series, one)
-    assert series.report.unused == {"out of sequence": 1}
+    assert series.unused == {"out of sequence": 1}
     # An ECU that takes 1.4 periods: every command comes after the next pressure.
     one = drive("classic", 100, 3)
     messages = [pressure(one, k, k * PERIOD) for k in range(100)]
@@ -174,9 +174,9 @@ def test_a_sensor_that_fails_for_a_moment_is_filled_alone() -> None:
         cp = one.Cp.copy()
         cp[20, 1] = (cp[19, 1] + cp[21, 1]) / 2
         same(series, replace(one, Cp=cp))
-        assert series.report.filled == (1, 0)
-        assert series.report.lost == (0, 0)
-        assert "no valid pressure b for 1 control period at 0.400 s: filled" in series.report.gaps[0]
+        assert series.filled == (1, 0)
+        assert series.lost == (0, 0)
+        assert "no valid pressure b for 1 control period at 0.400 s: filled" in series.gaps[0]
 
 
 def test_age_and_drift_move_the_rows_and_another_period_is_refused() -> None:
@@ -186,7 +186,7 @@ def test_age_and_drift_move_the_rows_and_another_period_is_refused() -> None:
     assert piece.time_s[0] == pytest.approx(4.997, abs=1e-9)
     one = drive("fd", 600, 12)
     series = read(log_of(one, period_s=PERIOD * (1 + 80e-6)))
-    assert series.report.drift == pytest.approx(80e-6, abs=1e-9)
+    assert series.drift == pytest.approx(80e-6, abs=1e-9)
     same(series, one)
     for share, text in ((0.005, r"come every 20\.1 ms.*\+0\.50%"), (1.0, "40 ms apart"), (-0.5, "10 ms apart")):
         with pytest.raises(DatasetError, match=text):
@@ -205,9 +205,9 @@ def test_authentication_is_checked_where_a_key_is_given() -> None:
     messages[40].data[-1] ^= 1
     replayed = pressure(one, 3, messages[60].timestamp + 1e-4)
     messages.insert(61, replayed)
-    report = read(messages, verify=verify).report
-    assert (report.unused, report.checked, report.filled) == ({"not authentic": 2}, True, (1, 0))
-    assert read(messages).report.checked is False
+    series = read(messages, verify=verify)
+    assert (series.unused, series.checked, series.filled) == ({"not authentic": 2}, True, (1, 0))
+    assert read(messages).checked is False
     with pytest.raises(DatasetError, match=r"wrong authentication code: bus\.key is not the key"):
         read(messages, verify=lambda spec, data: None)
 
@@ -251,7 +251,7 @@ def test_a_long_gap_or_a_sender_that_begins_again_is_refused_with_its_time_or_cu
                 read(messages)
             series = read(messages, split=True)
             assert [len(piece) for piece in series.pieces] == [100, 100], (kind, ahead)
-            assert series.report.unused == {"repeated": 1}, (kind, ahead)
+            assert series.unused == {"repeated": 1}, (kind, ahead)
             np.testing.assert_allclose(series.pieces[1].Cp, one.Cp[100:], atol=EXACT)
             assert series.pieces[1].initial_action == pytest.approx(one.action[99], abs=EXACT), (kind, ahead)
 
