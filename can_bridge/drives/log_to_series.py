@@ -15,11 +15,12 @@ import can
 import numpy as np
 
 from can_bridge.drives.counted_frames import number, usual_interval, without_repeats
-from can_bridge.drives.log_frames import Verify, frames_of
+from can_bridge.drives.log_frames import frames_of
 from can_bridge.drives.log_periods import Scales, SenderClock, clock_of, coefficients_of, samples_of, table_of
 from can_bridge.drives.log_pieces import SHORTEST_PIECE, Cutter, Piece, resampled
 from can_bridge.drives.vehicle_speed import Travel, VehicleSpeeds, vehicle_speeds
 from can_bridge.e2e.profiles import profile_of
+from can_bridge.secoc.key import Key
 from can_bridge.wire.message_sets import MessageSet
 from contract.arrays import Array, Mask
 from contract.config.operating_point import OperatingPoint
@@ -93,7 +94,7 @@ def series_of(
     split: bool,
     sensors: Sequence[str] = ("0", "1", "2", "3"),
     only: MessageSet | None = None,
-    verify: Verify | None = None,
+    key: Key | None = None,
 ) -> LogSeries:
     """Return a drive's series. Raises DatasetError if the log lacks data, has another period, or has a long gap without
     `split`.
@@ -103,9 +104,9 @@ def series_of(
         fill: longest gap that is filled, in control periods.
         split: whether a longer gap divides the drive into two pieces; otherwise such a gap raises an error.
         sensors: names of the pressures, for the report.
-        only, verify: see `frames_of`.
+        only, key: see `frames_of`.
     """
-    log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
+    log = frames_of(path, messages, only=only, key=key, back_s=scales.period_s)
     modulus, command_modulus = (
         profile_of(one.spec).counter_period for one in (log.messages.pressure, log.messages.command)
     )
@@ -122,16 +123,16 @@ def series_of(
         nominal_s = nominal_s if abs(interval_s / nominal_s - 1.0) <= _DRIFT else interval_s
         point = _point_of(path, speeds, nominal_s, scales)
     stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
-    samples = [samples_of(one, log.messages, nominal_s) for one in stretches]
+    pressures, sampled_s, stale = zip(*(samples_of(one, log.messages, nominal_s) for one in stretches), strict=True)
     # The sender's period on the log's clock is found by a fit to the longest `FrameStretch`, if it is long enough.
     period_s = nominal_s
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
     if len(stretches[longest]) >= SHORTEST_PIECE:
-        clock = clock_of(stretches[longest], samples[longest].sampled_s)
+        clock = clock_of(stretches[longest], sampled_s[longest])
         if speeds is None:
             _check_drift(path, clock, len(stretches[longest]), scales)
         period_s = clock.period_s
-    clocks = [clock_of(a, b.sampled_s, period_s) for a, b in zip(stretches, samples, strict=True)]
+    clocks = [clock_of(one, times, period_s) for one, times in zip(stretches, sampled_s, strict=True)]
     pace, start_s = period_s / nominal_s, clocks[0].start_s
     travel = Travel.steady(start_s, point.convective_time * pace)
     if speeds is not None:
@@ -143,7 +144,7 @@ def series_of(
     for i, (stretch, clock) in enumerate(zip(stretches, clocks, strict=True)):
         until = begins[i + 1] if i + 1 < len(begins) else np.inf
         here = [one for one in commands if begins[i] - period_s <= one.time_s < until]
-        table = table_of(stretch, samples[i].pressure_pa, here, log.messages, clock, modulus)
+        table = table_of(stretch, pressures[i], here, log.messages, clock, modulus)
         lost[0] += len(table) - 1 - len(stretch)
         lost[1] += int(np.isnan(table[1:, -1]).sum())
         speed, density = _air(speeds, clock, len(table), nominal_s, replace(scales, point=point))
@@ -188,11 +189,11 @@ def series_of(
         unused={reason: count for reason, count in unused.items() if count},
         lost=(lost[0], lost[1]),
         filled=(cutter.filled[0], cutter.filled[1]),
-        stale=sum(one.stale for one in samples),
+        stale=sum(stale),
         drift=pace - 1.0,
         jitter_s=max(clock.jitter_s for clock in clocks),
         gaps=tuple(cutter.lines),
-        checked=(verify is not None) if log.messages.pressure.spec.is_secured else None,
+        checked=(key is not None) if log.messages.pressure.spec.is_secured else None,
     )
 
 

@@ -132,12 +132,6 @@ def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
     return dataset, tuple(problems)
 
 
-def schema_of(path: Path) -> str:
-    """Return the schema that a data set's file states. Raises DatasetError for a schema that is not supported."""
-    with opened(path) as file:
-        return _schema(path, file)
-
-
 def write(path: Path, dataset: Dataset) -> None:
     """Write a data set, completely or not at all.
 
@@ -169,7 +163,8 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
     if not path.exists():
         return Dataset(episodes=(), layout=layout)
     there = read(path)
-    schema = schema_of(path)
+    with opened(path) as file:
+        schema = _schema(path, file)
     if schema == DATASET_SCHEMA_1:
         raise DatasetError(
             f"{path}: schema {schema!r}, episodes can be added only to {DATASET_SCHEMA!r} and the schema before"
@@ -272,17 +267,23 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
     for name, unit in UNITS.items():
         if name not in episode.series:
             continue
-        values: npt.NDArray[Any] = episode.series[name]
-        attributes: dict[str, Any] = {"units": unit}
-        if name not in EXACT_SERIES:
-            finest = CP_QUANTUM if name == "Cp" else QUANTUM
-            try:
-                values, attributes["quantum"] = pack(values, finest, COARSEST_QUANTUM)
-            except ValueError as error:
-                raise DatasetError(f"episode {episode.name}: field {name!r} {error}") from error
+        values, quantum = packed(episode, name)
+        attributes = {"units": unit} | ({} if quantum is None else {"quantum": quantum})
         chunk = (min(_CHUNK, len(values)), *values.shape[1:])
-        packed = {"chunks": chunk, "compression": "gzip", "compression_opts": 9, "shuffle": True}
-        node.create_dataset(name, data=values, **packed).attrs.update(attributes)
+        storage = {"chunks": chunk, "compression": "gzip", "compression_opts": 9, "shuffle": True}
+        node.create_dataset(name, data=values, **storage).attrs.update(attributes)
+
+
+def packed(episode: Episode, name: str) -> tuple[npt.NDArray[Any], float | None]:
+    """Return a series as it is stored: 16-bit integers and their quantum, or unchanged without a quantum. Raises
+    DatasetError if the series exceeds the range of 16 bits."""
+    values = episode.series[name]
+    if name in EXACT_SERIES:
+        return values, None
+    try:
+        return pack(values, CP_QUANTUM if name == "Cp" else QUANTUM, COARSEST_QUANTUM)
+    except ValueError as error:
+        raise DatasetError(f"episode {episode.name}: field {name!r} {error}") from error
 
 
 def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, problems: list[str]) -> Episode | None:

@@ -22,7 +22,6 @@ from stillwake.console.terminal import listed
 if TYPE_CHECKING:
     import can
 
-    from can_bridge.drives.log_frames import Verify
     from can_bridge.drives.log_periods import Scales
     from can_bridge.drives.log_to_series import LogSeries
     from can_bridge.logs.log_reader import CanLog
@@ -140,6 +139,7 @@ class DriveReader:
         from can_bridge.drives.log_periods import Scales
         from can_bridge.drives.log_to_series import series_of
         from can_bridge.logs.log_reader import CanLog
+        from can_bridge.secoc.key import read_key
         from can_bridge.wire.message_sets import message_set
         from can_bridge.wire.messages import SENSORS
 
@@ -166,7 +166,7 @@ class DriveReader:
             split=self.split,
             sensors=self.layout.names,
             only=message_set(config.bus) if given & {"bus.frames", "bus.key"} else None,
-            verify=_verifier(config.bus.key),
+            key=read_key(Path(config.bus.key)) if config.bus.key else None,
         )
         _check_limit(path, series, scales)
         return self._sources(path, name, role, self._forces(forces, series, log), series, scales.period), series, log
@@ -282,16 +282,6 @@ def _speed_line(series: "LogSeries") -> str:
     between = "; rows interpolated at equal distances travelled" if series.is_resampled else ""
     span = f" ({slow:g} to {fast:g})" if slow < fast else ""
     return f"Cp is computed with the log's vehicle speed, {median:g} m/s{span}{without}{between}"
-
-
-def _verifier(key_file: str) -> "Verify | None":
-    from can_bridge.secoc.key import read_key
-    from can_bridge.secoc.securing import verify
-
-    if not key_file:
-        return None
-    key = read_key(Path(key_file))
-    return lambda spec, data: verify(data, spec, key)
 
 
 def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:

@@ -97,22 +97,25 @@ def _needs_settings(file: Path) -> str:
 
 def episodes_table(found: "Dataset") -> Table:
     """Return a table with one row per episode."""
-    from contract.recording.summary import summarise
+    from contract.recording.plausible import dominant_frequency
 
     numbers = ("steps", "t / t_c", "rms action", "mean Cd", "std Cl", "Cl peak, 1/t_c")
     width = min(20, max(len(item.name) for item in found.episodes))
     names = (Column("episode", overflow="fold", min_width=width), "role")
     table = Table(*names, *(Column(name, justify="right") for name in numbers), box=SIMPLE, padding=0)
-    for item in summarise(found):
+    period = found.plant.control_period
+    for item in found.episodes:
+        t, action, drag, lift = (item.series[name] for name in ("t", "action", "Cd", "Cl"))
+        frequency = None if period is None else dominant_frequency(lift, period)
         table.add_row(
             item.name,
             item.role,
-            str(item.steps),
-            f"{item.duration:.1f}",
-            f"{item.action_rms:.4f}",
-            f"{item.drag:.4f}",
-            f"{item.lift:.4f}",
-            "" if item.frequency is None else f"{item.frequency:.3f}",
+            str(len(item)),
+            f"{t[-1] - t[0]:.1f}",
+            f"{np.sqrt(np.square(action).mean()):.4f}",
+            f"{drag.mean():.4f}",
+            f"{lift.std():.4f}",
+            "" if frequency is None else f"{frequency:.3f}",
         )
     return table
 

@@ -111,7 +111,7 @@ def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: f
         covered = data[: 16 if name.startswith("Pressure") else 8]
         e2e_p05_protect(covered, DATA_IDS[name], increment_counter=False)
         covered += data[len(covered) : -8]
-        data = covered + authentication_code(DATA_IDS[name], bytes(covered))
+        data = covered + cmac(KEY, DATA_IDS[name].to_bytes(2, "big") + bytes(covered))[:8]
     return can.Message(
         timestamp=time_s,
         arbitration_id=message.frame_id,
@@ -120,11 +120,6 @@ def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: f
         bitrate_switch=kind != "classic",
         data=data,
     )
-
-
-def authentication_code(data_id: int, covered: bytes) -> bytes:
-    """The code that ends a secured message."""
-    return cmac(KEY, data_id.to_bytes(2, "big") + covered)[:8]
 
 
 def log_of(

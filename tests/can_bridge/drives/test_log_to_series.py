@@ -11,11 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.drives.log_to_series import series_of
+from can_bridge.secoc.key import Key
 from can_bridge.wire.message_sets import CLASSIC, FD
 from contract.errors import DatasetError
 from tests.can_bridge.drives.drive_log import (
     EXACT,
     FLOW,
+    KEY,
     KINDS,
     LATENCY,
     LOG,
@@ -23,7 +25,6 @@ from tests.can_bridge.drives.drive_log import (
     SCALES,
     Drive,
     at,
-    authentication_code,
     command,
     drive,
     in_time,
@@ -197,19 +198,14 @@ def test_authentication_is_checked_where_a_key_is_given() -> None:
     one = drive("secured", 60, 13)
     messages = log_of(one)
 
-    def verify(spec: Any, data: bytes) -> int | None:
-        return (
-            int.from_bytes(data[-16:-8], "big") if authentication_code(spec.data_id, data[:-8]) == data[-8:] else None
-        )
-
     messages[40].data[-1] ^= 1
     replayed = pressure(one, 3, messages[60].timestamp + 1e-4)
     messages.insert(61, replayed)
-    series = read(messages, verify=verify)
+    series = read(messages, key=Key(KEY))
     assert (series.unused, series.checked, series.filled) == ({"not authentic": 2}, True, (1, 0))
     assert read(messages).checked is False
     with pytest.raises(DatasetError, match=r"wrong authentication code: bus\.key is not the key"):
-        read(messages, verify=lambda spec, data: None)
+        read(messages, key=Key(bytes(range(16))))
 
 
 def test_a_full_command_that_the_wire_rounded_up_is_the_limit_and_one_of_two_sets_can_be_asked_for() -> None:

@@ -10,8 +10,10 @@ import xarray
 from contract.config.loading import load_config
 from contract.recording import dataset
 from contract.recording.findings import findings
+from stillwake.commands.dataset.inspecting import episodes_table
 from tests import foreign_plant
 from tests import oscillating_wake as wake
+from tests.contract.recording.test_summary import data, wave
 from tests.foreign_plant import LIMIT, NAMES, PERIOD
 
 
@@ -68,6 +70,12 @@ def test_an_imported_data_set_is_shown_is_fit_and_its_settings_fit_it(run, made,
     assert [item.text for item in findings(read, config) if item.stops] == []
     calm = read.episodes[1].series["Cd"]
     assert config.mpc.drag_reference == pytest.approx(calm.mean(), rel=1e-5)
+
+
+def test_figures_of_a_wave_are_in_the_table():
+    """Of 0.1 sin and 0.5 + 2 cos over 20 steps of 0.25 t_c."""
+    (cells,) = zip(*(column.cells for column in episodes_table(data(wave("w", 400, 20.0, 0.1))).columns), strict=True)
+    assert cells == ("w", "train", "400", "99.8", "0.0707", "1.2500", "1.4142", "0.200")
 
 
 def test_each_episode_becomes_netcdf_by_report(cli, made, tmp_path):
