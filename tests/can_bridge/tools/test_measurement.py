@@ -18,8 +18,7 @@ from google.protobuf.message_factory import GetMessageClass
 from can_bridge.logs.channels import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import layout_of
-from can_bridge.tools.live_log import live_log
-from can_bridge.tools.measurement import groups_of, write_measurement
+from can_bridge.tools.measurement import groups_of, live_log, write_measurement
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError, StillwakeError
 from stillwake.console.endings import missing

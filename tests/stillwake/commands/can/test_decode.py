@@ -14,13 +14,13 @@ from rich.console import Console
 from rich.text import Text
 
 from can_bridge.bus.conversion import to_message
-from can_bridge.tools.summary import Summary
+from can_bridge.tools.traffic import Summary
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, SPECS
 from contract.config.vehicle import BusConfig
-from stillwake.commands.can.monitor_screen import STALE_S, line, screen
+from stillwake.commands.can.monitor import STALE_S, line, screen
 from tests.can_bridge.logs.log_texts import asc, candump_l, frames
-from tests.can_bridge.tools.test_observed_traffic import frame
+from tests.can_bridge.tools.test_traffic import frame
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, flat, taken, write
 
 
