@@ -6,8 +6,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from contract.errors import DatasetError
 from contract.recording.importing.forces import ForcesTable, read_forces
@@ -22,21 +20,6 @@ def series(t: Any, values: Any) -> ForcesTable:
     return ForcesTable(path=Path("forces.csv"), names=names, t=np.asarray(t, float), values={"Cd": cd, "Cl": -cd})
 
 
-@given(
-    slope=st.floats(-10, 10),
-    offset=st.floats(-10, 10),
-    knots=st.lists(st.floats(0, 100), min_size=2, max_size=30, unique_by=lambda t: round(t, 3)),
-    data=st.data(),
-)
-def test_a_straight_line_is_itself_at_any_time(slope, offset, knots, data):
-    t = np.sort(knots)
-    wanted = np.sort(data.draw(st.lists(st.floats(t[0], t[-1]), min_size=1, max_size=30)))
-    found = series(t, offset + slope * t).at(wanted, longest_gap=1000.0, slack=0.0)
-    np.testing.assert_array_equal(found["Cl"], -found["Cd"])
-    # Rounding of sums of numbers up to 1000.
-    np.testing.assert_allclose(found["Cd"], offset + slope * wanted, atol=1e-9)
-
-
 def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     one = series([0.0, 0.1, 0.5, 0.6], [1.0, 2.0, 3.0, 4.0])
     wide = {"longest_gap": 0.2, "slack": 0.01}
@@ -45,7 +28,8 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     with pytest.raises(DatasetError, match=r"no value between 0\.1 and 0\.5 s .* no more than 0\.2 s apart"):
         one.at(np.array([0.0, 0.3]), **wide)
     # A row on the edge of the gap needs no line across it; one by a hair outside takes the value there.
-    assert one.at(np.array([0.0, 0.1, 0.5, 0.605]), **wide)["Cd"].tolist() == [1.0, 2.0, 3.0, 4.0]
+    found = one.at(np.array([0.0, 0.075, 0.1, 0.5, 0.605]), **wide)
+    np.testing.assert_allclose([found["Cd"], -found["Cl"]], [[1.0, 1.75, 2.0, 3.0, 4.0]] * 2)
 
 
 def test_series_that_are_none_are_refused():
