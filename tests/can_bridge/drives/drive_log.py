@@ -133,14 +133,6 @@ def log_of(
     ]
 
 
-def write(path: Path, messages: Sequence[can.Message]) -> Path:
-    """A log in the format of its ending, by python-can."""
-    with can.Logger(str(path)) as logger:
-        for message in messages:
-            logger(message)
-    return path
-
-
 SCALES = Scales(period=0.2, point=OperatingPoint(), action_limit=0.075)
 LOG = Path("drive.blf")
 EXACT = 1e-12

@@ -17,7 +17,8 @@ from contract.release import bundle
 from contract.sensors import TRUCK
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.series_csv import write_csv
-from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, speed, write
+from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, speed
+from tests.can_bridge.logs.log_texts import write
 from tests.conftest import Outcome
 
 FACTS = ("--set", "flow.control_period=0.2", "--set", "flow.action_limit=0.075", "--asymmetric")

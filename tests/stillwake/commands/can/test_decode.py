@@ -17,10 +17,11 @@ from can_bridge.bus.conversion import to_message
 from can_bridge.tools.traffic import Summary
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, SPECS
-from contract.config.vehicle import BusConfig
 from stillwake.commands.can.monitor import STALE_S, line, screen
+from tests.can_bridge.drives.drive_log import at
+from tests.can_bridge.logs import log_texts
 from tests.can_bridge.logs.log_texts import asc, candump_l, frames
-from tests.can_bridge.tools.test_traffic import frame
+from tests.can_bridge.tools.test_traffic import frame, summary_of
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, flat, taken, write
 
 
@@ -36,10 +37,7 @@ def test_decode_and_monitor_check_the_mac_with_a_key_and_report_without_one(cli,
     setting = ("--set", f"bus.key={tmp_path / 'bus.key'}")
     assert cli("can", "send", "PressureSecured", "--count", 3, "--trip", 1, *setting, *VIRTUAL).code == 0
     frames, log = taken(peer), tmp_path / "signed.log"
-    with can.Logger(log) as writer:
-        for i, one in enumerate([*frames, frames[0]]):
-            one.timestamp = 100.0 + 0.02 * i
-            writer.on_message_received(one)
+    log_texts.write(log, [at(one, 100.0 + 0.02 * i) for i, one in enumerate([*frames, frames[0]])])
     fresh, forged, unchecked = ["OK"] * 3 + ["not fresh"], ["not authentic"] * 4, ["not checked"] * 4
     for key, counts, macs, e2e in (
         ("bus.key", {"OK": 3, "not fresh": 1}, fresh, ["E2E OK, "] * 3 + [""]),
@@ -147,19 +145,11 @@ def test_the_summary_counts_what_is_no_frame_by_its_name_and_reads_each_bus_by_i
     assert "--channel: needs a log" in cli("can", "monitor", "--channel", "can1").err
 
 
-def summary_of(*frames: Frame) -> Summary:
-    summary = Summary(config=BusConfig())
-    for one in frames:
-        summary.add(to_message(one))
-    return summary
-
-
 def everything() -> Summary:
     """All twelve messages, one of them out of sequence, one that is not known, and an error frame."""
     known = [frame(spec, counter, t_ns=counter * 20_000_000) for spec in SPECS for counter in (0, 1, 8)]
-    summary = summary_of(*known, Frame(frame_id=0x18FEF100, data=bytes(64), is_extended=True))
-    summary.add(can.Message(is_error_frame=True))
-    return summary
+    unknown = Frame(frame_id=0x18FEF100, data=bytes(64), is_extended=True)
+    return summary_of(*known, unknown, can.Message(is_error_frame=True))
 
 
 def picture(summary: Summary, width: int, now_s: float = 0.0) -> str:
