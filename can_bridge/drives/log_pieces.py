@@ -10,7 +10,7 @@ import numpy as np
 from can_bridge.drives.log_periods import SenderClock
 from can_bridge.drives.vehicle_speed import Travel
 from can_bridge.wire.messages import SENSORS
-from contract.arrays import Array, Mask
+from contract.arrays import Array, Mask, runs
 from contract.errors import DatasetError
 
 SHORTEST_PIECE: Final = 16
@@ -88,11 +88,12 @@ class Cutter:
                 f"{self._at(clock, 1)}, {head - 1} rows before the first complete row are left out, and "
                 f"{len(table) - tail} after the last"
             )
-        cut = np.zeros(tail, dtype=np.bool_)
+        before = np.arange(tail) < head
+        cut = before.copy()
         short: list[tuple[str, int, int]] = []
         told = set[str]()
         for name, columns in self._groups(present[head:tail]):
-            for a, b in _runs(np.any(~present[head:tail, columns], axis=1), head):
+            for a, b in runs(np.any(~present[:tail, columns], axis=1) & ~before):
                 what = name if moves[a:b].all() else "speed of a moving vehicle"
                 where = f"no {what} for {b - a} control period{'s' * (b - a > 1)} {self._at(clock, a)}"
                 if where in told:
@@ -106,7 +107,7 @@ class Cutter:
         lines = [where for where, a, b in short if not cut[a:b].all()]
         for line in (*lines[:_SHOWN], *([f"and {len(lines) - _SHOWN} more such gaps"] if lines[_SHOWN:] else ())):
             self.lines.append(f"{line}: filled")
-        for a, b in _runs(~cut[head:tail], head):
+        for a, b in runs(~cut):
             self._keep(table, a, b, clock)
 
     def _groups(self, present: Mask) -> list[tuple[str, list[int]]]:
@@ -172,9 +173,3 @@ def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
         action=np.interp(wanted + period, way, reached),
         initial_action=float(np.interp(wanted[0], way, reached)),
     )
-
-
-def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:
-    """Return start and end (exclusive) of every run of True in a mask that begins at the position `start`."""
-    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)) + start
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
