@@ -29,7 +29,7 @@ from tests.can_bridge.drives.drive_log import (
 from tests.refused import refused
 
 
-def with_speeds(one: Drive, speeds: list[float | None], *, density: float = 0.0) -> list[can.Message]:
+def with_speeds(one: Drive, speeds: list[float | None], *, density: float | None = None) -> list[can.Message]:
     """The drive's log with a VehicleSpeed behind every pressure."""
     said = [speed(one.kind, k, 1000.0 + (k + 0.01) * PERIOD, value, density) for k, value in enumerate(speeds)]
     return in_time([*log_of(one), *said])

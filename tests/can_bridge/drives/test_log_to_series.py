@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from can_bridge.drives.log_to_series import series_of
 from can_bridge.secoc.key import Key
 from can_bridge.wire.message_sets import CLASSIC, FD
+from can_bridge.wire.messages import Mode
 from contract.errors import DatasetError
 from tests.can_bridge.drives.drive_log import (
     EXACT,
@@ -127,7 +128,7 @@ def test_frames_are_put_in_their_order_by_counter_and_echo() -> None:
     messages = [pressure(one, k, k * PERIOD) for k in range(100)]
     messages += [command(one, k, (k + 1.4) * PERIOD) for k in range(100) if k != 50]
     # It repeats its command for 49 where that for 50 would come.
-    messages.append(command(one, 50, 51.4 * PERIOD, echo=49, Mode="HOLD", action=one.action[50]))
+    messages.append(command(one, 50, 51.4 * PERIOD, echo=49, mode=Mode.HOLD, action=one.action[50]))
     same(read(in_time(messages)), one)
 
 
@@ -135,10 +136,10 @@ def test_commands_that_do_not_answer_belong_to_the_period_they_came_in() -> None
     one = drive("fd", 100, 4)
     messages = log_of(one)
     # The ECU missed pressure 40 and repeats its command for 39; at 60 the jets are not enabled, and so shut.
-    messages[81] = command(one, 40, messages[81].timestamp, echo=39, Mode="HOLD", action=one.action[39])
-    messages[121] = command(one, 60, messages[121].timestamp, Enable=0)
+    messages[81] = command(one, 40, messages[81].timestamp, echo=39, mode=Mode.HOLD, action=one.action[39])
+    messages[121] = command(one, 60, messages[121].timestamp, enable=False)
     # The command for 80 is lost, and repeated in 81: it is no answer to 80.
-    messages[163] = command(one, 81, messages[163].timestamp, echo=80, Mode="HOLD", action=one.action[80])
+    messages[163] = command(one, 81, messages[163].timestamp, echo=80, mode=Mode.HOLD, action=one.action[80])
     del messages[161]
     assert one.action[60] != 0.0
     action = one.action.copy()
@@ -154,9 +155,9 @@ def test_commands_for_the_next_period_are_the_actions_of_the_row_after() -> None
         for k in range(60):
             messages.append(pressure(one, k, 5.0 + k * PERIOD))
             # At 30 the ECU holds: the command still rests on 29, came in 30 and is for 31.
-            held: dict[str, Any] = {"echo": k - 1, "Mode": "HOLD"} if k == 30 else {}
+            held: dict[str, Any] = {"echo": k - 1, "mode": Mode.HOLD} if k == 30 else {}
             action = float(one.action[min(k + 1, 59)])
-            messages.append(command(one, k, 5.0 + (k + LATENCY) * PERIOD, action=action, NextPeriod=1, **held))
+            messages.append(command(one, k, 5.0 + (k + LATENCY) * PERIOD, action=action, next_period=True, **held))
         (piece,) = read(messages).pieces
         # What the jets did in the first period was asked for before the log begins.
         rows = piece.first_row + np.arange(len(piece))

@@ -1,4 +1,4 @@
-"""Measurements of frames that cantools encoded: other programs read what it was given, value by value."""
+"""Measurements of frames: other programs read what cantools decodes of them, value by value."""
 
 import json
 import sys
@@ -22,8 +22,9 @@ from can_bridge.tools.measurement import groups_of, live_log, write_measurement
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError, StillwakeError
 from stillwake.console.endings import missing
-from tests.can_bridge.drives.drive_log import DBC, drive, log_of
+from tests.can_bridge.drives.drive_log import drive, log_of
 from tests.can_bridge.logs.log_texts import frames, identity
+from tests.can_bridge.wire.described import DBC
 from tests.refused import refused
 
 small_mcap = pytest.importorskip("small_mcap")
