@@ -130,12 +130,13 @@ def sensors_line(layout: "SensorLayout") -> str:
 def _draw(dataset: "Dataset", path: Path) -> None:
     """Write a picture as PNG, completely or not at all. Raises StillwakeError if the file's name does not end in .png,
     or the file cannot be written."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     if path.suffix.lower() != ".png":
         raise ConfigError(f"{path}: a picture must end in .png")
     layout, first = dataset.layout, dataset.episodes[0]
-    figure, axes = plt.subplots(4, 1, figsize=(8, 9), height_ratios=(2, 1, 1, 1), layout="constrained")
+    figure = Figure(figsize=(8, 9), layout="constrained")
+    axes = figure.subplots(4, 1, height_ratios=(2, 1, 1, 1))
     places = axes[0]
     x, y = layout.positions.T
     on_base = np.isin(np.arange(len(layout)), layout.base)
@@ -154,8 +155,5 @@ def _draw(dataset: "Dataset", path: Path) -> None:
         axis.set_ylabel(name)
     axes[1].set_title(f"episode {first.name}")
     axes[-1].set_xlabel("t / t_c")
-    try:
-        with replacing(path) as temporary:
-            figure.savefig(temporary, format="png", dpi=120)
-    finally:
-        plt.close(figure)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=120)
