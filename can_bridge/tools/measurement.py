@@ -22,7 +22,7 @@ import numpy as np
 
 from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.entries import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import write_mcap
 from can_bridge.logs.mdf_file import asammdf_for, write_mdf

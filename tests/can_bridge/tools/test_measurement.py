@@ -15,7 +15,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
-from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.entries import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import layout_of
 from can_bridge.tools.measurement import groups_of, live_log, write_measurement
