@@ -53,9 +53,6 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
 """Older schema, which can be read. It has the truck's sensors by name, ten series, and facts in the provenance."""
-DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which can be read. It has float32 series, and the sum `Cd_slot` of pressure and viscous force."""
-SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
 """Series stored in double precision, because their values are commanded and not measured."""
@@ -154,8 +151,8 @@ def write(path: Path, dataset: Dataset) -> None:
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
     """Return the episodes of an existing data set; empty if there is no file. `facts` is the provenance that old and
-    new episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, has the first
-    schema, or has other sensors or an episode with other facts; the message states the first difference."""
+    new episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, or has other
+    sensors or an episode with other facts; the message states the first difference."""
     return _to_append(path, facts, layout).episodes
 
 
@@ -163,12 +160,6 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
     if not path.exists():
         return Dataset(episodes=(), layout=layout)
     there = read(path)
-    with opened(path) as file:
-        schema = _schema(path, file)
-    if schema == DATASET_SCHEMA_1:
-        raise DatasetError(
-            f"{path}: schema {schema!r}, episodes can be added only to {DATASET_SCHEMA!r} and the schema before"
-        )
     difference = there.layout.difference(layout)
     if difference is not None:
         raise DatasetError(f"{path}: its sensors differ from those of the new episodes, in {difference}")
@@ -192,7 +183,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
 
 def _schema(path: Path, file: h5py.File) -> str:
     schema = file.attrs.get("schema")
-    if schema not in SCHEMAS:
+    if schema not in (DATASET_SCHEMA, DATASET_SCHEMA_2):
         raise DatasetError(f"{path}: schema {schema!r}, this version reads {DATASET_SCHEMA!r}")
     return str(schema)
 
@@ -291,18 +282,13 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
     found: list[str] = []
     fields = node if isinstance(node, h5py.Group) else {}
     series: dict[str, Array] = {}
-    for field in _fields_of(schema):
+    for field in UNITS:
         if field in fields:
             array = _read_series(name, field, fields[field], found)
             if array is not None:
                 series[field] = array
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
-    if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The first schema has only the sum of the two forces on the slot faces. The sum is read as the pressure force,
-        # because the pressure force is the larger part.
-        series["Cd_slot_pressure"] = series.pop("Cd_slot")
-        series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {key: node.attrs[key] for key in _ATTRIBUTES if key in node.attrs}
     lacking = [(key, meaning) for key, meaning in _ATTRIBUTES.items() if key not in attributes]
     found += [f"episode {name}: attribute {key!r} is missing: {meaning}" for key, meaning in lacking]
@@ -337,15 +323,9 @@ _ATTRIBUTES: Final = {
 }
 
 
-def _fields_of(schema: str) -> tuple[str, ...]:
-    if schema != DATASET_SCHEMA_1:
-        return tuple(UNITS)
-    return tuple("Cd_slot" if field == "Cd_slot_pressure" else field for field in UNITS if field != "Cd_slot_viscous")
-
-
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
     """Read a series; multiply integers by their quantum. If the series is invalid, append a problem and return None."""
-    unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
+    unit, found = UNITS[field], stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"
         problems.append(f"episode {name}: field {field!r} {what}, must be in {unit!r}")
