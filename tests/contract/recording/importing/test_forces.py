@@ -63,8 +63,8 @@ def test_tables_are_read_whatever_holds_them(tmp_path):
             found = read_forces(path, renamed)
             assert found.clock == clock
             assert found.names == dict(zip(("t", "Cd", "Cl"), names, strict=True))
-            for name, values in found.values.items():
-                np.testing.assert_array_equal(values, VALUES[name])
+            for name, forces in found.values.items():
+                np.testing.assert_array_equal(forces, VALUES[name])
             np.testing.assert_array_equal(found.t, T)
     for values, text in (
         ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
