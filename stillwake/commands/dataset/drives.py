@@ -127,9 +127,9 @@ class DriveReader:
     shift_s: float
     channels: Sequence[str]
     zone: tzinfo | None
-    layout: SensorLayout
-    facts: PlantFacts
     loaded: Loaded
+    facts: PlantFacts
+    layout: SensorLayout
 
     def read(
         self, path: Path, name: str, role: "Role", forces: Path, progress: Callable[[str], None]

@@ -108,8 +108,6 @@ def import_(
             "--forces, --split, --channel, --log-zone and settings outside flow are for CAN logs; no log is given"
         )
     notes: list[str] = []
-    facts = _facts(loaded)
-    found = read_sensors(layout, symmetric=not asymmetric, told=_teller(notes))
     reader = drives.DriveReader(
         fill=fill,
         split=split,
@@ -119,9 +117,9 @@ def import_(
         shift_s=forces_shift,
         channels=channel,
         zone=zone,
-        layout=found,
-        facts=facts,
         loaded=loaded,
+        facts=_facts(loaded),
+        layout=read_sensors(layout, symmetric=not asymmetric, told=_teller(notes)),
     )
     made = _assembled(roles, reader, drives.forces_of(logs, forces), renamed, notes)
     write(output, made)
