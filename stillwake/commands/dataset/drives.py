@@ -59,18 +59,21 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
     are given without the name of a log."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
+    # Every run folder has a log named frames.log. If two logs share a name, only the whole path identifies a log.
+    names = [log.name for log in logs]
+    labels = {str(log): log for log in logs} | {log.name: log for log in logs if names.count(log.name) == 1}
     for text in forces:
-        log, file = _pair(text, logs)
-        if log is None:
-            general.append(file)
-        elif log in found:
-            raise DatasetError(f"--forces {text}: {log} has forces already")
+        label = next((one for one in labels if text.startswith(f"{one}=")), None)
+        if label is None:
+            general.append(Path(text))
+        elif labels[label] in found:
+            raise DatasetError(f"--forces {text}: {labels[label]} has forces already")
         else:
-            found[log] = file
+            found[labels[label]] = Path(text[len(label) + 1 :])
     if len(general) > 1:
-        names = ", ".join(str(path) for path in logs)
         raise DatasetError(
-            f"--forces {general[1]}: is the second file; with several, write LOG=FILE, where LOG is one of {names}"
+            f"--forces {general[1]}: is the second file; with several, write LOG=FILE, where LOG is one of "
+            f"{', '.join(map(str, logs))}"
         )
     for log in logs:
         if log not in found and not general:
@@ -79,17 +82,6 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
                 f"with t, Cd and Cl"
             )
     return {log: found.get(log) or general[0] for log in logs}
-
-
-def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
-    """Split LOG=FILE into a log and a file; the log is None if the text names no log."""
-    names = [log.name for log in logs]
-    for log in logs:
-        # Every run folder has a log named frames.log. If two logs share a name, only the whole path identifies a log.
-        for name in (str(log), *([log.name] if names.count(log.name) == 1 else [])):
-            if text.startswith(f"{name}="):
-                return log, Path(text[len(name) + 1 :])
-    return None, Path(text)
 
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:

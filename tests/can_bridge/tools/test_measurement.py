@@ -23,7 +23,8 @@ from can_bridge.wire.frame import Frame
 from contract.errors import BusError, StillwakeError
 from stillwake.console.endings import missing
 from tests.can_bridge.drives.drive_log import drive, log_of
-from tests.can_bridge.logs.log_texts import frames, identity
+from tests.can_bridge.logs.log_texts import identity
+from tests.can_bridge.logs.test_mdf import messages
 from tests.refused import refused
 
 small_mcap = pytest.importorskip("small_mcap")
@@ -78,11 +79,9 @@ def test_an_mcap_has_frames_and_channels_with_their_words_and_the_layout_draws_t
 
 def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
     """Of every kind; a file that is cut, or has no frame, is one line."""
-    sent, path = frames(40), tmp_path / "a.mcap"
-    sent.append(can.Message(timestamp=0.6, arbitration_id=0x7DF, is_remote_frame=True, dlc=5, is_extended_id=False))
-    sent += [can.Message(timestamp=0.61, arbitration_id=bit, is_error_frame=True) for bit in (0x8, 0x20)]
+    sent, path = messages(), tmp_path / "a.mcap"
     for k, one in enumerate(sent):
-        one.channel, one.is_rx, one.error_state_indicator = ("can0", "")[k % 2], k % 4 != 0, one.is_fd and k % 3 == 0
+        one.channel, one.error_state_indicator = one.channel if k % 3 else "", one.is_fd and k % 4 == 0
     run = ChannelGroup(name="Run", times_s=np.arange(3.0), channels=(NamedChannel("a", "", np.arange(3.0)),))
     write_measurement(path, sent, more=[run])
     log = CanLog(path)
@@ -90,7 +89,7 @@ def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
         assert (read.is_error_frame, read.arbitration_id) == (one.is_error_frame, one.arbitration_id)
         assert read.timestamp == pytest.approx(one.timestamp, rel=0, abs=1e-9)
         assert (identity(read), read.channel) == (identity(one), one.channel)
-    assert log.channels == {"can0": 22, "": 21} and log.events == {"record of Run": 3}
+    assert log.channels == {"": 23, "2": 22, "can1": 22} and log.events == {"record of Run": 3}
     whole = path.read_bytes()
     for length in [*range(0, len(whole), len(whole) // 20), len(whole) - 1]:
         path.write_bytes(whole[:length])
