@@ -6,6 +6,7 @@ quantum is a power of two, so that reading is exact, and writing unchanged data 
 
 import io
 import json
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.differences import differences
 from contract.errors import ConfigError, DatasetError
-from contract.recording.episode import FACTS, PlantFacts, facts_in, first_known, problems_of
+from contract.recording.episode import FACTS, PlantFacts, facts_in, problems_of
 from contract.recording.episode import REQUIRED as REQUIRED
 from contract.recording.episode import ROLES as ROLES
 from contract.recording.episode import UNITS as UNITS
@@ -103,7 +104,8 @@ class Dataset:
         """The plant's facts. A fact that `facts` does not state comes from the episodes' provenance. If neither states
         the control period, it comes from the times t."""
         given = () if self.facts is None else (self.facts,)
-        return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
+        facts = (*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes))
+        return PlantFacts(**ChainMap(*(one.known for one in facts)))
 
 
 def read(path: Path) -> Dataset:
@@ -140,7 +142,7 @@ def write(path: Path, dataset: Dataset) -> None:
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema"] = DATASET_SCHEMA
-        file.attrs.update({name: value for name, value in dataset.plant.as_dict().items() if value is not None})
+        file.attrs.update(dataset.plant.known)
         _write_layout(file.create_group("layout", track_order=True), dataset.layout)
         group = file.create_group("episodes", track_order=True)
         for episode in dataset.episodes:

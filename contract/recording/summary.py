@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from contract.recording.dataset import Dataset, Episode
+from contract.recording.episode import FACTS
 from contract.recording.findings import QUIET
 from contract.recording.needs import WINDOW_STEP, window_for_c
 from contract.recording.plausible import dominant_frequency, longest_run
@@ -45,8 +46,8 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
     plant, period = dataset.plant, dataset.plant.control_period
     yield "# Settings that follow from the data set; all other settings have the release's values."
     yield "[flow]"
-    for name, value in plant.as_dict().items():
-        yield f"{name} = {value!r}" if value is not None else f"# {name}: not known"
+    for name in FACTS:
+        yield f"{name} = {plant.known[name]!r}" if name in plant.known else f"# {name}: not known"
     calm = uncontrolled(dataset)
     calm = None if calm is None or len(calm) < LEAST_CALM else calm
     where = f"all episodes: none is uncontrolled for {LEAST_CALM} steps"

@@ -11,6 +11,7 @@ from rich.table import Column, Table
 from contract.atomic import replacing
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError
+from contract.recording.episode import FACTS
 from stillwake.console import options as shared
 from stillwake.console.settings import read_settings
 from stillwake.console.terminal import console
@@ -66,11 +67,9 @@ def inspect(
 def _print(data_set: "Dataset") -> None:
     console.print(episodes_table(data_set))
     console.print(sensors_line(data_set.layout))
-    facts = ", ".join(
-        f"{name.replace('_', ' ')} {'not known' if value is None else f'{value:g}'}"
-        for name, value in data_set.plant.as_dict().items()
-    )
-    console.print(facts)
+    known = data_set.plant.known
+    facts = (f"{name.replace('_', ' ')} {f'{known[name]:g}' if name in known else 'not known'}" for name in FACTS)
+    console.print(", ".join(facts))
 
 
 def _findings(file: Path, data_set: "Dataset", loaded: Loaded) -> list[tuple[str, str]]:
