@@ -190,10 +190,8 @@ class DriveReader:
                 INITIAL_ACTION: np.array([piece.initial_action]),
                 **forces.at(piece.time_s, **self._room(series)),
             }
-            named, made = (
-                name if len(series.pieces) == 1 else f"{name} {number}",
-                Contents(arrays=arrays, files=(path,)),
-            )
+            named = name if len(series.pieces) == 1 else f"{name} {number}"
+            made = Contents(arrays=arrays, files=(path,))
             sources.append(EpisodeSource(path=path, role=role, named=named, made=made, provenance=provenance))
         return sources
 
