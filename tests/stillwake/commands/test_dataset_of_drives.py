@@ -1,6 +1,5 @@
 """`stillwake dataset import` of logs: the loop's own capture is the recorded run, and faults end in one line."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -212,10 +211,3 @@ def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place):
     np.testing.assert_allclose(episode.series["t"], 0.16 * np.arange(200), atol=1e-9)
     # Forces in t_c of the vehicle's own speed.
     np.testing.assert_allclose(episode.series["Cd"], 1.0 + 0.1 * np.sin(0.16 * np.arange(200)), atol=1e-3)
-
-
-def test_a_measurement_without_asammdf_names_the_extra(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    (place.folder / "drive.mf4").touch()
-    monkeypatch.setitem(sys.modules, "asammdf", None)
-    outcome = place.call("--forces", place.folder / "forces.csv", log=place.folder / "drive.mf4")
-    assert (outcome.code, "pip install '.[mdf]'" in outcome.err) == (1, True)
