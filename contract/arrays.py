@@ -22,6 +22,12 @@ MOST_VALUES: Final = 2**27
 eight hours. A file with more values is refused before it is read."""
 
 
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """Return start and end (exclusive) of every run of True."""
+    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
 class ArrayValue:
     """A frozen dataclass with read-only arrays. Two instances are equal if all their values are equal. Subclasses are
     declared with eq=False, because the `__eq__` that `dataclass` generates cannot compare arrays."""

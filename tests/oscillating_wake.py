@@ -7,9 +7,6 @@ Array = npt.NDArray[np.float64]
 
 NAMES = ("p1", "p2", "p3", "p4")
 POSITIONS = ((0.4, 0.5), (0.4, -0.5), (1.0, 0.3), (1.0, -0.3))
-SENSORS = "name,x,y,base\n" + "".join(
-    f"{n},{x},{y},{int(x == 1)}\n" for n, (x, y) in zip(NAMES, POSITIONS, strict=True)
-)
 PERIOD, LIMIT = 0.3, 0.2
 FILES = {"sweep": (1, True), "calm": (2, False), "held_out": (3, True)}
 """Seed, and whether it is forced."""
@@ -28,10 +25,3 @@ def series(seed: int, forced: bool, steps: int = 300) -> dict[str, Array]:
         "Cd": 1.35 + 0.05 * np.cos(2 * phase) - action**2 + 0.01 * random.standard_normal(steps),
         "Cl": 0.8 * np.sin(phase) + action + 0.02 * random.standard_normal(steps),
     }
-
-
-def table(values: dict[str, Array]) -> str:
-    """As CSV in five digits."""
-    columns = np.column_stack([values[name] for name in ("t", "action", "Cd", "Cl", "Cp")])
-    rows = "\n".join(",".join(f"{value:.5g}" for value in row) for row in columns)
-    return f"t,action,Cd,Cl,{','.join(NAMES)}\n{rows}\n"

@@ -1,7 +1,7 @@
 """The pressures, commands and speeds in a log: our frames with a valid CRC on one channel, and counts of all others."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -10,12 +10,11 @@ import can
 
 from can_bridge.drives.counted_frames import CountedFrame
 from can_bridge.e2e.profiles import profile_of
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.securing import verify
 from can_bridge.wire.message_sets import SETS, MessageSet
 from can_bridge.wire.message_specs import MessageSpec
 from contract.errors import DatasetError
-
-Verify = Callable[[MessageSpec, bytes], int | None]
-"""A function that returns the freshness value of a secured message; None if its authentication code is wrong."""
 
 _SHOWN: Final = 12
 
@@ -26,7 +25,7 @@ class LogFrames:
 
     Attributes:
         channel: the only channel with valid frames of our messages; empty if the log has no channels.
-        pressures, commands, speeds: frames with a valid CRC, in the log's order; with `verify`, only authentic and
+        pressures, commands, speeds: frames with a valid CRC, in the log's order; with a key, only authentic and
             fresh frames.
         damaged: number of frames of these three messages with a wrong CRC or length.
         forged: number of frames with a wrong authentication code or an old freshness value.
@@ -48,7 +47,7 @@ def frames_of(
     messages: Iterable[can.Message],
     *,
     only: MessageSet | None = None,
-    verify: Verify | None = None,
+    key: Key | None = None,
     back_s: float,
 ) -> LogFrames:
     """Sort a log's messages by their kind. Raises DatasetError if no pressure or no command has a valid CRC, the
@@ -57,7 +56,7 @@ def frames_of(
     Args:
         path: file of the log, for error messages.
         only: the message set to read; by default, the set of the pressures in the log.
-        verify: check of secured messages; without it, freshness and authentication codes are not checked.
+        key: key of secured messages; without it, freshness and authentication codes are not checked.
         back_s: largest time in s by which a message's time may be before the latest time so far in the log.
     """
     buses: dict[str, _Bus] = {}
@@ -69,7 +68,7 @@ def frames_of(
             others["error frames" if message.is_error_frame else "remote frames"] += 1
             continue
         channel = "" if message.channel is None else str(message.channel)
-        buses.setdefault(channel, _Bus()).add(message, specs, verify, back_s)
+        buses.setdefault(channel, _Bus()).add(message, specs, key, back_s)
     channel = _channel_of(path, buses, specs)
     bus = buses.get(channel, _Bus())
     if bus.goes_back is not None:
@@ -117,7 +116,7 @@ class _Bus:
         self._fresh: dict[int, int] = {}
         self._latest = float("-inf")
 
-    def add(self, message: can.Message, specs: Mapping[int, MessageSpec], verify: Verify | None, back_s: float) -> None:
+    def add(self, message: can.Message, specs: Mapping[int, MessageSpec], key: Key | None, back_s: float) -> None:
         # A 29-bit identifier belongs to another node, so its number here must differ from every 11-bit identifier.
         frame_id = message.arbitration_id + (message.is_extended_id << 32)
         self.seen[frame_id] += 1
@@ -131,8 +130,8 @@ class _Bus:
             self.damaged[frame_id] += 1
             return
         self.sound[frame_id] += 1
-        if spec.is_secured and verify is not None:
-            freshness = verify(spec, data)
+        if spec.is_secured and key is not None:
+            freshness = verify(data, spec, key)
             # An equal freshness value means that the frame was repeated; the counters show which frames are repeated.
             if freshness is None or freshness < self._fresh.get(frame_id, 0):
                 self.forged[frame_id] += 1

@@ -48,20 +48,6 @@ class Scales:
         return self.point.period_ns(self.period) * 1e-9
 
 
-class Samples(NamedTuple):
-    """The contents of the n frames of a `FrameStretch`.
-
-    Attributes:
-        pressure_pa: pressures in Pa, (n, 4); NaN if a sensor was invalid or the frame's pressures were too old.
-        sampled_s: sampling times in s on the log's clock, (n,).
-        stale: number of frames whose pressures were a period old or older when they were sent, so that they fit no row.
-    """
-
-    pressure_pa: Array
-    sampled_s: Array
-    stale: int
-
-
 class SenderClock(NamedTuple):
     """The sender's periods on the log's clock.
 
@@ -76,15 +62,17 @@ class SenderClock(NamedTuple):
     jitter_s: float
 
 
-def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> Samples:
-    """Return the contents of the frames; pressures are NaN in a frame that cannot be parsed."""
+def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> tuple[Array, Array, int]:
+    """Return the contents of the stretch's n frames: pressures in Pa, (n, 4), sampling times in s on the log's clock,
+    (n,), and the number of frames whose pressures were a period old or older when they were sent, so that they fit no
+    row. Pressures are NaN if a sensor was invalid, the pressures were too old, or the frame cannot be parsed."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
     valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
     age_s = np.array([0.0 if one is None else one.age_ns * 1e-9 for one in parsed])
     fresh = age_s < period_s
     pressure[~(valid & fresh[:, None])] = np.nan
-    return Samples(pressure, stretch.time_s - np.where(fresh, age_s, 0.0), int((~fresh).sum()))
+    return pressure, stretch.time_s - np.where(fresh, age_s, 0.0), int((~fresh).sum())
 
 
 def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = None) -> SenderClock:

@@ -10,7 +10,7 @@ import numpy as np
 from can_bridge.drives.log_periods import SenderClock
 from can_bridge.drives.vehicle_speed import Travel
 from can_bridge.wire.messages import SENSORS
-from contract.arrays import Array, Mask
+from contract.arrays import Array, Mask, runs
 from contract.errors import DatasetError
 
 SHORTEST_PIECE: Final = 16
@@ -79,20 +79,21 @@ class Cutter:
         self.ever_valid |= present[:, :SENSORS].any(axis=0)
         whole = np.flatnonzero(present.all(axis=1))
         if not len(whole):
-            self._note(f"none of the {len(table) - 1} rows {self._at(clock, 1)} is complete: left out")
+            self.lines.append(f"none of the {len(table) - 1} rows {self._at(clock, 1)} is complete: left out")
             return
         # Missing rows at the ends are not gaps: the log began before the ECU, or ended between two frames.
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
-            self._note(
+            self.lines.append(
                 f"{self._at(clock, 1)}, {head - 1} rows before the first complete row are left out, and "
                 f"{len(table) - tail} after the last"
             )
-        cut = np.zeros(tail, dtype=np.bool_)
+        before = np.arange(tail) < head
+        cut = before.copy()
         short: list[tuple[str, int, int]] = []
         told = set[str]()
         for name, columns in self._groups(present[head:tail]):
-            for a, b in _runs(np.any(~present[head:tail, columns], axis=1), head):
+            for a, b in runs(np.any(~present[:tail, columns], axis=1) & ~before):
                 what = name if moves[a:b].all() else "speed of a moving vehicle"
                 where = f"no {what} for {b - a} control period{'s' * (b - a > 1)} {self._at(clock, a)}"
                 if where in told:
@@ -105,8 +106,8 @@ class Cutter:
                     short.append((where, a, b))
         lines = [where for where, a, b in short if not cut[a:b].all()]
         for line in (*lines[:_SHOWN], *([f"and {len(lines) - _SHOWN} more such gaps"] if lines[_SHOWN:] else ())):
-            self._note(f"{line}: filled")
-        for a, b in _runs(~cut[head:tail], head):
+            self.lines.append(f"{line}: filled")
+        for a, b in runs(~cut):
             self._keep(table, a, b, clock)
 
     def _groups(self, present: Mask) -> list[tuple[str, list[int]]]:
@@ -128,7 +129,7 @@ class Cutter:
         begins = whole[np.isfinite(action[whole - 1]) | (action[whole] == 0.0)]
         count = int(whole[-1]) + 1 - int(begins[0]) if len(begins) else 0
         if count < SHORTEST_PIECE:
-            self._note(f"a piece of {count} rows {self._at(clock, a)} is left out: too short")
+            self.lines.append(f"a piece of {count} rows {self._at(clock, a)} is left out: too short")
             return
         begin = int(begins[0])
         rows = np.arange(count)
@@ -151,10 +152,7 @@ class Cutter:
     def _cut(self, what: str, why: str = "") -> None:
         if not self._split:
             raise DatasetError(f"{self._path}: {what}{why}; --split makes separate episodes of both parts")
-        self._note(f"{what}: cut there")
-
-    def _note(self, line: str) -> None:
-        self.lines.append(f"{self._path}: {line}")
+        self.lines.append(f"{what}: cut there")
 
     def _at(self, clock: SenderClock, place: int) -> str:
         return f"at {max(0.0, clock.start_s + clock.period_s * (place - 1) - self._begin_s):.3f} s"
@@ -175,9 +173,3 @@ def resampled(piece: Piece, travel: Travel, period: float) -> Piece:
         action=np.interp(wanted + period, way, reached),
         initial_action=float(np.interp(wanted[0], way, reached)),
     )
-
-
-def _runs(mask: Mask, start: int) -> list[tuple[int, int]]:
-    """Return start and end (exclusive) of every run of True in a mask that begins at the position `start`."""
-    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)) + start
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -15,11 +15,12 @@ import can
 import numpy as np
 
 from can_bridge.drives.counted_frames import number, usual_interval, without_repeats
-from can_bridge.drives.log_frames import Verify, frames_of
+from can_bridge.drives.log_frames import frames_of
 from can_bridge.drives.log_periods import Scales, SenderClock, clock_of, coefficients_of, samples_of, table_of
 from can_bridge.drives.log_pieces import SHORTEST_PIECE, Cutter, Piece, resampled
 from can_bridge.drives.vehicle_speed import Travel, VehicleSpeeds, vehicle_speeds
 from can_bridge.e2e.profiles import profile_of
+from can_bridge.secoc.key import Key
 from can_bridge.wire.message_sets import MessageSet
 from contract.arrays import Array, Mask
 from contract.config.operating_point import OperatingPoint
@@ -39,11 +40,13 @@ _STANDS: Final = 0.2
 period in W. The pressures are then as small as their resolution."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LogReport:
-    """A report of the data that were read from a log, and of the data that were not read.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogSeries:
+    """The pieces of a log in the order of time, and a report of the data that were read, and that were not read.
 
     Attributes:
+        start_s: time of the log's first row in s on the log's clock; `travel` is counted from this time.
+        period_s: the sender's period in s on the log's clock.
         messages: name of the message set.
         speed: smallest, median and largest speed of the vehicle in the log in m/s, the median while the vehicle moves;
             None if the log has no speed.
@@ -57,9 +60,14 @@ class LogReport:
         stale: number of frames whose pressures were a period old or older when they were sent.
         drift: relative difference between the sender's period, measured on the log's clock, and its nominal value.
         jitter_s: largest difference in s between the time of a pressure frame and its row's time.
+        gaps: a line of text for each gap, with times in s after the log's first pressure.
         checked: whether authentication codes were checked; None for messages without such codes.
     """
 
+    pieces: tuple[Piece, ...]
+    start_s: float
+    travel: Travel
+    period_s: float
     messages: str
     channel: str
     speed: tuple[float, float, float] | None
@@ -77,18 +85,6 @@ class LogReport:
     checked: bool | None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LogSeries:
-    """The pieces of a log in the order of time. `travel` is counted from `start_s`, the time of the log's first row.
-    `start_s` and the sender's period, `period_s`, are on the log's clock."""
-
-    pieces: tuple[Piece, ...]
-    start_s: float
-    travel: Travel
-    period_s: float
-    report: LogReport
-
-
 def series_of(
     path: Path,
     messages: Iterable[can.Message],
@@ -98,7 +94,7 @@ def series_of(
     split: bool,
     sensors: Sequence[str] = ("0", "1", "2", "3"),
     only: MessageSet | None = None,
-    verify: Verify | None = None,
+    key: Key | None = None,
 ) -> LogSeries:
     """Return a drive's series. Raises DatasetError if the log lacks data, has another period, or has a long gap without
     `split`.
@@ -108,9 +104,9 @@ def series_of(
         fill: longest gap that is filled, in control periods.
         split: whether a longer gap divides the drive into two pieces; otherwise such a gap raises an error.
         sensors: names of the pressures, for the report.
-        only, verify: see `frames_of`.
+        only, key: see `frames_of`.
     """
-    log = frames_of(path, messages, only=only, verify=verify, back_s=scales.period_s)
+    log = frames_of(path, messages, only=only, key=key, back_s=scales.period_s)
     modulus, command_modulus = (
         profile_of(one.spec).counter_period for one in (log.messages.pressure, log.messages.command)
     )
@@ -127,16 +123,16 @@ def series_of(
         nominal_s = nominal_s if abs(interval_s / nominal_s - 1.0) <= _DRIFT else interval_s
         point = _point_of(path, speeds, nominal_s, scales)
     stretches, repeated, misplaced = number(log.pressures, period_s=nominal_s, modulus=modulus)
-    samples = [samples_of(one, log.messages, nominal_s) for one in stretches]
+    pressures, sampled_s, stale = zip(*(samples_of(one, log.messages, nominal_s) for one in stretches), strict=True)
     # The sender's period on the log's clock is found by a fit to the longest `FrameStretch`, if it is long enough.
     period_s = nominal_s
     longest = max(range(len(stretches)), key=lambda i: len(stretches[i]))
     if len(stretches[longest]) >= SHORTEST_PIECE:
-        clock = clock_of(stretches[longest], samples[longest].sampled_s)
+        clock = clock_of(stretches[longest], sampled_s[longest])
         if speeds is None:
             _check_drift(path, clock, len(stretches[longest]), scales)
         period_s = clock.period_s
-    clocks = [clock_of(a, b.sampled_s, period_s) for a, b in zip(stretches, samples, strict=True)]
+    clocks = [clock_of(one, times, period_s) for one, times in zip(stretches, sampled_s, strict=True)]
     pace, start_s = period_s / nominal_s, clocks[0].start_s
     travel = Travel.steady(start_s, point.convective_time * pace)
     if speeds is not None:
@@ -148,7 +144,7 @@ def series_of(
     for i, (stretch, clock) in enumerate(zip(stretches, clocks, strict=True)):
         until = begins[i + 1] if i + 1 < len(begins) else np.inf
         here = [one for one in commands if begins[i] - period_s <= one.time_s < until]
-        table = table_of(stretch, samples[i].pressure_pa, here, log.messages, clock, modulus)
+        table = table_of(stretch, pressures[i], here, log.messages, clock, modulus)
         lost[0] += len(table) - 1 - len(stretch)
         lost[1] += int(np.isnan(table[1:, -1]).sum())
         speed, density = _air(speeds, clock, len(table), nominal_s, replace(scales, point=point))
@@ -178,7 +174,11 @@ def series_of(
         "with a repeated speed, or a speed that no vehicle reaches so fast": 0 if speeds is None else speeds.left_out,
         **log.others,
     }
-    report = LogReport(
+    return LogSeries(
+        pieces=tuple(pieces),
+        start_s=start_s,
+        travel=travel,
+        period_s=period_s,
         messages=log.messages.name,
         channel=log.channel,
         speed=None if speeds is None else (speeds.speed.min(), point.speed, speeds.speed.max()),
@@ -189,13 +189,12 @@ def series_of(
         unused={reason: count for reason, count in unused.items() if count},
         lost=(lost[0], lost[1]),
         filled=(cutter.filled[0], cutter.filled[1]),
-        stale=sum(one.stale for one in samples),
+        stale=sum(stale),
         drift=pace - 1.0,
         jitter_s=max(clock.jitter_s for clock in clocks),
         gaps=tuple(cutter.lines),
-        checked=(verify is not None) if log.messages.pressure.spec.is_secured else None,
+        checked=(key is not None) if log.messages.pressure.spec.is_secured else None,
     )
-    return LogSeries(pieces=tuple(pieces), start_s=start_s, travel=travel, period_s=period_s, report=report)
 
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:

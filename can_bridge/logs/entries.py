@@ -1,9 +1,10 @@
-"""The entries that every reader of logs yields, and functions that the readers share: encodings, names, bytes."""
+"""The parts that the formats of logs and measurements share: entries, named channels, encodings, names, bytes."""
 
 import io
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from datetime import datetime
 from gzip import GzipFile
 from typing import BinaryIO, Final, NamedTuple, cast
@@ -12,6 +13,7 @@ import can
 
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, MAX_EXTENDED_ID
 from can_bridge.wire.message_specs import SPECS
+from contract.arrays import Array
 
 HEADER_LINE: Final = "header"
 COMMENT: Final = "comment"
@@ -128,3 +130,38 @@ def lines_of(file: Binary) -> Lines:
     for number, line in enumerate(io.TextIOWrapper(raw, encoding=encoding, errors=errors), 1):
         if line.strip():
             yield number, line
+
+
+class NamedChannel(NamedTuple):
+    """A quantity over the times of its group.
+
+    Attributes:
+        unit: unit as in `contract/stillwake.dbc`; empty if there is none.
+        values: one value for each of the group's n times, (n,); NaN where there is no value.
+        words: names of the values, for an enumeration; empty for a number.
+    """
+
+    name: str
+    unit: str
+    values: Array
+    words: Mapping[int, str] = {}
+
+    @property
+    def identifier(self) -> str:
+        """The name with its unit, for formats that have no field for units: Pressure0_Pa, Speed_m_per_s."""
+        return re.sub(r"\W+", "_", f"{self.name} {self.unit.replace('/', '_per_')}".strip())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChannelGroup:
+    """Channels with common times.
+
+    Attributes:
+        name: name of the message, or of a part of a run; unique in a file.
+        times_s: the n times of the values in s, (n,), not decreasing.
+    """
+
+    name: str
+    times_s: Array
+    channels: tuple[NamedChannel, ...]
+    comment: str = ""

@@ -10,8 +10,7 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from can_bridge.logs.channels import ChannelGroup
-from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent, error_frame, frame
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, ChannelGroup, Entry, LogEvent, error_frame, frame
 from can_bridge.wire.message_specs import SPECS
 from contract.atomic import replacing
 from contract.errors import BusError, install

@@ -21,8 +21,7 @@ import can
 import numpy as np
 
 from can_bridge.logs import entries
-from can_bridge.logs.channels import ChannelGroup, NamedChannel
-from can_bridge.logs.entries import BRS, ESI, FD_FRAME, Entry, LogEvent
+from can_bridge.logs.entries import BRS, ESI, FD_FRAME, ChannelGroup, Entry, LogEvent, NamedChannel
 from can_bridge.wire.frame import FD_LENGTHS
 from contract.atomic import replacing
 from contract.errors import BusError, install

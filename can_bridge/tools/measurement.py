@@ -1,27 +1,37 @@
 """Measurements: the frames of a log together with their signals as named channels, in one file.
 
 A `.mf4` file is for asammdf's window, CANape and vSignalyzer. An `.mcap` file is for Foxglove, Rerun and PlotJuggler.
+
+A node on a real bus writes a text file while it runs, and its measurement at its end. A process that is killed leaves
+the text file `.NAME.PID.log`, in candump's format, in the measurement's folder.
 """
 
+import os
 import re
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any, Final
 
 import can
 import numpy as np
 
+from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.profiles import profile_of
-from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.entries import ChannelGroup, NamedChannel
+from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import write_mcap
 from can_bridge.logs.mdf_file import asammdf_for, write_mdf
 from can_bridge.tools.raw_bus import frame_of
 from can_bridge.tools.signals import SignalValue, decode
+from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode, Reason
-from contract.atomic import check_writable
-from contract.errors import BusError
+from contract.atomic import check_writable, leads_to
+from contract.errors import BusError, StillwakeError
 
 MEASUREMENTS: Final = (".mf4", ".mcap")
 _ENUMS: Final = {"Mode": Mode, "State": Mode, "Reason": Reason}
@@ -31,6 +41,8 @@ WORDS: Final[Mapping[str, Mapping[int, str]]] = {
 """Names of the values of signals that are enumerations."""
 _IN_THE_FRAME: Final = ("Freshness", "MAC")
 """Signals of 64 bits. They get no channel, because the numbers of a channel are too short for 64 bits."""
+_PAUSE_S: Final = 0.05
+"""Pause in s between two writes of a live log: short, because a control step may have to wait for a write."""
 
 
 def check_measurement(path: Path) -> None:
@@ -104,3 +116,73 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
         full = name if channel == first else re.sub(r"\W+", "_", f"{name}_{channel}")
         groups.append(ChannelGroup(name=full, times_s=np.array(times), channels=channels, comment=f"channel {channel}"))
     return groups, skipped
+
+
+@contextmanager
+def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
+    """Yield a function that stores a frame and whether the frame was received. Any thread may call this function, and
+    the function never waits. When the `with` block ends, also by an error, the measurement is written. Without a path
+    nothing is stored.
+
+    Times are the computer's date and time at the start of the log, plus the time that its monotonic clock has measured
+    since. Raises StillwakeError if the measurement cannot be written, unless the block has already raised an error.
+    """
+    if path is None:
+        yield lambda frame, received: None
+        return
+    check_measurement(path)
+    place = leads_to(path)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    stream = place.with_name(f".{path.name}.{os.getpid()}.log")
+    log = _Log(stream)
+    try:
+        try:
+            yield log.put
+        except BaseException:
+            log.close()
+            with suppress(StillwakeError):
+                write_measurement(path, CanLog(stream))
+            raise
+        log.close()
+        if log.fault is not None:
+            raise StillwakeError(f"{path}: the log is not complete: {log.fault.strerror or log.fault}")
+        write_measurement(path, CanLog(stream))
+    finally:
+        with suppress(OSError):
+            stream.unlink()
+
+
+class _Log:
+    """A thread that writes frames. `fault` is the error that ended the thread."""
+
+    def __init__(self, stream: Path) -> None:
+        self.fault: OSError | None = None
+        self._frames = deque[tuple[int, Frame, bool]]()
+        self._from_ns = time.time_ns() - time.monotonic_ns()
+        self._ends = Event()
+        self._writer = can.CanutilsLogWriter(stream)
+        self._thread = Thread(target=self._write, name="can-log", daemon=True)
+        self._thread.start()
+
+    def put(self, frame: Frame, received: bool) -> None:
+        if self.fault is None:
+            self._frames.append((self._from_ns + time.monotonic_ns(), frame, received))
+
+    def close(self) -> None:
+        self._ends.set()
+        self._thread.join()
+
+    def _write(self) -> None:
+        try:
+            with self._writer:
+                ends = False
+                while not ends:
+                    ends = self._ends.wait(_PAUSE_S)
+                    batch = [self._frames.popleft() for _ in range(len(self._frames))]
+                    for time_ns, frame, received in sorted(batch, key=lambda one: one[0]):
+                        message = to_message(frame)
+                        message.timestamp, message.is_rx = time_ns / 1e9, received
+                        self._writer.on_message_received(message)
+                    self._writer.file.flush()
+        except OSError as error:
+            self.fault = error

@@ -100,7 +100,7 @@ def _of_classic_pressure(value: Pressure) -> Iterator[SignalValue]:
     yield SignalValue("EnableRequest", int(value.enable_request))
     yield SignalValue("Age", STALE_MS if value.age_ns == STALE_NS else value.age_ns / 1e6, "ms")
     for i, (pressure, valid) in enumerate(zip(value.pressure_pa, value.valid, strict=True)):
-        yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID_PA, "INVALID_PA")
+        yield _or_word(f"Pressure{i}", pressure if valid else None, "Pa", INVALID_PA, "INVALID")
 
 
 def _of_speed(value: VehicleSpeed) -> Iterator[SignalValue]:

@@ -6,6 +6,7 @@ quantum is a power of two, so that reading is exact, and writing unchanged data 
 
 import io
 import json
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from contract.arrays import Array
 from contract.atomic import replacing
 from contract.differences import differences
 from contract.errors import ConfigError, DatasetError
-from contract.recording.episode import FACTS, PlantFacts, facts_in, first_known, problems_of
+from contract.recording.episode import FACTS, PlantFacts, facts_in, problems_of
 from contract.recording.episode import REQUIRED as REQUIRED
 from contract.recording.episode import ROLES as ROLES
 from contract.recording.episode import UNITS as UNITS
@@ -53,9 +54,6 @@ def unpack(integers: npt.NDArray[np.int16], quantum: float) -> Array:
 DATASET_SCHEMA: Final = "stillwake-dataset/3"
 DATASET_SCHEMA_2: Final = "stillwake-dataset/2"
 """Older schema, which can be read. It has the truck's sensors by name, ten series, and facts in the provenance."""
-DATASET_SCHEMA_1: Final = "stillwake-dataset/1"
-"""First schema, which can be read. It has float32 series, and the sum `Cd_slot` of pressure and viscous force."""
-SCHEMAS: Final = (DATASET_SCHEMA, DATASET_SCHEMA_2, DATASET_SCHEMA_1)
 
 EXACT_SERIES: Final = frozenset({"t", "action"})
 """Series stored in double precision, because their values are commanded and not measured."""
@@ -106,7 +104,8 @@ class Dataset:
         """The plant's facts. A fact that `facts` does not state comes from the episodes' provenance. If neither states
         the control period, it comes from the times t."""
         given = () if self.facts is None else (self.facts,)
-        return first_known([*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes)])
+        facts = (*given, *(facts_in(item.provenance) for item in self.episodes), _clock(self.episodes))
+        return PlantFacts(**ChainMap(*(one.known for one in facts)))
 
 
 def read(path: Path) -> Dataset:
@@ -132,12 +131,6 @@ def survey(path: Path) -> tuple[Dataset | None, tuple[str, ...]]:
     return dataset, tuple(problems)
 
 
-def schema_of(path: Path) -> str:
-    """Return the schema that a data set's file states. Raises DatasetError for a schema that is not supported."""
-    with opened(path) as file:
-        return _schema(path, file)
-
-
 def write(path: Path, dataset: Dataset) -> None:
     """Write a data set, completely or not at all.
 
@@ -149,7 +142,7 @@ def write(path: Path, dataset: Dataset) -> None:
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["schema"] = DATASET_SCHEMA
-        file.attrs.update({name: value for name, value in dataset.plant.as_dict().items() if value is not None})
+        file.attrs.update(dataset.plant.known)
         _write_layout(file.create_group("layout", track_order=True), dataset.layout)
         group = file.create_group("episodes", track_order=True)
         for episode in dataset.episodes:
@@ -160,8 +153,8 @@ def write(path: Path, dataset: Dataset) -> None:
 
 def read_to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout = TRUCK) -> tuple[Episode, ...]:
     """Return the episodes of an existing data set; empty if there is no file. `facts` is the provenance that old and
-    new episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, has the first
-    schema, or has other sensors or an episode with other facts; the message states the first difference."""
+    new episodes must share, such as the flow's settings. Raises DatasetError if the file is no data set, or has other
+    sensors or an episode with other facts; the message states the first difference."""
     return _to_append(path, facts, layout).episodes
 
 
@@ -169,11 +162,6 @@ def _to_append(path: Path, facts: Mapping[str, Any], layout: SensorLayout) -> Da
     if not path.exists():
         return Dataset(episodes=(), layout=layout)
     there = read(path)
-    schema = schema_of(path)
-    if schema == DATASET_SCHEMA_1:
-        raise DatasetError(
-            f"{path}: schema {schema!r}, episodes can be added only to {DATASET_SCHEMA!r} and the schema before"
-        )
     difference = there.layout.difference(layout)
     if difference is not None:
         raise DatasetError(f"{path}: its sensors differ from those of the new episodes, in {difference}")
@@ -197,7 +185,7 @@ def append(path: Path, episodes: Sequence[Episode], facts: Mapping[str, Any], la
 
 def _schema(path: Path, file: h5py.File) -> str:
     schema = file.attrs.get("schema")
-    if schema not in SCHEMAS:
+    if schema not in (DATASET_SCHEMA, DATASET_SCHEMA_2):
         raise DatasetError(f"{path}: schema {schema!r}, this version reads {DATASET_SCHEMA!r}")
     return str(schema)
 
@@ -272,17 +260,23 @@ def _write_episode(node: h5py.Group, episode: Episode) -> None:
     for name, unit in UNITS.items():
         if name not in episode.series:
             continue
-        values: npt.NDArray[Any] = episode.series[name]
-        attributes: dict[str, Any] = {"units": unit}
-        if name not in EXACT_SERIES:
-            finest = CP_QUANTUM if name == "Cp" else QUANTUM
-            try:
-                values, attributes["quantum"] = pack(values, finest, COARSEST_QUANTUM)
-            except ValueError as error:
-                raise DatasetError(f"episode {episode.name}: field {name!r} {error}") from error
+        values, quantum = packed(episode, name)
+        attributes = {"units": unit} | ({} if quantum is None else {"quantum": quantum})
         chunk = (min(_CHUNK, len(values)), *values.shape[1:])
-        packed = {"chunks": chunk, "compression": "gzip", "compression_opts": 9, "shuffle": True}
-        node.create_dataset(name, data=values, **packed).attrs.update(attributes)
+        storage = {"chunks": chunk, "compression": "gzip", "compression_opts": 9, "shuffle": True}
+        node.create_dataset(name, data=values, **storage).attrs.update(attributes)
+
+
+def packed(episode: Episode, name: str) -> tuple[npt.NDArray[Any], float | None]:
+    """Return a series as it is stored: 16-bit integers and their quantum, or unchanged without a quantum. Raises
+    DatasetError if the series exceeds the range of 16 bits."""
+    values = episode.series[name]
+    if name in EXACT_SERIES:
+        return values, None
+    try:
+        return pack(values, CP_QUANTUM if name == "Cp" else QUANTUM, COARSEST_QUANTUM)
+    except ValueError as error:
+        raise DatasetError(f"episode {episode.name}: field {name!r} {error}") from error
 
 
 def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, problems: list[str]) -> Episode | None:
@@ -290,18 +284,13 @@ def _read_episode(name: str, node: h5py.Group | h5py.Dataset, schema: str, probl
     found: list[str] = []
     fields = node if isinstance(node, h5py.Group) else {}
     series: dict[str, Array] = {}
-    for field in _fields_of(schema):
+    for field in UNITS:
         if field in fields:
             array = _read_series(name, field, fields[field], found)
             if array is not None:
                 series[field] = array
         elif field in REQUIRED or schema != DATASET_SCHEMA:
             found.append(f"episode {name}: field {field!r} is missing")
-    if schema == DATASET_SCHEMA_1 and "Cd_slot" in series:
-        # The first schema has only the sum of the two forces on the slot faces. The sum is read as the pressure force,
-        # because the pressure force is the larger part.
-        series["Cd_slot_pressure"] = series.pop("Cd_slot")
-        series["Cd_slot_viscous"] = np.zeros_like(series["Cd_slot_pressure"])
     attributes = {key: node.attrs[key] for key in _ATTRIBUTES if key in node.attrs}
     lacking = [(key, meaning) for key, meaning in _ATTRIBUTES.items() if key not in attributes]
     found += [f"episode {name}: attribute {key!r} is missing: {meaning}" for key, meaning in lacking]
@@ -336,15 +325,9 @@ _ATTRIBUTES: Final = {
 }
 
 
-def _fields_of(schema: str) -> tuple[str, ...]:
-    if schema != DATASET_SCHEMA_1:
-        return tuple(UNITS)
-    return tuple("Cd_slot" if field == "Cd_slot_pressure" else field for field in UNITS if field != "Cd_slot_viscous")
-
-
 def _read_series(name: str, field: str, stored: h5py.Dataset, problems: list[str]) -> Array | None:
     """Read a series; multiply integers by their quantum. If the series is invalid, append a problem and return None."""
-    unit, found = UNITS.get(field, "1"), stored.attrs.get("units")
+    unit, found = UNITS[field], stored.attrs.get("units")
     if found != unit:
         what = "has no attribute 'units'" if found is None else f"is in {found!r}"
         problems.append(f"episode {name}: field {field!r} {what}, must be in {unit!r}")

@@ -4,8 +4,7 @@ Sample k holds Cp and the forces at t_k, and the action a_k commanded at t_k. Th
 from a_{k-1} to a_k over [t_k, t_{k+1}]. Cd and Cl are pressure and viscous force on the wall without the slot faces.
 """
 
-from collections import ChainMap
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import isfinite
 from typing import Any, Final, Literal, get_args
@@ -38,13 +37,14 @@ class PlantFacts:
     reynolds: float | None = None
 
     def __post_init__(self) -> None:
-        for name, value in self.as_dict().items():
-            if value is not None and not (isfinite(value) and value > 0):
+        for name, value in self.known.items():
+            if not (isfinite(value) and value > 0):
                 raise DatasetError(f"{name} = {value}: must be positive and finite")
 
-    def as_dict(self) -> dict[str, float | None]:
-        """Return the facts by the names of the settings in `flow`, in order."""
-        return {name: getattr(self, name) for name in FACTS}
+    @property
+    def known(self) -> dict[str, float]:
+        """The known facts by the names of the settings in `flow`, in order."""
+        return {name: value for name, value in vars(self).items() if value is not None}
 
 
 FACTS: Final = tuple(item.name for item in fields(PlantFacts))
@@ -55,17 +55,8 @@ def facts_in(provenance: Mapping[str, Any]) -> PlantFacts:
     """Return the facts that an episode's provenance states under "flow"."""
     flow = provenance.get("flow")
     found = flow if isinstance(flow, Mapping) else {}
-    return PlantFacts(**{name: _number(found.get(name)) for name in FACTS})
-
-
-def first_known(facts: Iterable[PlantFacts]) -> PlantFacts:
-    """Combine facts: each fact gets its value from the first item that states a value."""
-    known = [{name: value for name, value in one.as_dict().items() if value is not None} for one in facts]
-    return PlantFacts(**ChainMap(*known))
-
-
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    numbers = {name: value for name in FACTS if isinstance(value := found.get(name), int | float)}
+    return PlantFacts(**{name: float(value) for name, value in numbers.items() if not isinstance(value, bool)})
 
 
 Role = Literal["train", "test", "extended", "controlled", "calm"]

@@ -11,7 +11,7 @@ from contract.config.tree import Config
 from contract.errors import DatasetError
 from contract.recording import needs
 from contract.recording.dataset import Dataset, Episode
-from contract.recording.episode import FACTS, facts_in
+from contract.recording.episode import facts_in
 from contract.recording.needs import Need
 from contract.recording.plausible import dominant_frequency, implausible, longest_run, share_near
 
@@ -80,7 +80,7 @@ def _of_role(dataset: Dataset, role: str) -> list[Episode]:
 
 def agreeing(dataset: Dataset, config: Config) -> Config:
     """Return the settings with values of `config.flow` replaced by the known facts of the data set's plant."""
-    known: dict[str, Any] = {name: value for name, value in dataset.plant.as_dict().items() if value is not None}
+    known: dict[str, Any] = dict(dataset.plant.known)
     return replace(config, flow=replace(config.flow, **known))
 
 
@@ -109,9 +109,9 @@ def left_out(dataset: Dataset, config: Config) -> tuple[str, ...]:
 
 
 def _disagreements(dataset: Dataset, config: Config) -> Iterator[str]:
-    for name, value in dataset.plant.as_dict().items():
+    for name, value in dataset.plant.known.items():
         setting = getattr(config.flow, name)
-        if value is not None and abs(value - setting) > _SAME * abs(value):
+        if abs(value - setting) > _SAME * abs(value):
             yield (
                 f"{name.replace('_', ' ')} is {value:g} in the data set, flow.{name} = {setting:g} in the settings: "
                 f"use --set flow.{name}={value!r}, or --set with what `stillwake dataset inspect FILE --settings` "
@@ -128,10 +128,9 @@ def _missing_roles(dataset: Dataset) -> Iterator[str]:
 
 def _of_episode(episode: Episode, dataset: Dataset, config: Config) -> Iterator[str]:
     plant, name = dataset.plant, episode.name
-    own = facts_in(episode.provenance).as_dict()
-    for fact in FACTS:
-        here, there = own[fact], getattr(plant, fact)
-        if here is not None and there is not None and abs(here - there) > _SAME * abs(there):
+    for fact, here in facts_in(episode.provenance).known.items():
+        there = getattr(plant, fact)
+        if there is not None and abs(here - there) > _SAME * abs(there):
             yield f"episode {name}: its provenance has flow.{fact} = {here:g}, the data set has {there:g}"
     period = plant.control_period or config.flow.control_period
     problem = clock_problem(episode.series["t"], period)
@@ -241,7 +240,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
         why = f"{alone[0]} for example: no sensor is at (x, -y)" if alone else "because body or jets are not symmetric"
         yield f"the sensors have no mirror images, {why}; so training has no mirrored data, only the recording"
     yield from implausible(dataset)
-    yield from (item.text for item in asymmetry(dataset))
+    yield from asymmetry(dataset)
     yield from _units(dataset)
     yield from _forcing(dataset)
     training = _of_role(dataset, "train")
@@ -259,7 +258,7 @@ def _hints(dataset: Dataset, config: Config) -> Iterator[str]:
         )
 
 
-def asymmetry(dataset: Dataset) -> Iterator[Finding]:
+def asymmetry(dataset: Dataset) -> Iterator[str]:
     """Report mirrored sensors whose mean pressures differ. Such a recording has no valid mirror image."""
     mirror, training = dataset.layout.mirror, [item.series["Cp"] for item in _of_role(dataset, "train")]
     if mirror is None or not training:
@@ -270,11 +269,10 @@ def asymmetry(dataset: Dataset) -> Iterator[Finding]:
     worst = int(apart.argmax())
     if apart[worst] > 0.0:
         one, other = (dataset.layout.names[k] for k in (worst, mirror[worst]))
-        yield Finding(
-            stops=None,
-            text=f"{one} and {other} are mirror images, but their mean Cp is {mean[worst]:.3g} and "
+        yield (
+            f"{one} and {other} are mirror images, but their mean Cp is {mean[worst]:.3g} and "
             f"{mean[mirror[worst]]:.3g}, with deviations of {deviation[worst]:.2g} and {deviation[mirror[worst]]:.2g}: "
-            f"training also learns the mirrored flow; import with --asymmetric if body or jets are not symmetric",
+            f"training also learns the mirrored flow; import with --asymmetric if body or jets are not symmetric"
         )
 
 

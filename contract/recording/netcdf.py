@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.atomic import replacing
-from contract.errors import DatasetError
-from contract.recording.dataset import COARSEST_QUANTUM, CP_QUANTUM, EXACT_SERIES, QUANTUM, pack
+from contract.recording.dataset import packed
 from contract.recording.episode import UNITS, Episode
 from contract.sensor_layout import SensorLayout
 
@@ -53,16 +52,11 @@ def write_netcdf(path: Path, episode: Episode, layout: SensorLayout) -> None:
         put("initial_action", np.array(episode.initial_action), units="1", long_name="action before the first row")
         for name, unit in UNITS.items():
             if name in episode.series:
-                series: npt.NDArray[Any] = episode.series[name]
+                series, quantum = packed(episode, name)
                 reference = "" if unit == "1" else f" in {unit}"
                 facts: dict[str, Any] = {"units": "1", "long_name": f"{LONG_NAMES[name]}{reference}"}
                 facts |= {"axis": "T"} if name == "t" else {}
-                if name not in EXACT_SERIES:
-                    try:
-                        series, quantum = pack(series, CP_QUANTUM if name == "Cp" else QUANTUM, COARSEST_QUANTUM)
-                    except ValueError as error:
-                        raise DatasetError(f"episode {episode.name}: field {name!r} {error}") from error
-                    facts |= {"scale_factor": quantum, "_FillValue": FILL}
+                facts |= {} if quantum is None else {"scale_factor": quantum, "_FillValue": FILL}
                 if name == "Cp":
                     put(name, series, "t", "sensor", coordinates="sensor_name x y", **facts)
                 else:

@@ -3,11 +3,11 @@ likely cause and a remedy. No check stops training, because the body may be unus
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from contract.arrays import Array, Mask
+from contract.arrays import Array, Mask, runs
 from contract.recording.dataset import Dataset, Episode
 
 
@@ -103,11 +103,8 @@ def implausible(dataset: Dataset) -> Iterator[str]:
 
 def longest_run(quiet: Mask) -> tuple[int, int]:
     """Return start and length of the longest run of True; (0, 0) if there is none."""
-    starts, lengths = _runs(quiet)
-    if not lengths.size:
-        return 0, 0
-    longest = int(lengths.argmax())
-    return int(starts[longest]), int(lengths[longest])
+    start, end = max(runs(quiet), key=lambda run: run[1] - run[0], default=(0, 0))
+    return start, end - start
 
 
 def _usual(tables: Sequence[Array], columns: int) -> tuple[Array, Array]:
@@ -121,11 +118,6 @@ def _usual(tables: Sequence[Array], columns: int) -> tuple[Array, Array]:
     variance = squares / max(count, 1) - np.square(total / max(count, 1))
     # The variance of a constant column consists of rounding errors only.
     return np.sqrt(np.where(variance > 1e-12 * squares / max(count, 1), variance, 0.0)), finest.clip(_FINEST)
-
-
-def _runs(mask: Mask) -> tuple[Any, Any]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return edges[::2], edges[1::2] - edges[::2]
 
 
 def _stand_for_none(table: Array) -> Mask:
@@ -250,12 +242,12 @@ def _readings(
             continue
         for word, extreme in (("largest", table[:, k].max()), ("smallest", table[:, k].min())):
             here = table[:, k] == extreme
-            starts, lengths = _runs(here)
-            clipped = int(lengths[lengths >= 3].sum())
+            stretches = runs(here)
+            clipped = sum(end - start for start, end in stretches if end - start >= 3)
             # `usual` is the share of rows in which a sine is within four resolution steps of its largest value. This
             # share is twice the share within one step.
             usual = 2.0 * np.sqrt(4.0 * finest[k] / max(swing[k], finest[k])) / np.pi
-            if clipped <= max(_CLIPPED, usual) * rows or len(starts) < 2:
+            if clipped <= max(_CLIPPED, usual) * rows or len(stretches) < 2:
                 continue
             # In a steady wake all sensors are constant, so other sensors or the jets must vary in these rows.
             if finest[k] * _STEPS < spread[k] * _activity(table[here], k, spread, action[here], action):

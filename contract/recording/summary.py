@@ -1,12 +1,13 @@
-"""A summary of a data set: the figures of every episode, and the settings that follow from the data set."""
+"""The settings that follow from a data set."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from contract.recording.dataset import Dataset, Episode
+from contract.recording.episode import FACTS
 from contract.recording.findings import QUIET
 from contract.recording.needs import WINDOW_STEP, window_for_c
 from contract.recording.plausible import dominant_frequency, longest_run
@@ -20,46 +21,6 @@ _PRACTICAL: Final = (10, 60)
 fewer steps the jets' ramp is coarse; with more steps a control step takes too long."""
 LEAST_CALM: Final = 25
 """Smallest number of unforced steps whose mean drag represents the uncontrolled flow: one cycle of the truck's wake."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class EpisodeSummary:
-    """The figures of one episode.
-
-    Attributes:
-        duration: duration in t_c, from the first sample to the last.
-        action_rms: root mean square of the action, in U_inf W.
-        drag: mean Cd.
-        lift: standard deviation of Cl.
-        frequency: frequency of the largest peak of Cl's spectrum, in 1/t_c; None for a short or constant series.
-    """
-
-    name: str
-    role: str
-    steps: int
-    duration: float
-    action_rms: float
-    drag: float
-    lift: float
-    frequency: float | None
-
-
-def summarise(dataset: Dataset) -> tuple[EpisodeSummary, ...]:
-    """Return the figures of every episode, in order."""
-    period = dataset.plant.control_period
-    return tuple(
-        EpisodeSummary(
-            name=episode.name,
-            role=episode.role,
-            steps=len(episode),
-            duration=float(episode.series["t"][-1] - episode.series["t"][0]),
-            action_rms=float(np.sqrt(np.square(episode.series["action"]).mean())),
-            drag=float(episode.series["Cd"].mean()),
-            lift=float(episode.series["Cl"].std()),
-            frequency=None if period is None else dominant_frequency(episode.series["Cl"], period),
-        )
-        for episode in dataset.episodes
-    )
 
 
 def uncontrolled(dataset: Dataset) -> Episode | None:
@@ -85,8 +46,8 @@ def _settings_lines(dataset: Dataset) -> Iterator[str]:
     plant, period = dataset.plant, dataset.plant.control_period
     yield "# Settings that follow from the data set; all other settings have the release's values."
     yield "[flow]"
-    for name, value in plant.as_dict().items():
-        yield f"{name} = {value!r}" if value is not None else f"# {name}: not known"
+    for name in FACTS:
+        yield f"{name} = {plant.known[name]!r}" if name in plant.known else f"# {name}: not known"
     calm = uncontrolled(dataset)
     calm = None if calm is None or len(calm) < LEAST_CALM else calm
     where = f"all episodes: none is uncontrolled for {LEAST_CALM} steps"

@@ -130,7 +130,7 @@ def _run(
     """Simulate the vehicle until the last period or until the command is stopped. Return the figures, a description of
     the pressures, and whether the command was stopped."""
     from can_bridge.bus.backends.python_can import PythonCanBus
-    from can_bridge.tools.live_log import live_log
+    from can_bridge.tools.measurement import live_log
     from ecu.fit import check_sensors
     from firmware_sim.bench.real_time.running import run_vehicle
 

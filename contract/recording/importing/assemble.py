@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,37 +24,27 @@ _LARGEST: Final = 127.0
 """Largest magnitude of a coefficient that fits into the data set's format. Most pressures in Pa are larger."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MadeEpisode:
-    """An episode that was computed before the import, for example from a part of a CAN log and from a table of forces.
+@dataclass(frozen=True, kw_only=True)
+class EpisodeSource:
+    """A file and the role of its episode.
 
     Attributes:
-        series: arrays of the series in `contract.recording.episode.REQUIRED`; Cp is dimensionless.
-        initial_action: action before the first row.
+        named: name of the episode; by default, the file's name without its suffix, or the folder of an OpenFOAM case.
+        made: contents that were computed before the import, from a part of a log and from a table of forces; None if
+            the file is to be read.
         provenance: further facts, stored with the file's name and hash.
     """
 
-    name: str
-    series: Mapping[str, Array]
-    initial_action: float
-    provenance: Mapping[str, Any]
-
-
-@dataclass(frozen=True, kw_only=True)
-class EpisodeSource:
-    """A file and the role of its episode. `made` is the episode, if it was already computed. Otherwise the file is
-    read, and the episode is named after the file without its suffix, or after the folder of an OpenFOAM case."""
-
     path: Path
     role: Role
-    made: MadeEpisode | None = None
+    named: str = ""
+    made: Contents | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
-        if self.made is not None:
-            return self.made.name
-        case = case_of(self.path)
-        return self.path.stem if case is None else case.name
+        case = None if self.named else case_of(self.path)
+        return self.named or (self.path.stem if case is None else case.name)
 
 
 def assemble(
@@ -97,18 +87,15 @@ def assemble(
             raise DatasetError(f"{option}: {name!r} is neither a series nor a sensor; the series are {series}")
     episodes, used = [], set[str]()
     for source in sources:
-        if source.made is not None:
-            arrays = {**source.made.series, INITIAL_ACTION: np.array([source.made.initial_action])}
-            own = Contents(arrays=arrays, unread=(), renamed=frozenset(), files=(source.path,))
-            episodes.append(_episode(source, own, layout, facts, {}))
-            continue
-        progress(source.path)
-        case = case_of(source.path)
-        if case is None:
-            contents = read_source(source.path, layout, (*_SERIES, INITIAL_ACTION), renamed, references)
-        else:
-            contents = read_case(source.path, case, layout, facts.control_period, renamed, references)
-        episodes.append(_episode(source, contents, layout, facts, references))
+        contents = source.made
+        if contents is None:
+            progress(source.path)
+            case = case_of(source.path)
+            if case is None:
+                contents = read_source(source.path, layout, (*_SERIES, INITIAL_ACTION), renamed, references)
+            else:
+                contents = read_case(source.path, case, layout, facts.control_period, renamed, references)
+        episodes.append(_episode(source, contents, layout, facts, references if source.made is None else {}))
         used |= contents.renamed
         for note in ([f"not used: {', '.join(contents.unread)}"] if contents.unread else []) + list(contents.notes):
             told(source.path, note)
@@ -157,8 +144,7 @@ def _episode(
     provenance: dict[str, Any] = {"source": path.name, "source_sha256": digest}
     if references:
         provenance["references"] = {name: [one.number, one.unit] for name, one in references.items()}
-    if source.made is not None:
-        provenance |= source.made.provenance
+    provenance |= source.provenance
     series = {name: arrays[name] for name in UNITS if name in arrays}
     return Episode(name=source.name, role=source.role, series=series, initial_action=initial, provenance=provenance)
 

@@ -22,36 +22,46 @@ _CLOCK_OF_UNIT: Final[Mapping[str, ForcesClock]] = {"t_c": "t_c", "W/U_inf": "t_
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TimeSeries:
-    """A force as a time series: its name in the file, rising times, and the values at these times, (n,) each. Raises
-    DatasetError for times that do not rise or a number that is not finite."""
+class ForcesTable:
+    """The forces of a table as time series. Raises DatasetError for times that do not rise or a number that is not
+    finite.
+
+    Attributes:
+        names: names of the times, "t", and of the forces in the file.
+        t: rising times, (n,).
+        values: forces at these times by the names in `FORCE_COLUMNS`, (n,) each.
+        clock: clock that the unit of the times states.
+    """
 
     path: Path
-    name: str
+    names: Mapping[str, str]
     t: Array
-    values: Array
+    values: Mapping[str, Array]
+    clock: ForcesClock | None = None
 
     def __post_init__(self) -> None:
-        for name, array in (("t", self.t), (self.name, self.values)):
+        for name, array in {"t": self.t, **{self.names[name]: values for name, values in self.values.items()}}.items():
             if not np.isfinite(array).all():
                 k = int(np.flatnonzero(~np.isfinite(array))[0])
                 raise DatasetError(f"{self.path}: {name!r} holds a value that is not finite, first at row {k}")
+        first = self.names[FORCE_COLUMNS[0]]
         if len(self.t) < 2:
-            raise DatasetError(f"{self.path}: {self.name!r} has {len(self.t)} rows, must have at least two")
+            raise DatasetError(f"{self.path}: {first!r} has {len(self.t)} rows, must have at least two")
         if (np.diff(self.t) <= 0).any():
             k = int(np.flatnonzero(np.diff(self.t) <= 0)[0])
             raise DatasetError(
-                f"{self.path}: the times of {self.name!r} do not rise from row {k} to {k + 1}: "
+                f"{self.path}: the times of {first!r} do not rise from row {k} to {k + 1}: "
                 f"{self.t[k]:.9g}, {self.t[k + 1]:.9g}"
             )
 
-    def at(self, times: Array, *, longest_gap: float, slack: float) -> Array:
-        """Interpolate the values linearly at m rising times, (m,). Because clocks differ, a time may be up to `slack`
+    def at(self, times: Array, *, longest_gap: float, slack: float) -> dict[str, Array]:
+        """Interpolate the forces linearly at m rising times, (m,). Because clocks differ, a time may be up to `slack`
         before the first row or after the last row. Raises DatasetError for a time farther outside, or in a gap longer
         than `longest_gap`; the message states the first and last time of the rows or of the gap."""
+        first = self.names[FORCE_COLUMNS[0]]
         if times[0] < self.t[0] - slack or times[-1] > self.t[-1] + slack:
             raise DatasetError(
-                f"{self.path}: {self.name!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
+                f"{self.path}: {first!r} goes from {self.t[0]:.9g} to {self.t[-1]:.9g} s on the log's clock, the "
                 f"log's rows from {times[0]:.9g} to {times[-1]:.9g} s: the forces must cover these rows; see "
                 f"--forces-clock and --forces-shift"
             )
@@ -61,22 +71,10 @@ class TimeSeries:
         if wide.any():
             k = int(behind[np.flatnonzero(wide)[0]])
             raise DatasetError(
-                f"{self.path}: {self.name!r} has no value between {self.t[k - 1]:.9g} and {self.t[k]:.9g} s on the "
+                f"{self.path}: {first!r} has no value between {self.t[k - 1]:.9g} and {self.t[k]:.9g} s on the "
                 f"log's clock; rows must be no more than {longest_gap:.4g} s apart"
             )
-        return np.asarray(np.interp(times, self.t, self.values))
-
-    def at_times(self, t: Array) -> "TimeSeries":
-        """Return this force with its n rows at the times t, (n,)."""
-        return TimeSeries(path=self.path, name=self.name, t=t, values=self.values)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ForcesTable:
-    """The forces of a table by the names in `FORCE_COLUMNS`, and the clock that the unit of the times states."""
-
-    forces: Mapping[str, TimeSeries]
-    clock: ForcesClock | None
+        return {name: np.interp(times, self.t, values) for name, values in self.values.items()}
 
 
 def read_forces(
@@ -105,16 +103,21 @@ def read_forces(
         inside = _inside(path, table.header, renamed)
         arrays = {name: table.numbers(there) for name, there in inside.items()}
     units = {name: units.get(name) or split_unit(there)[1] for name, there in inside.items()}
-    t, forces = arrays["t"] * (seconds_in(units["t"]) or 1.0), {}
+    t = arrays["t"] * (seconds_in(units["t"]) or 1.0)
     scales = {
         name: factor(path, name, inside[name], units[name], (references or {}).get(name)) for name in FORCE_COLUMNS
     }
     for name in FORCE_COLUMNS:
         if len(arrays[name]) != len(t):
             raise DatasetError(f"{path}: {inside[name]!r} has {len(arrays[name])} rows, {inside['t']!r} has {len(t)}")
-        forces[name] = TimeSeries(path=path, name=inside[name], t=t, values=arrays[name] * scales[name])
     unit = _UNIT.search(inside["t"])
-    return ForcesTable(forces=forces, clock=None if unit is None else _CLOCK_OF_UNIT.get(unit.group(1)))
+    return ForcesTable(
+        path=path,
+        names=inside,
+        t=t,
+        values={name: arrays[name] * scale for name, scale in scales.items()},
+        clock=None if unit is None else _CLOCK_OF_UNIT.get(unit.group(1)),
+    )
 
 
 def _inside(path: Path, there: tuple[str, ...], renamed: Mapping[str, str]) -> dict[str, str]:

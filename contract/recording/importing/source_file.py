@@ -126,7 +126,7 @@ SUFFIXES: Final = (".csv", ".tsv", ".txt", *BINARY)
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """The contents of a file.
+    """The contents of a file, or of a part of a log.
 
     Attributes:
         arrays: arrays by the data set's names; there is one "Cp" of shape (n, sensors), in the layout's order.
@@ -137,9 +137,9 @@ class Contents:
     """
 
     arrays: dict[str, Array]
-    unread: tuple[str, ...]
-    renamed: frozenset[str]
     files: tuple[Path, ...]
+    unread: tuple[str, ...] = ()
+    renamed: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
 
 

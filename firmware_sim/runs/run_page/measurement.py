@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from PIL import Image, ImageDraw
 
-from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.entries import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import EVENTS_TOPIC, WAKE_TOPIC
 from can_bridge.tools.measurement import WORDS, write_measurement

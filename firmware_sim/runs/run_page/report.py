@@ -85,7 +85,7 @@ def _bus_rows(folder: RunFolder, log: RunLog) -> list[tuple[str, ...]]:
     # These imports take a second, because they import all readers of python-can. So they are inside the function.
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.tools.raw_bus import id_text
-    from can_bridge.tools.summary import Summary
+    from can_bridge.tools.traffic import Summary
 
     found, rows = Summary(config=log.metadata.config.bus), list[tuple[str, ...]]()
     for message in CanLog(folder.frames):

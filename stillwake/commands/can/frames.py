@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from can_bridge.logs.log_reader import CanLog
     from can_bridge.secoc.key import Key
-    from can_bridge.tools.observed_traffic import Traffic
-    from can_bridge.tools.summary import Summary
+    from can_bridge.tools.traffic import Summary, Traffic
     from contract.config.vehicle import BusConfig
 
 BUS: Final = ("bus.interface", "bus.channel", "bus.nominal_bitrate", "bus.data_bitrate")
@@ -157,7 +156,7 @@ def decode(
     these messages.
     """
     from can_bridge.logs.log_reader import CanLog
-    from can_bridge.tools.summary import Summary
+    from can_bridge.tools.traffic import Summary
 
     uses = ("bus.nominal_bitrate", "bus.data_bitrate", "bus.e2e", "bus.key", DIAGNOSIS)
     config = settings("can decode", given, uses=uses).config.bus
@@ -215,8 +214,8 @@ def _csv_rows(path: Path | None) -> "Iterator[Callable[[Traffic], None]]":
     if path is None:
         yield lambda traffic: None
         return
-    from can_bridge.tools.observed_traffic import CHECK_TEXT
     from can_bridge.tools.raw_bus import id_text
+    from can_bridge.tools.traffic import CHECK_TEXT
 
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -3,9 +3,9 @@
 import hashlib
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta, timezone, tzinfo
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -22,13 +22,12 @@ from stillwake.console.terminal import listed
 if TYPE_CHECKING:
     import can
 
-    from can_bridge.drives.log_frames import Verify
     from can_bridge.drives.log_periods import Scales
-    from can_bridge.drives.log_to_series import LogReport, LogSeries
+    from can_bridge.drives.log_to_series import LogSeries
     from can_bridge.logs.log_reader import CanLog
     from contract.recording.episode import ForcesClock, Role
     from contract.recording.importing.assemble import EpisodeSource
-    from contract.recording.importing.forces import TimeSeries
+    from contract.recording.importing.forces import ForcesTable
     from contract.recording.importing.source_file import Reference
 
 USES: Final = ("operating_point", "bus.frames", "bus.key", "ecu.speed.oldest_ms", "ecu.speed.most_acceleration")
@@ -37,38 +36,6 @@ FORCES_NAMES: Final = ("t", "Cd", "Cl")
 """Columns of a table of forces."""
 _COUNTED: Final = 10_000
 """Number of frames between two reports of progress."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DriveOptions:
-    """The options of the command line for logs.
-
-    Attributes:
-        fill, split: see `can_bridge.drives.log_to_series.series_of`.
-        forces: values of --forces. Each is FILE, with the forces for every log, or LOG=FILE for one log.
-        names: names of the columns of t, Cd and Cl in the files of forces, if the columns have other names.
-        references: by the names Cd and Cl, the values of Cd = 1 and Cl = 1 in the unit of the files.
-        clock: clock of the times in the files of forces; None if each file states its clock.
-        shift_s: time in s to add to the times of the forces.
-        channels: channels of the logs that are read; empty if the channel is found from its frames.
-        zone: time zone of logs whose times begin in local time; None if it is not given.
-    """
-
-    fill: int
-    split: bool
-    forces: Sequence[str]
-    names: Mapping[str, str]
-    references: "Mapping[str, Reference]"
-    clock: "ForcesClock | None"
-    shift_s: float
-    channels: Sequence[str]
-    zone: tzinfo | None
-
-    @property
-    def is_given(self) -> bool:
-        """Whether the user gave an option that has no effect without a log."""
-        options = (self.split, self.forces, self.clock, self.shift_s, self.channels, self.zone)
-        return any(map(bool, options))
 
 
 def zone_of(text: str) -> tzinfo | None:
@@ -92,18 +59,21 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
     are given without the name of a log."""
     found: dict[Path, Path] = {}
     general: list[Path] = []
+    # Every run folder has a log named frames.log. If two logs share a name, only the whole path identifies a log.
+    names = [log.name for log in logs]
+    labels = {str(log): log for log in logs} | {log.name: log for log in logs if names.count(log.name) == 1}
     for text in forces:
-        log, file = _pair(text, logs)
-        if log is None:
-            general.append(file)
-        elif log in found:
-            raise DatasetError(f"--forces {text}: {log} has forces already")
+        label = next((one for one in labels if text.startswith(f"{one}=")), None)
+        if label is None:
+            general.append(Path(text))
+        elif labels[label] in found:
+            raise DatasetError(f"--forces {text}: {labels[label]} has forces already")
         else:
-            found[log] = file
+            found[labels[label]] = Path(text[len(label) + 1 :])
     if len(general) > 1:
-        names = ", ".join(str(path) for path in logs)
         raise DatasetError(
-            f"--forces {general[1]}: is the second file; with several, write LOG=FILE, where LOG is one of {names}"
+            f"--forces {general[1]}: is the second file; with several, write LOG=FILE, where LOG is one of "
+            f"{', '.join(map(str, logs))}"
         )
     for log in logs:
         if log not in found and not general:
@@ -112,17 +82,6 @@ def forces_of(logs: Sequence[Path], forces: Sequence[str]) -> dict[Path, Path]:
                 f"with t, Cd and Cl"
             )
     return {log: found.get(log) or general[0] for log in logs}
-
-
-def _pair(text: str, logs: Sequence[Path]) -> tuple[Path | None, Path]:
-    """Split LOG=FILE into a log and a file; the log is None if the text names no log."""
-    names = [log.name for log in logs]
-    for log in logs:
-        # Every run folder has a log named frames.log. If two logs share a name, only the whole path identifies a log.
-        for name in (str(log), *([log.name] if names.count(log.name) == 1 else [])):
-            if text.startswith(f"{name}="):
-                return log, Path(text[len(name) + 1 :])
-    return None, Path(text)
 
 
 def names_of(logs: Sequence[Path]) -> dict[Path, str]:
@@ -139,156 +98,180 @@ def names_of(logs: Sequence[Path]) -> dict[Path, str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _MadeLog:
-    """A log, converted to sources for `contract.recording.importing.assemble`."""
+class DriveReader:
+    """A reader of logs and their forces, with the options of the command line.
 
-    path: Path
-    sources: "tuple[EpisodeSource, ...]"
-    report: "LogReport"
-    log: "CanLog"
+    Attributes:
+        fill, split: see `can_bridge.drives.log_to_series.series_of`.
+        names: names of the columns of t, Cd and Cl in the files of forces, if the columns have other names.
+        references: by the names Cd and Cl, the values of Cd = 1 and Cl = 1 in the unit of the files.
+        clock: clock of the times in the files of forces; None if each file states its clock.
+        shift_s: time in s to add to the times of the forces.
+        channels: channels of the logs that are read; empty if the channel is found from its frames.
+        zone: time zone of logs whose times begin in local time; None if it is not given.
+    """
 
+    fill: int
+    split: bool
+    names: Mapping[str, str]
+    references: "Mapping[str, Reference]"
+    clock: "ForcesClock | None"
+    shift_s: float
+    channels: Sequence[str]
+    zone: tzinfo | None
+    loaded: Loaded
+    facts: PlantFacts
+    layout: SensorLayout
 
-def read_drive(
-    path: Path,
-    name: str,
-    role: "Role",
-    forces: Path,
-    layout: SensorLayout,
-    facts: PlantFacts,
-    options: DriveOptions,
-    loaded: Loaded,
-    progress: Callable[[str], None],
-) -> _MadeLog:
-    """Read a log and its forces. Raises DatasetError, BusError or KeyFileError, with the file's name, for invalid
-    content. `progress` is called with a text that states the file and the number of frames read so far."""
-    from can_bridge.drives.log_periods import Scales
-    from can_bridge.drives.log_to_series import series_of
-    from can_bridge.logs.log_reader import CanLog
-    from can_bridge.wire.message_sets import message_set
-    from can_bridge.wire.messages import SENSORS
-    from contract.recording.importing.assemble import EpisodeSource, MadeEpisode
+    def read(
+        self, path: Path, name: str, role: "Role", forces: Path, progress: Callable[[str], None]
+    ) -> "tuple[list[EpisodeSource], LogSeries, CanLog]":
+        """Read a log and its forces. Raises DatasetError, BusError or KeyFileError, with the file's name, for invalid
+        content. `progress` is called with a text that states the file and the number of frames read so far."""
+        from can_bridge.drives.log_periods import Scales
+        from can_bridge.drives.log_to_series import series_of
+        from can_bridge.logs.log_reader import CanLog
+        from can_bridge.secoc.key import read_key
+        from can_bridge.wire.message_sets import message_set
+        from can_bridge.wire.messages import SENSORS
 
-    if len(layout) != SENSORS:
-        raise DatasetError(
-            f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(layout)}: list the sensors in the "
-            f"order of the message"
+        if len(self.layout) != SENSORS:
+            raise DatasetError(
+                f"{path}: a Pressure message has {SENSORS} sensors, --layout has {len(self.layout)}: list the sensors "
+                f"in the order of the message"
+            )
+        config, given = self.loaded.config, self.loaded.given
+        assert self.facts.control_period is not None and self.facts.action_limit is not None
+        scales = Scales(
+            period=self.facts.control_period,
+            point=config.operating_point,
+            action_limit=self.facts.action_limit,
+            given=given,
+            believed=config.ecu.speed,
         )
-    assert facts.control_period is not None and facts.action_limit is not None
-    scales = Scales(
-        period=facts.control_period,
-        point=loaded.config.operating_point,
-        action_limit=facts.action_limit,
-        given=loaded.given,
-        believed=loaded.config.ecu.speed,
-    )
-    log = CanLog(path, zone=options.zone, channels=options.channels)
-    series = series_of(
-        path,
-        _counted(path, log, progress),
-        scales,
-        fill=options.fill,
-        split=options.split,
-        sensors=layout.names,
-        only=message_set(loaded.config.bus) if loaded.given & {"bus.frames", "bus.key"} else None,
-        verify=_verifier(loaded),
-    )
-    _check_limit(path, series, scales)
-    forces_found = _forces(forces, series, log, options)
-    digest, forces_digest = _sha256(path), _sha256(forces)
-    sources = []
-    for number, piece in enumerate(series.pieces, 1):
-        values = {name: one.at(piece.time_s, **_room(series, options.fill)) for name, one in forces_found.items()}
-        made = MadeEpisode(
-            name=name if len(series.pieces) == 1 else f"{name} {number}",
-            series={
-                "t": scales.period * (piece.first_row + np.arange(len(piece), dtype=np.float64)),
+        log = CanLog(path, zone=self.zone, channels=self.channels)
+        series = series_of(
+            path,
+            _counted(log, progress),
+            scales,
+            fill=self.fill,
+            split=self.split,
+            sensors=self.layout.names,
+            only=message_set(config.bus) if given & {"bus.frames", "bus.key"} else None,
+            key=read_key(Path(config.bus.key)) if config.bus.key else None,
+        )
+        _check_limit(path, series, scales)
+        return self._sources(path, name, role, self._forces(forces, series, log), series, scales.period), series, log
+
+    def _sources(
+        self, path: Path, name: str, role: "Role", forces: "ForcesTable", series: "LogSeries", period: float
+    ) -> "list[EpisodeSource]":
+        """Return a source for each piece of the log, with the forces at the times of its rows."""
+        from contract.recording.importing.assemble import EpisodeSource
+        from contract.recording.importing.source_file import Contents
+        from contract.recording.importing.stored import INITIAL_ACTION
+
+        provenance = {
+            "messages": series.messages,
+            "channel": series.channel,
+            "speed": None if series.speed is None else [float(one) for one in series.speed],
+            "first_pressure_s": series.start_s,
+            "drift": series.drift,
+            "filled": list(series.filled),
+            "forces": forces.path.name,
+            "forces_sha256": hashlib.sha256(forces.path.read_bytes()).hexdigest(),
+        }
+        sources = []
+        for number, piece in enumerate(series.pieces, 1):
+            arrays = {
+                "t": period * (piece.first_row + np.arange(len(piece), dtype=np.float64)),
                 "action": piece.action,
                 "Cp": piece.Cp,
-                **values,
-            },
-            initial_action=piece.initial_action,
-            provenance={
-                "source_sha256": digest,
-                "messages": series.report.messages,
-                "channel": series.report.channel,
-                "speed": None if series.report.speed is None else [float(one) for one in series.report.speed],
-                "first_pressure_s": series.start_s,
-                "drift": series.report.drift,
-                "filled": list(series.report.filled),
-                "forces": forces.name,
-                "forces_sha256": forces_digest,
-            },
-        )
-        sources.append(EpisodeSource(path=path, role=role, made=made))
-    return _MadeLog(path=path, sources=tuple(sources), report=series.report, log=log)
+                INITIAL_ACTION: np.array([piece.initial_action]),
+                **forces.at(piece.time_s, **self._room(series)),
+            }
+            named = name if len(series.pieces) == 1 else f"{name} {number}"
+            made = Contents(arrays=arrays, files=(path,))
+            sources.append(EpisodeSource(path=path, role=role, named=named, made=made, provenance=provenance))
+        return sources
+
+    def _forces(self, path: Path, series: "LogSeries", log: "CanLog") -> "ForcesTable":
+        """Return the forces with their times converted to the log's clock."""
+        from contract.recording.importing.forces import read_forces
+
+        table = read_forces(path, self.names, self.references)
+        clock = self.clock or table.clock
+        if clock is None:
+            raise DatasetError(
+                f"{path}: state with --forces-clock how its times count: log (s on the log's clock), start (s since "
+                f"the log's first pressure) or t_c (W / U_inf since that pressure)"
+            )
+        if clock == "t_c":
+            return replace(table, t=series.travel.time(table.t) + self.shift_s)
+        table = replace(table, t=table.t + ((0.0 if clock == "log" else series.start_s) + self.shift_s))
+        if clock == "log" and log.is_local and self.zone is None:
+            self._check_zone(log.path, series, table)
+        return table
+
+    def _check_zone(self, log: Path, series: "LogSeries", forces: "ForcesTable") -> None:
+        """Raise DatasetError if a log begins in local time and the forces cover its times in a zone other than UTC. The
+        log's zone is then uncertain."""
+        zones = []
+        for minutes in range(-12 * 60, 14 * 60 + 1, 15):
+            with suppress(DatasetError):
+                for piece in series.pieces:
+                    forces.at(piece.time_s - 60.0 * minutes, **self._room(series))
+                zones.append(minutes)
+        if zones and zones != [0]:
+            texts = [f"{'-' if one < 0 else '+'}{abs(one) // 60:02d}:{abs(one) % 60:02d}" for one in zones]
+            shown = f"{texts[0]} to {texts[-1]}" if len(texts) > 3 else " and ".join(texts)
+            raise DatasetError(
+                f"{log}: begins in local time, and does not state its zone; the forces cover it in the zones {shown}: "
+                f"name the right zone with --log-zone"
+            )
+
+    def _room(self, series: "LogSeries") -> dict[str, float]:
+        """Return the tolerances in s for `ForcesTable.at`: the largest distance of a table's time from the time of a
+        row, and the longest gap. The gap is `fill` missing rows plus an allowance for jitter."""
+        from contract.recording.findings import STEP_TOLERANCE
+
+        return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (self.fill + 1.5) * series.period_s}
 
 
-def notes_on(drive: _MadeLog) -> list[str]:
+def notes_on(series: "LogSeries", log: "CanLog") -> list[str]:
     """Return notes on a log for the user, line by line."""
-    report = drive.report
-    pressures, commands = report.frames
+    pressures, commands = series.frames
     lines = [
-        f"{drive.path}: {report.messages}, {pressures} pressures and {commands} commands; "
-        f"clock {report.drift * 1e6:+.0f} ppm, jitter up to {report.jitter_s * 1e3:.2f} ms"
+        f"{series.messages}, {pressures} pressures and {commands} commands; "
+        f"clock {series.drift * 1e6:+.0f} ppm, jitter up to {series.jitter_s * 1e3:.2f} ms",
+        _speed_line(series),
     ]
-    lines.append(f"{drive.path}: {_speed_line(report)}")
-    if len(drive.log.channels) > 1:
-        counts = ", ".join(f"{name} {count}" for name, count in sorted(drive.log.channels.items()))
-        lines.append(f"{drive.path}: read from the channel {report.channel}; frames by channel: {counts}")
-    if events := listed(drive.log.events):
-        lines.append(f"{drive.path}: {drive.log.messages} frames; lines of other kinds: {events}")
-    if report.unused:
-        unused = ", ".join(f"{count} {reason}" for reason, count in report.unused.items() if count)
-        lines.append(f"{drive.path}: frames not used: {unused}")
-    if any(report.lost) or report.stale or any(report.filled):
-        stale = f", {report.stale} too old" if report.stale else ""
+    if len(log.channels) > 1:
+        counts = ", ".join(f"{name} {count}" for name, count in sorted(log.channels.items()))
+        lines.append(f"read from the channel {series.channel}; frames by channel: {counts}")
+    if events := listed(log.events):
+        lines.append(f"{log.messages} frames; lines of other kinds: {events}")
+    if series.unused:
+        lines.append(f"frames not used: {', '.join(f'{count} {reason}' for reason, count in series.unused.items())}")
+    if any(series.lost) or series.stale or any(series.filled):
+        stale = f", {series.stale} too old" if series.stale else ""
         lines.append(
-            f"{drive.path}: {report.lost[0]} pressures and {report.lost[1]} commands missing{stale}; filled by linear "
-            f"interpolation: pressures in {report.filled[0]} rows, the action in {report.filled[1]}"
+            f"{series.lost[0]} pressures and {series.lost[1]} commands missing{stale}; filled by linear "
+            f"interpolation: pressures in {series.filled[0]} rows, the action in {series.filled[1]}"
         )
-    if report.checked is False:
-        lines.append(f"{drive.path}: its authentication codes were not checked: give the key with --set bus.key=FILE")
-    return lines + list(report.gaps)
+    if series.checked is False:
+        lines.append("its authentication codes were not checked: give the key with --set bus.key=FILE")
+    return [f"{log.path}: {line}" for line in (*lines, *series.gaps)]
 
 
-def _speed_line(report: "LogReport") -> str:
-    if report.speed is None:
+def _speed_line(series: "LogSeries") -> str:
+    if series.speed is None:
         return "no vehicle speed in the log: Cp is computed with operating_point"
-    slow, median, fast = report.speed
-    without = f"; {report.without_speed} rows without a speed" if report.without_speed else ""
-    between = "; rows interpolated at equal distances travelled" if report.is_resampled else ""
+    slow, median, fast = series.speed
+    without = f"; {series.without_speed} rows without a speed" if series.without_speed else ""
+    between = "; rows interpolated at equal distances travelled" if series.is_resampled else ""
     span = f" ({slow:g} to {fast:g})" if slow < fast else ""
     return f"Cp is computed with the log's vehicle speed, {median:g} m/s{span}{without}{between}"
-
-
-def _verifier(loaded: Loaded) -> "Verify | None":
-    from can_bridge.secoc.key import read_key
-    from can_bridge.secoc.securing import verify
-
-    if not loaded.config.bus.key:
-        return None
-    key = read_key(Path(loaded.config.bus.key))
-    return lambda spec, data: verify(data, spec, key)
-
-
-def _forces(path: Path, series: "LogSeries", log: "CanLog", options: DriveOptions) -> "dict[str, TimeSeries]":
-    """Return Cd and Cl as series whose times are converted to the log's clock."""
-    from contract.recording.importing.forces import read_forces
-
-    table = read_forces(path, options.names, options.references)
-    clock = options.clock or table.clock
-    if clock is None:
-        raise DatasetError(
-            f"{path}: state with --forces-clock how its times count: log (s on the log's clock), start (s since the "
-            f"log's first pressure) or t_c (W / U_inf since that pressure)"
-        )
-    if clock == "t_c":
-        return {name: one.at_times(series.travel.time(one.t) + options.shift_s) for name, one in table.forces.items()}
-    origin = (0.0 if clock == "log" else series.start_s) + options.shift_s
-    found = {name: one.at_times(one.t + origin) for name, one in table.forces.items()}
-    if clock == "log" and log.is_local and options.zone is None:
-        _check_zone(log.path, series, found["Cd"], options.fill)
-    return found
 
 
 def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
@@ -298,7 +281,7 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
     from contract.recording.findings import LIMIT_TOLERANCE
 
     largest = max(float(np.abs(piece.action).max()) for piece in series.pieces)
-    slowest = scales.point.speed if series.report.speed is None else series.report.speed[0]
+    slowest = scales.point.speed if series.speed is None else series.speed[0]
     if largest > scales.action_limit * (1.0 + LIMIT_TOLERANCE) >= largest * slowest / scales.point.speed:
         raise DatasetError(
             f"{path}: actions reach {largest:.4g} U_inf W, beyond the limit of {scales.action_limit:g}: at {slowest:g} "
@@ -307,41 +290,10 @@ def _check_limit(path: Path, series: "LogSeries", scales: "Scales") -> None:
         )
 
 
-def _check_zone(log: Path, series: "LogSeries", force: "TimeSeries", fill: int) -> None:
-    """Raise DatasetError if a log begins in local time and the forces cover its times in a zone other than UTC. The
-    log's zone is then uncertain."""
-    zones = []
-    for minutes in range(-12 * 60, 14 * 60 + 1, 15):
-        with suppress(DatasetError):
-            for piece in series.pieces:
-                force.at(piece.time_s - 60.0 * minutes, **_room(series, fill))
-            zones.append(minutes)
-    if zones and zones != [0]:
-        texts = [f"{'-' if one < 0 else '+'}{abs(one) // 60:02d}:{abs(one) % 60:02d}" for one in zones]
-        shown = f"{texts[0]} to {texts[-1]}" if len(texts) > 3 else " and ".join(texts)
-        raise DatasetError(
-            f"{log}: begins in local time, and does not state its zone; the forces cover it in the zones {shown}: "
-            f"name the right zone with --log-zone"
-        )
-
-
-def _room(series: "LogSeries", fill: int) -> dict[str, float]:
-    """Return the tolerances in s for `TimeSeries.at`: the largest distance of a table's time from the time of a row,
-    and the longest gap. The gap is `fill` missing rows plus an allowance for jitter."""
-    from contract.recording.findings import STEP_TOLERANCE
-
-    return {"slack": STEP_TOLERANCE * series.period_s, "longest_gap": (fill + 1.5) * series.period_s}
-
-
-def _counted(path: Path, messages: "Iterable[can.Message]", progress: Callable[[str], None]) -> "Iterator[can.Message]":
+def _counted(log: "CanLog", progress: Callable[[str], None]) -> "Iterator[can.Message]":
     """Yield the messages and report how many were read. An hour has half a million messages and takes ten seconds."""
-    progress(f"{path}")
-    for number, message in enumerate(messages, 1):
+    progress(f"{log.path}")
+    for number, message in enumerate(log, 1):
         yield message
         if number % _COUNTED == 0:
-            progress(f"{path}: {number} frames")
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+            progress(f"{log.path}: {number} frames")

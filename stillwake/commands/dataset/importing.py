@@ -1,7 +1,8 @@
 """The command `stillwake dataset import`, which makes a data set from the user's files and from recorded drives."""
 
 import os
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, cast
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from contract.recording.dataset import Dataset, Role
     from contract.recording.episode import PlantFacts
     from contract.recording.importing.source_file import Reference
-    from contract.sensor_layout import SensorLayout
 
 _ROLES: Final = ("train", "test", "extended", "controlled")
 _SAME: Final = 0.02
@@ -101,28 +101,29 @@ def import_(
     for path in logs:
         if logs.count(path) > 1:
             raise DatasetError(f"{path}: given twice, but an episode has one role: with no other log, split this log")
-    options = drives.DriveOptions(
+    zone, loaded = drives.zone_of(log_zone), settings("dataset import", given, uses=(*drives.USES, *_FLOW))
+    only_logs = any((split, forces, forces_clock, forces_shift, channel, zone)) or loaded.in_overrides - set(_FLOW)
+    if only_logs and not logs:
+        raise ConfigError(
+            "--forces, --split, --channel, --log-zone and settings outside flow are for CAN logs; no log is given"
+        )
+    notes: list[str] = []
+    reader = drives.DriveReader(
         fill=fill,
         split=split,
-        forces=forces,
         names={name: column for name, column in renamed.items() if name in drives.FORCES_NAMES},
         references=references,
         clock=forces_clock,
         shift_s=forces_shift,
         channels=channel,
-        zone=drives.zone_of(log_zone),
+        zone=zone,
+        loaded=loaded,
+        facts=_facts(loaded),
+        layout=read_sensors(layout, symmetric=not asymmetric, told=_teller(notes)),
     )
-    loaded = settings("dataset import", given, uses=(*drives.USES, *_FLOW))
-    if not logs and (options.is_given or loaded.in_overrides - set(_FLOW)):
-        raise ConfigError(
-            "--forces, --split, --channel, --log-zone and settings outside flow are for CAN logs; no log is given"
-        )
-    notes: list[str] = []
-    read = _Import(roles=roles, facts=_facts(loaded), options=options, loaded=loaded, renamed=renamed, notes=notes)
-    found = read_sensors(layout, symmetric=not asymmetric, told=read.told)
-    made = read.assembled(found, drives.forces_of(logs, forces), drives.names_of(logs))
+    made = _assembled(roles, reader, drives.forces_of(logs, forces), renamed, notes)
     write(output, made)
-    _print(made, found, notes)
+    _print(made, notes)
     console.print(f"wrote {output}; next: stillwake dataset inspect {output}")
 
 
@@ -151,73 +152,58 @@ def _facts(loaded: Loaded) -> "PlantFacts":
     return PlantFacts(control_period=flow.control_period, action_limit=flow.action_limit, reynolds=reynolds)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Import:
-    """The files to read and their options. `notes` collects the notes that are printed for the user."""
+def _teller(notes: list[str]) -> Callable[[Path, str], None]:
+    """Return a function that adds a note on a file to the notes that are printed for the user."""
+    return lambda path, note: notes.append(f"note: {path}: {note}")
 
-    roles: "list[tuple[Path, Role]]"
-    facts: "PlantFacts"
-    options: drives.DriveOptions
-    loaded: Loaded
-    renamed: dict[str, str]
-    notes: list[str]
 
-    def told(self, path: Path, note: str) -> None:
-        self.notes.append(f"note: {path}: {note}")
+def _assembled(
+    roles: "list[tuple[Path, Role]]",
+    reader: drives.DriveReader,
+    forces: dict[Path, Path],
+    renamed: dict[str, str],
+    notes: list[str],
+) -> "Dataset":
+    """Build the data set from all files and show the progress. `forces` has the file of forces of every log."""
+    from contract.recording.importing.assemble import EpisodeSource, assemble
 
-    def assembled(self, layout: "SensorLayout", forces: dict[Path, Path], names: dict[Path, str]) -> "Dataset":
-        """Build the data set from all files and show the progress."""
-        from contract.recording.importing.assemble import EpisodeSource, assemble
-
-        read = []
-        with progress("files") as report:
-            sources: list[EpisodeSource] = []
-            for number, (path, role) in enumerate(self.roles):
-                if path not in forces:
-                    sources.append(EpisodeSource(path=path, role=role))
-                    continue
-                drive = drives.read_drive(
-                    path,
-                    names[path],
-                    role,
-                    forces[path],
-                    layout,
-                    self.facts,
-                    self.options,
-                    self.loaded,
-                    lambda what, number=number: report("reading", number, len(self.roles), what),  # type: ignore[misc]
-                )
-                _check_pressure(path, drive.report.dynamic_pressure, self.options.references.get("Cp"))
-                read.append(drive)
-                sources += drive.sources
-                self.notes.extend(drives.notes_on(drive))
-            if self.options.zone is not None and not any(drive.log.is_local for drive in read):
-                raise ConfigError(f"--log-zone {self.options.zone}: no log begins in local time")
-            # In a log's files of forces, only the columns t, Cd and Cl can be renamed.
-            only_logs = all(path in forces for path, _ in self.roles)
-            places = {source.path: number for number, source in enumerate(sources)}
-            return assemble(
-                sources,
-                layout,
-                self.facts,
-                references=self.options.references,
-                renamed={
-                    name: column
-                    for name, column in self.renamed.items()
-                    if not (only_logs and name in drives.FORCES_NAMES)
-                },
-                progress=lambda path: report("assembling", places[path], len(sources), str(path)),
-                told=self.told,
+    sources: list[EpisodeSource] = []
+    names, is_local = drives.names_of(list(forces)), False
+    with progress("files") as report:
+        for number, (path, role) in enumerate(roles):
+            if path not in forces:
+                sources.append(EpisodeSource(path=path, role=role))
+                continue
+            made, series, log = reader.read(
+                path, names[path], role, forces[path], partial(report, "reading", number, len(roles))
             )
+            _check_pressure(path, series.dynamic_pressure, reader.references.get("Cp"))
+            is_local |= log.is_local
+            sources += made
+            notes += drives.notes_on(series, log)
+        if reader.zone is not None and not is_local:
+            raise ConfigError(f"--log-zone {reader.zone}: no log begins in local time")
+        # In a log's files of forces, only the columns t, Cd and Cl can be renamed.
+        only_logs = len(forces) == len(roles)
+        places = {source.path: number for number, source in enumerate(sources)}
+        return assemble(
+            sources,
+            reader.layout,
+            reader.facts,
+            references=reader.references,
+            renamed={name: column for name, column in renamed.items() if not (only_logs and name in reader.names)},
+            progress=lambda path: report("assembling", places[path], len(sources), str(path)),
+            told=_teller(notes),
+        )
 
 
-def _print(made: "Dataset", layout: "SensorLayout", notes: list[str]) -> None:
+def _print(made: "Dataset", notes: list[str]) -> None:
     from contract.recording.findings import asymmetry
     from contract.recording.plausible import implausible
 
     console.print(episodes_table(made))
-    console.print(sensors_line(layout))
-    for line in (*notes, *(f"note: {text}" for text in (*implausible(made), *(one.text for one in asymmetry(made))))):
+    console.print(sensors_line(made.layout))
+    for line in (*notes, *(f"note: {text}" for text in (*implausible(made), *asymmetry(made)))):
         console.print(line)
 
 

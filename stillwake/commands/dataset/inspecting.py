@@ -11,6 +11,7 @@ from rich.table import Column, Table
 from contract.atomic import replacing
 from contract.config.loading import Loaded
 from contract.errors import ConfigError, DatasetError
+from contract.recording.episode import FACTS
 from stillwake.console import options as shared
 from stillwake.console.settings import read_settings
 from stillwake.console.terminal import console
@@ -66,11 +67,9 @@ def inspect(
 def _print(data_set: "Dataset") -> None:
     console.print(episodes_table(data_set))
     console.print(sensors_line(data_set.layout))
-    facts = ", ".join(
-        f"{name.replace('_', ' ')} {'not known' if value is None else f'{value:g}'}"
-        for name, value in data_set.plant.as_dict().items()
-    )
-    console.print(facts)
+    known = data_set.plant.known
+    facts = (f"{name.replace('_', ' ')} {f'{known[name]:g}' if name in known else 'not known'}" for name in FACTS)
+    console.print(", ".join(facts))
 
 
 def _findings(file: Path, data_set: "Dataset", loaded: Loaded) -> list[tuple[str, str]]:
@@ -97,22 +96,25 @@ def _needs_settings(file: Path) -> str:
 
 def episodes_table(found: "Dataset") -> Table:
     """Return a table with one row per episode."""
-    from contract.recording.summary import summarise
+    from contract.recording.plausible import dominant_frequency
 
     numbers = ("steps", "t / t_c", "rms action", "mean Cd", "std Cl", "Cl peak, 1/t_c")
     width = min(20, max(len(item.name) for item in found.episodes))
     names = (Column("episode", overflow="fold", min_width=width), "role")
     table = Table(*names, *(Column(name, justify="right") for name in numbers), box=SIMPLE, padding=0)
-    for item in summarise(found):
+    period = found.plant.control_period
+    for item in found.episodes:
+        t, action, drag, lift = (item.series[name] for name in ("t", "action", "Cd", "Cl"))
+        frequency = None if period is None else dominant_frequency(lift, period)
         table.add_row(
             item.name,
             item.role,
-            str(item.steps),
-            f"{item.duration:.1f}",
-            f"{item.action_rms:.4f}",
-            f"{item.drag:.4f}",
-            f"{item.lift:.4f}",
-            "" if item.frequency is None else f"{item.frequency:.3f}",
+            str(len(item)),
+            f"{t[-1] - t[0]:.1f}",
+            f"{np.sqrt(np.square(action).mean()):.4f}",
+            f"{drag.mean():.4f}",
+            f"{lift.std():.4f}",
+            "" if frequency is None else f"{frequency:.3f}",
         )
     return table
 
@@ -127,12 +129,13 @@ def sensors_line(layout: "SensorLayout") -> str:
 def _draw(dataset: "Dataset", path: Path) -> None:
     """Write a picture as PNG, completely or not at all. Raises StillwakeError if the file's name does not end in .png,
     or the file cannot be written."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     if path.suffix.lower() != ".png":
         raise ConfigError(f"{path}: a picture must end in .png")
     layout, first = dataset.layout, dataset.episodes[0]
-    figure, axes = plt.subplots(4, 1, figsize=(8, 9), height_ratios=(2, 1, 1, 1), layout="constrained")
+    figure = Figure(figsize=(8, 9), layout="constrained")
+    axes = figure.subplots(4, 1, height_ratios=(2, 1, 1, 1))
     places = axes[0]
     x, y = layout.positions.T
     on_base = np.isin(np.arange(len(layout)), layout.base)
@@ -151,8 +154,5 @@ def _draw(dataset: "Dataset", path: Path) -> None:
         axis.set_ylabel(name)
     axes[1].set_title(f"episode {first.name}")
     axes[-1].set_xlabel("t / t_c")
-    try:
-        with replacing(path) as temporary:
-            figure.savefig(temporary, format="png", dpi=120)
-    finally:
-        plt.close(figure)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=120)

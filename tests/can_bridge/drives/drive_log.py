@@ -1,5 +1,7 @@
-"""Logs of drives whose content is known: encoded by cantools, protected by autosar-e2e, nothing of it by ourselves; and
-how a log's series is compared with its drive."""
+"""Logs of drives whose content is known, and how a log's series is compared with its drive.
+
+That our codecs are the DBC's, and our protection AUTOSAR's, is tested in `tests/can_bridge/{wire,e2e,secoc}`.
+"""
 
 import copy
 from collections.abc import Iterable, Sequence
@@ -10,14 +12,17 @@ from typing import Any, Final
 import can
 import numpy as np
 import numpy.typing as npt
-from e2e.p02 import e2e_p02_protect
-from e2e.p05 import e2e_p05_protect
 
+from can_bridge.bus.conversion import to_message
 from can_bridge.drives.log_periods import Scales
 from can_bridge.drives.log_to_series import LogSeries, series_of
+from can_bridge.e2e.profiles import profile_of
+from can_bridge.e2e.sender import SenderState, protected_frame
+from can_bridge.secoc.key import Key
+from can_bridge.secoc.securing import Freshness, secure
+from can_bridge.wire.message_sets import CLASSIC, FD, SECURED, Message
+from can_bridge.wire.messages import JetCommand, Mode, Pressure, VehicleSpeed
 from contract.config.operating_point import OperatingPoint
-from tests.can_bridge.uds.test_security import cmac
-from tests.can_bridge.wire import described
 
 Array = npt.NDArray[np.float64]
 
@@ -28,18 +33,10 @@ FLOW: Final = 62.5
 """U_inf W in m2/s at 25 m/s and 2.5 m."""
 LATENCY: Final = 0.4
 """The time from pressure to command, as a share of a period."""
-STEP: Final = {"fd": 0.1, "classic": 1.0, "secured": 0.1}
+SETS: Final = {"fd": FD, "classic": CLASSIC, "secured": SECURED}
+STEP: Final = {kind: one.pressure_resolution_pa for kind, one in SETS.items()}
 """Steps of a pressure on the wire, Pa."""
-SUFFIX: Final = {"fd": "", "classic": "Classic", "secured": "Secured"}
-DATA_IDS: Final = {
-    **{"Pressure": 0x5701, "JetCommand": 0x5702, "PressureClassic": 0x71, "JetCommandClassic": 0x72},
-    **{"PressureSecured": 0x5704, "JetCommandSecured": 0x5705},
-    **{"VehicleSpeed": 0x5707, "VehicleSpeedClassic": 0x74, "VehicleSpeedSecured": 0x5708},
-}
-MODULUS: Final = {"fd": 256, "classic": 16, "secured": 256}
 KEY: Final = bytes(range(1, 17))
-
-DBC: Final[Any] = described.DBC
 
 
 @dataclass(frozen=True)
@@ -69,62 +66,32 @@ def pressure(
     counter: int | None = None,
 ) -> can.Message:
     """The Pressure frame of row k."""
-    values: dict[str, float] = {f"Pressure{i}": one.Cp[k, i] * PRESSURE for i in range(4)}
-    if one.kind == "classic":
-        values |= {f"Pressure{i}": -2048 for i in range(4) if not valid[i]}
-    else:
-        values |= {f"Valid{i}": int(valid[i]) for i in range(4)}
-    values |= {"EnableRequest": 1, "Age": age_ms}
-    return framed(f"Pressure{SUFFIX[one.kind]}", values, k if counter is None else counter, one.kind, time_s)
+    values = Pressure(tuple(one.Cp[k] * PRESSURE), tuple(valid), True, round(age_ms * 1e6))
+    return framed(SETS[one.kind].pressure, values, k if counter is None else counter, time_s)
 
 
 def command(
-    one: Drive, k: int, time_s: float, *, echo: int | None = None, action: float | None = None, **values: Any
+    one: Drive, k: int, time_s: float, *, echo: int | None = None, action: float | None = None, **changes: Any
 ) -> can.Message:
-    """The JetCommand that answers row k, with other values of signals."""
-    usual = {
-        "Flow": (one.action[k] if action is None else action) * FLOW,
-        "PressureCounter": (k if echo is None else echo) % MODULUS[one.kind],
-        **{"Mode": "CONTROL", "Enable": 1, "PressureCounterValid": 1, "NextPeriod": 0},
-    }
-    return framed(f"JetCommand{SUFFIX[one.kind]}", usual | values, k + 7, one.kind, time_s)
+    """The JetCommand that answers row k, or with other values."""
+    message, flow = SETS[one.kind].command, (one.action[k] if action is None else action) * FLOW
+    echoed = (k if echo is None else echo) % profile_of(SETS[one.kind].pressure.spec).counter_period
+    return framed(message, JetCommand(flow, Mode.CONTROL, True, echoed)._replace(**changes), k + 7, time_s)
 
 
-def speed(kind: str, k: int, time_s: float, value: float | None, density: float = 0.0) -> can.Message:
-    """The VehicleSpeed of period k, in m/s, and the density of the air in kg/m3; 0 where it is not known."""
-    values = {"Speed": 0xFFFF * 0.005 if value is None else value, "AirDensity": density, "Age": 0.0}
-    return framed(f"VehicleSpeed{SUFFIX[kind]}", values, k, kind, time_s)
+def speed(kind: str, k: int, time_s: float, value: float | None, density: float | None = None) -> can.Message:
+    """The VehicleSpeed of period k, in m/s, and the density of the air in kg/m3."""
+    return framed(SETS[kind].speed, VehicleSpeed(value, 0, density), k, time_s)
 
 
-def framed(name: str, values: dict[str, Any], counter: int, kind: str, time_s: float) -> can.Message:
+def framed(message: Message[Any], values: Any, counter: int, time_s: float) -> can.Message:
     """Encoded and protected."""
-    message = DBC.get_message_by_name(name)
-    values = {"E2E_CRC": 0, "E2E_Counter": counter % MODULUS[kind], **values}
-    if kind == "secured":
-        values |= {"Freshness": (1 << 32) + counter, "MAC": 0}
-    data = bytearray(message.encode(values))
-    if kind == "classic":
-        e2e_p02_protect(data, bytes([DATA_IDS[name]] * 16), increment_counter=False)
-    elif kind == "fd":
-        e2e_p05_protect(data, DATA_IDS[name], increment_counter=False)
-    else:
-        covered = data[: 16 if name.startswith("Pressure") else 8]
-        e2e_p05_protect(covered, DATA_IDS[name], increment_counter=False)
-        covered += data[len(covered) : -8]
-        data = covered + authentication_code(DATA_IDS[name], bytes(covered))
-    return can.Message(
-        timestamp=time_s,
-        arbitration_id=message.frame_id,
-        is_extended_id=False,
-        is_fd=kind != "classic",
-        bitrate_switch=kind != "classic",
-        data=data,
-    )
-
-
-def authentication_code(data_id: int, covered: bytes) -> bytes:
-    """The code that ends a secured message."""
-    return cmac(KEY, data_id.to_bytes(2, "big") + covered)[:8]
+    spec = message.spec
+    state = SenderState(counter=counter % profile_of(spec).counter_period)
+    frame = protected_frame(state, message.emit(values), spec=spec, now_ns=0)
+    if spec.is_secured:
+        frame = secure(frame, spec, Key(KEY), Freshness(count=counter))
+    return at(to_message(frame), time_s)
 
 
 def log_of(
@@ -136,14 +103,6 @@ def log_of(
         for k in (range(len(one.action)) if rows is None else rows)
         for make, late in ((pressure, 0.0), (command, LATENCY))
     ]
-
-
-def write(path: Path, messages: Sequence[can.Message]) -> Path:
-    """A log in the format of its ending, by python-can."""
-    with can.Logger(str(path)) as logger:
-        for message in messages:
-            logger(message)
-    return path
 
 
 SCALES = Scales(period=0.2, point=OperatingPoint(), action_limit=0.075)

@@ -29,7 +29,7 @@ from tests.can_bridge.drives.drive_log import (
 from tests.refused import refused
 
 
-def with_speeds(one: Drive, speeds: list[float | None], *, density: float = 0.0) -> list[can.Message]:
+def with_speeds(one: Drive, speeds: list[float | None], *, density: float | None = None) -> list[can.Message]:
     """The drive's log with a VehicleSpeed behind every pressure."""
     said = [speed(one.kind, k, 1000.0 + (k + 0.01) * PERIOD, value, density) for k, value in enumerate(speeds)]
     return in_time([*log_of(one), *said])
@@ -58,12 +58,12 @@ def test_the_speed_in_the_log_makes_the_coefficients_and_contradictions_are_name
             with refused(DatasetError, text):
                 series_of(LOG, messages, wrong, fill=2, split=False)
         agreed = replace(scales, point=OperatingPoint(speed=20.1), given=frozenset({"operating_point.speed"}))
-        assert series_of(LOG, messages, agreed, fill=2, split=False).report.speed == (20.0, 20.0, 20.0)
+        assert series_of(LOG, messages, agreed, fill=2, split=False).speed == (20.0, 20.0, 20.0)
     # A vehicle that does not know its speed: the operating point's.
     one = drive("fd", 60, 22)
     series = read(with_speeds(one, [None] * 60))
     same(series, one)
-    assert series.report.speed is None
+    assert series.speed is None
 
 
 def test_rows_of_a_speed_that_varies_lie_at_equal_ways() -> None:
@@ -78,7 +78,7 @@ def test_rows_of_a_speed_that_varies_lie_at_equal_ways() -> None:
     one = Drive("fd", pressures / PRESSURE, flows / FLOW)
     series = read(with_speeds(one, speeds.tolist()))
     (piece,) = series.pieces
-    assert series.report.is_resampled
+    assert series.is_resampled
     place = 0.2 * (piece.first_row + np.arange(len(piece)))
     assert place[-1] == pytest.approx(way[-1], abs=0.25)
     # Steps of the wire: 0.05 Pa of 240 at least, and 1e-4 m2/s of 50; frames of the speed come 1 % of a period late.
@@ -96,7 +96,7 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
     jumps[0] = jumps[40] = jumps[41] = 60.0
     series = read(with_speeds(one, jumps))
     same(series, one)
-    assert series.report.unused == {"with a repeated speed, or a speed that no vehicle reaches so fast": 3}
+    assert series.unused == {"with a repeated speed, or a speed that no vehicle reaches so fast": 3}
     # 0.5 s is the oldest that is believed, on either side of a gap.
     silent: list[float | None] = [25.0] * 120
     silent[30:90] = [None] * 60
@@ -108,11 +108,11 @@ def test_rows_without_a_speed_are_gaps_and_jumps_are_not_believed() -> None:
             read(with_speeds(one, speeds))
         series = read(with_speeds(one, speeds), split=True)
         assert len(series.pieces) == 2
-        assert series.report.without_speed == pytest.approx(missing, abs=3)
-        assert len([line for line in series.report.gaps if "speed of a moving vehicle" in line]) == 1
+        assert series.without_speed == pytest.approx(missing, abs=3)
+        assert len([line for line in series.gaps if "speed of a moving vehicle" in line]) == 1
     # Before it drives off it stands for most of the log; or it never does.
     waits: list[float | None] = [max(0.0, 25.0 - 0.29 * 5 * max(0, 80 - k)) for k in range(120)]
-    assert read(with_speeds(one, waits)).report.speed == (0.0, 25.0, 25.0)
+    assert read(with_speeds(one, waits)).speed == (0.0, 25.0, 25.0)
     with refused(DatasetError, r"state 0 m/s: the vehicle stands"):
         read(with_speeds(one, [0.0] * 120))
     with refused(DatasetError, r"control period of 0\.2 W / U_inf; but flow.control_period is 2 "):
@@ -132,4 +132,4 @@ def test_a_log_of_two_buses_is_read_by_channel() -> None:
     foreign = [noise(message, generator) for message in theirs[4:]]
     series = read(in_time([*ours, *foreign, *theirs[:4]]))
     same(series, one)
-    assert (series.report.channel, series.report.unused) == ("can0", {"on other channels": 120})
+    assert (series.channel, series.unused) == ("can0", {"on other channels": 120})

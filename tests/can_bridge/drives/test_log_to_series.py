@@ -11,11 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.drives.log_to_series import series_of
+from can_bridge.secoc.key import Key
 from can_bridge.wire.message_sets import CLASSIC, FD
+from can_bridge.wire.messages import Mode
 from contract.errors import DatasetError
 from tests.can_bridge.drives.drive_log import (
     EXACT,
     FLOW,
+    KEY,
     KINDS,
     LATENCY,
     LOG,
@@ -23,7 +26,6 @@ from tests.can_bridge.drives.drive_log import (
     SCALES,
     Drive,
     at,
-    authentication_code,
     command,
     drive,
     in_time,
@@ -75,7 +77,7 @@ def test_whatever_the_log_lost_or_added_the_rows_stay_the_drives(data: st.DataOb
         # The straight line between neighbours, which are the truth itself where nothing is lost.
         expected = np.column_stack([np.interp(inside, kept, column[kept]) for column in values.T])
         np.testing.assert_allclose(found, expected, atol=EXACT)
-    unused = dict(series.report.unused)
+    unused = dict(series.unused)
     odd = sum(unused.pop(reason, 0) for reason in ("error frames", "remote frames", "of other messages"))
     assert (unused, odd) == ({"damaged": 3, **({"repeated": copies} if copies else {})}, 20)
 
@@ -120,13 +122,13 @@ def test_frames_are_put_in_their_order_by_counter_and_echo() -> None:
     messages.insert(140, pressure(one, 3, messages[139].timestamp))
     series = read(messages)
     same(series, one)
-    assert series.report.unused == {"out of sequence": 1}
+    assert series.unused == {"out of sequence": 1}
     # An ECU that takes 1.4 periods: every command comes after the next pressure.
     one = drive("classic", 100, 3)
     messages = [pressure(one, k, k * PERIOD) for k in range(100)]
     messages += [command(one, k, (k + 1.4) * PERIOD) for k in range(100) if k != 50]
     # It repeats its command for 49 where that for 50 would come.
-    messages.append(command(one, 50, 51.4 * PERIOD, echo=49, Mode="HOLD", action=one.action[50]))
+    messages.append(command(one, 50, 51.4 * PERIOD, echo=49, mode=Mode.HOLD, action=one.action[50]))
     same(read(in_time(messages)), one)
 
 
@@ -134,10 +136,10 @@ def test_commands_that_do_not_answer_belong_to_the_period_they_came_in() -> None
     one = drive("fd", 100, 4)
     messages = log_of(one)
     # The ECU missed pressure 40 and repeats its command for 39; at 60 the jets are not enabled, and so shut.
-    messages[81] = command(one, 40, messages[81].timestamp, echo=39, Mode="HOLD", action=one.action[39])
-    messages[121] = command(one, 60, messages[121].timestamp, Enable=0)
+    messages[81] = command(one, 40, messages[81].timestamp, echo=39, mode=Mode.HOLD, action=one.action[39])
+    messages[121] = command(one, 60, messages[121].timestamp, enable=False)
     # The command for 80 is lost, and repeated in 81: it is no answer to 80.
-    messages[163] = command(one, 81, messages[163].timestamp, echo=80, Mode="HOLD", action=one.action[80])
+    messages[163] = command(one, 81, messages[163].timestamp, echo=80, mode=Mode.HOLD, action=one.action[80])
     del messages[161]
     assert one.action[60] != 0.0
     action = one.action.copy()
@@ -153,9 +155,9 @@ def test_commands_for_the_next_period_are_the_actions_of_the_row_after() -> None
         for k in range(60):
             messages.append(pressure(one, k, 5.0 + k * PERIOD))
             # At 30 the ECU holds: the command still rests on 29, came in 30 and is for 31.
-            held: dict[str, Any] = {"echo": k - 1, "Mode": "HOLD"} if k == 30 else {}
+            held: dict[str, Any] = {"echo": k - 1, "mode": Mode.HOLD} if k == 30 else {}
             action = float(one.action[min(k + 1, 59)])
-            messages.append(command(one, k, 5.0 + (k + LATENCY) * PERIOD, action=action, NextPeriod=1, **held))
+            messages.append(command(one, k, 5.0 + (k + LATENCY) * PERIOD, action=action, next_period=True, **held))
         (piece,) = read(messages).pieces
         # What the jets did in the first period was asked for before the log begins.
         rows = piece.first_row + np.arange(len(piece))
@@ -174,9 +176,9 @@ def test_a_sensor_that_fails_for_a_moment_is_filled_alone() -> None:
         cp = one.Cp.copy()
         cp[20, 1] = (cp[19, 1] + cp[21, 1]) / 2
         same(series, replace(one, Cp=cp))
-        assert series.report.filled == (1, 0)
-        assert series.report.lost == (0, 0)
-        assert "no valid pressure b for 1 control period at 0.400 s: filled" in series.report.gaps[0]
+        assert series.filled == (1, 0)
+        assert series.lost == (0, 0)
+        assert "no valid pressure b for 1 control period at 0.400 s: filled" in series.gaps[0]
 
 
 def test_age_and_drift_move_the_rows_and_another_period_is_refused() -> None:
@@ -186,7 +188,7 @@ def test_age_and_drift_move_the_rows_and_another_period_is_refused() -> None:
     assert piece.time_s[0] == pytest.approx(4.997, abs=1e-9)
     one = drive("fd", 600, 12)
     series = read(log_of(one, period_s=PERIOD * (1 + 80e-6)))
-    assert series.report.drift == pytest.approx(80e-6, abs=1e-9)
+    assert series.drift == pytest.approx(80e-6, abs=1e-9)
     same(series, one)
     for share, text in ((0.005, r"come every 20\.1 ms.*\+0\.50%"), (1.0, "40 ms apart"), (-0.5, "10 ms apart")):
         with pytest.raises(DatasetError, match=text):
@@ -197,19 +199,14 @@ def test_authentication_is_checked_where_a_key_is_given() -> None:
     one = drive("secured", 60, 13)
     messages = log_of(one)
 
-    def verify(spec: Any, data: bytes) -> int | None:
-        return (
-            int.from_bytes(data[-16:-8], "big") if authentication_code(spec.data_id, data[:-8]) == data[-8:] else None
-        )
-
     messages[40].data[-1] ^= 1
     replayed = pressure(one, 3, messages[60].timestamp + 1e-4)
     messages.insert(61, replayed)
-    report = read(messages, verify=verify).report
-    assert (report.unused, report.checked, report.filled) == ({"not authentic": 2}, True, (1, 0))
-    assert read(messages).report.checked is False
+    series = read(messages, key=Key(KEY))
+    assert (series.unused, series.checked, series.filled) == ({"not authentic": 2}, True, (1, 0))
+    assert read(messages).checked is False
     with pytest.raises(DatasetError, match=r"wrong authentication code: bus\.key is not the key"):
-        read(messages, verify=lambda spec, data: None)
+        read(messages, key=Key(bytes(range(16))))
 
 
 def test_a_full_command_that_the_wire_rounded_up_is_the_limit_and_one_of_two_sets_can_be_asked_for() -> None:
@@ -251,7 +248,7 @@ def test_a_long_gap_or_a_sender_that_begins_again_is_refused_with_its_time_or_cu
                 read(messages)
             series = read(messages, split=True)
             assert [len(piece) for piece in series.pieces] == [100, 100], (kind, ahead)
-            assert series.report.unused == {"repeated": 1}, (kind, ahead)
+            assert series.unused == {"repeated": 1}, (kind, ahead)
             np.testing.assert_allclose(series.pieces[1].Cp, one.Cp[100:], atol=EXACT)
             assert series.pieces[1].initial_action == pytest.approx(one.action[99], abs=EXACT), (kind, ahead)
 

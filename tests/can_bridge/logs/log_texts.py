@@ -134,7 +134,9 @@ def identity(message: can.Message) -> tuple[object, ...]:
     )
 
 
-def write(path: Path, log: list[can.Message]) -> None:
+def write(path: Path, messages: Sequence[can.Message]) -> Path:
+    """A log in the format of its ending, by python-can."""
     with can.Logger(path) as writer:
-        for message in log:
+        for message in messages:
             writer.on_message_received(message)
+    return path

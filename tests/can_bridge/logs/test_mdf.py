@@ -6,7 +6,7 @@ import can
 import numpy as np
 import pytest
 
-from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.entries import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mdf_file import write_mdf
 from contract.errors import BusError

@@ -1,4 +1,4 @@
-"""Measurements of frames that cantools encoded: other programs read what it was given, value by value."""
+"""Measurements of frames: other programs read their signals, value by value."""
 
 import json
 import sys
@@ -15,16 +15,16 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
-from can_bridge.logs.channels import ChannelGroup, NamedChannel
+from can_bridge.logs.entries import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import layout_of
-from can_bridge.tools.live_log import live_log
-from can_bridge.tools.measurement import groups_of, write_measurement
+from can_bridge.tools.measurement import groups_of, live_log, write_measurement
 from can_bridge.wire.frame import Frame
 from contract.errors import BusError, StillwakeError
 from stillwake.console.endings import missing
-from tests.can_bridge.drives.drive_log import DBC, drive, log_of
-from tests.can_bridge.logs.log_texts import frames, identity
+from tests.can_bridge.drives.drive_log import drive, log_of
+from tests.can_bridge.logs.log_texts import identity
+from tests.can_bridge.logs.test_mdf import messages
 from tests.refused import refused
 
 small_mcap = pytest.importorskip("small_mcap")
@@ -45,51 +45,43 @@ def read_mcap(path: Path) -> Iterator[tuple[str, str, int, Any]]:
             yield channel.topic, schema.name, message.log_time, classes[schema.id].FromString(message.data)
 
 
-def test_an_mcap_has_frames_and_what_cantools_decodes_of_them(tmp_path):
+def test_an_mcap_has_frames_and_channels_with_their_words_and_the_layout_draws_them(tmp_path):
+    """That the channels are what cantools decodes is tested in `test_signals.py`."""
     for kind in ("fd", "classic", "secured"):
         sent = log_of(drive(kind, 60, 3))
         sent.append(can.Message(timestamp=sent[-1].timestamp, arbitration_id=0x18FEF100, data=b"\1\2"))
         assert not write_measurement(tmp_path / "a.mcap", sent)
-        read = list(read_mcap(tmp_path / "a.mcap"))
-        assert [one[2] for one in read] == sorted(one[2] for one in read)
-        frames = [(time_ns, one.id, one.data, one.extended) for topic, _, time_ns, one in read if topic == "/frames"]
+        read: dict[str, list[tuple[int, Any]]] = {}
+        for topic, schema, time_ns, values in read_mcap(tmp_path / "a.mcap"):
+            assert schema == f"stillwake.{'Frame' if topic == '/frames' else topic[1:]}"
+            read.setdefault(topic, []).append((time_ns, values))
+        frames = [(time_ns, one.id, one.data, one.extended) for time_ns, one in read.pop("/frames")]
         assert frames == [
             (round(one.timestamp * 1e9), one.arbitration_id, bytes(one.data), one.is_extended_id) for one in sent
         ]
-        named = [one for one in read if one[0] != "/frames"]
-        assert len(named) == len(sent) - 1
         paths = set()
-        for (topic, schema, time_ns, values), one in zip(named, sent, strict=False):
-            message = DBC.get_message_by_frame_id(one.arbitration_id)
-            assert (topic, schema, time_ns) == (
-                f"/{message.name}",
-                f"stillwake.{message.name}",
-                round(one.timestamp * 1e9),
-            )
-            raw = message.decode(bytes(one.data), decode_choices=False)
-            for signal in message.signals:
-                unit = (signal.unit or "").replace("/", "_per_")
-                field = f"{signal.name}_{unit}" if unit else signal.name
-                if signal.name not in ("Freshness", "MAC"):
-                    assert getattr(values, field) == pytest.approx(raw[signal.name], rel=1e-12), field
-                    paths.add(f"{topic}.{field}")
-            if message.name.startswith("JetCommand"):
-                word = values.DESCRIPTOR.fields_by_name["Mode"].enum_type.values_by_number[values.Mode].name
-                assert word == str(message.get_signal_by_name("Mode").choices[raw["Mode"]])
+        for group in groups_of(sent)[0]:
+            times, rows = zip(*read.pop(f"/{group.name}"), strict=True)
+            assert [*times] == np.rint(group.times_s * 1e9).tolist()
+            for channel in group.channels:
+                paths.add(f"/{group.name}.{channel.identifier}")
+                assert [getattr(row, channel.identifier) for row in rows] == channel.values.tolist()
+            if group.name.startswith("JetCommand"):
+                words = rows[0].DESCRIPTOR.fields_by_name["Mode"].enum_type.values_by_number
+                assert words[rows[0].Mode].name == "CONTROL"
+        assert not read
         layout = json.loads(layout_of(tmp_path / "a.mcap").read_text())
         drawn = {one["value"] for panel in layout["configById"].values() for one in panel.get("paths", ())}
-        ours = {path for path in drawn if path.split(".")[0] in {topic for topic, *_ in named}}
+        ours = {path for path in drawn if path.split(".")[0] in {one.split(".")[0] for one in paths}}
         assert len(ours) == 6
         assert ours <= paths
 
 
 def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
     """Of every kind; a file that is cut, or has no frame, is one line."""
-    sent, path = frames(40), tmp_path / "a.mcap"
-    sent.append(can.Message(timestamp=0.6, arbitration_id=0x7DF, is_remote_frame=True, dlc=5, is_extended_id=False))
-    sent += [can.Message(timestamp=0.61, arbitration_id=bit, is_error_frame=True) for bit in (0x8, 0x20)]
+    sent, path = messages(), tmp_path / "a.mcap"
     for k, one in enumerate(sent):
-        one.channel, one.is_rx, one.error_state_indicator = ("can0", "")[k % 2], k % 4 != 0, one.is_fd and k % 3 == 0
+        one.channel, one.error_state_indicator = one.channel if k % 3 else "", one.is_fd and k % 4 == 0
     run = ChannelGroup(name="Run", times_s=np.arange(3.0), channels=(NamedChannel("a", "", np.arange(3.0)),))
     write_measurement(path, sent, more=[run])
     log = CanLog(path)
@@ -97,7 +89,7 @@ def test_the_frames_of_an_mcap_are_read_as_they_were_given(tmp_path):
         assert (read.is_error_frame, read.arbitration_id) == (one.is_error_frame, one.arbitration_id)
         assert read.timestamp == pytest.approx(one.timestamp, rel=0, abs=1e-9)
         assert (identity(read), read.channel) == (identity(one), one.channel)
-    assert log.channels == {"can0": 22, "": 21} and log.events == {"record of Run": 3}
+    assert log.channels == {"": 23, "2": 22, "can1": 22} and log.events == {"record of Run": 3}
     whole = path.read_bytes()
     for length in [*range(0, len(whole), len(whole) // 20), len(whole) - 1]:
         path.write_bytes(whole[:length])

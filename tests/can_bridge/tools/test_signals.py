@@ -56,6 +56,9 @@ def test_others_are_unknown_a_wrong_length_is_unreadable_and_no_digits_are_shown
     shown = {one.name: one.shown for one in got.signals}
     # 3 * 0.0002 in doubles is 0.0006000000000000001.
     assert (shown["Flow"], shown["Mode"]) == ("0.0006", "CONTROL")
+    got = decode(Frame(frame_id=0x121, data=bytes([0, 0, 0, 8, 0, 0, 0, 0]), is_fd=False))
+    assert got is not None
+    assert [one.shown for one in got.signals if one.unit == "Pa"] == ["INVALID", "0", "0", "0"]
 
 
 NAMES = [spec.name for spec in SPECS]

@@ -69,7 +69,7 @@ def test_a_sound_data_set_has_only_notes(sound):
     assert findings(shipped, Config()) == ()
     one = replace(shipped, episodes=shipped.episodes[:1])
     (skew,) = asymmetry(with_first(one, Cp=one.episodes[0].series["Cp"] + 5.0 * (np.arange(90) == 89)))
-    assert "base_0 and base_9 are mirror images, but their mean Cp is" in skew.text and "--asymmetric" in skew.text
+    assert "base_0 and base_9 are mirror images, but their mean Cp is" in skew and "--asymmetric" in skew
 
 
 def test_settings_of_another_plant_are_named_with_what_to_set(sound):

@@ -7,7 +7,6 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIONetCDF import vtkNetCDFCFReader
 
-from contract.errors import DatasetError
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from contract.recording.episode import PlantFacts
@@ -64,26 +63,3 @@ def test_the_reader_of_paraview_has_the_series_over_time(written):
         reader.UpdateTimeStep(stored.series["t"][step])
         found = vtk_to_numpy(reader.GetOutput().GetPointData().GetArray("Cp"))
         np.testing.assert_array_equal(found, stored.series["Cp"][step])
-
-
-def test_packed_variables_of_others_are_read_as_xarray_reads_them(tmp_path):
-    made, path = episode(), tmp_path / "packed.nc"
-    fields = {name: (("t", "s") if name == "Cp" else "t", made.series[name]) for name in dataset.REQUIRED}
-    packing = {
-        "Cp": {"dtype": "int16", "scale_factor": 0.001, "add_offset": 0.25, "_FillValue": -1},
-        "Cl": {"dtype": "int8", "scale_factor": 0.02, "add_offset": -0.5, "_FillValue": -128},
-        "action": {"dtype": "float32"},
-    }
-    xarray.Dataset(fields).to_netcdf(path, engine="scipy", encoding=packing)
-    facts = PlantFacts(control_period=0.2, action_limit=10.0)
-    (found,) = assemble([EpisodeSource(path=path, role="train")], TRUCK, facts).episodes
-    with xarray.open_dataset(path, engine="scipy") as expected:
-        for name in dataset.REQUIRED:
-            np.testing.assert_allclose(found.series[name], expected[name], rtol=0, atol=3e-7, err_msg=name)
-            np.testing.assert_allclose(found.series[name], made.series[name], rtol=0, atol=0.011, err_msg=name)
-
-
-def test_a_series_beyond_sixteen_bits_is_refused_and_leaves_no_file(tmp_path):
-    with pytest.raises(DatasetError, match="episode first: field 'Cd' holds 500"):
-        write_netcdf(tmp_path / "a.nc", episode(series={"Cd": np.full(12, 500.0)}), TRUCK)
-    assert not list(tmp_path.iterdir())

@@ -14,7 +14,8 @@ from can_bridge.secoc.key import write_key
 from contract.release import bundle as bundles
 from contract.release.signing import read_private_key, write_key_pair
 from contract.shipped import MODEL
-from tests.can_bridge.drives.drive_log import drive, log_of, write
+from tests.can_bridge.drives.drive_log import drive, log_of
+from tests.can_bridge.logs.log_texts import write
 from tests.conftest import SIGNING_KEY
 from tests.docs.blocks.pages import ROOT, Line
 

@@ -1,6 +1,5 @@
 """`stillwake dataset import` of logs: the loop's own capture is the recorded run, and faults end in one line."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,8 @@ from contract.release import bundle
 from contract.sensors import TRUCK
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs.series_csv import write_csv
-from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, speed, write
+from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, speed
+from tests.can_bridge.logs.log_texts import write
 from tests.conftest import Outcome
 
 FACTS = ("--set", "flow.control_period=0.2", "--set", "flow.action_limit=0.075", "--asymmetric")
@@ -139,6 +139,7 @@ def test_what_is_missing_or_contradicts_itself_is_refused(all_refused, place):
         {
             "": "a log has no drag and lift, and training needs them: give them with --forces",
             "--forces a.csv --forces b.csv": "--forces b.csv: is the second file; with several, write LOG=",
+            "--forces drive.log=forces.csv --forces drive.log=b.csv": "drive.log has forces already",
             "--forces missing.csv": "missing.csv: no such file",
             "--forces drive.log": "drive.log: a table of forces must end in",
             "--forces bare.csv": "state with --forces-clock how its times count",
@@ -210,10 +211,3 @@ def test_a_drive_at_another_speed_states_it_and_needs_no_setting(place):
     np.testing.assert_allclose(episode.series["t"], 0.16 * np.arange(200), atol=1e-9)
     # Forces in t_c of the vehicle's own speed.
     np.testing.assert_allclose(episode.series["Cd"], 1.0 + 0.1 * np.sin(0.16 * np.arange(200)), atol=1e-3)
-
-
-def test_a_measurement_without_asammdf_names_the_extra(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    (place.folder / "drive.mf4").touch()
-    monkeypatch.setitem(sys.modules, "asammdf", None)
-    outcome = place.call("--forces", place.folder / "forces.csv", log=place.folder / "drive.mf4")
-    assert (outcome.code, "pip install '.[mdf]'" in outcome.err) == (1, True)

@@ -6,32 +6,18 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from contract.errors import DatasetError
-from contract.recording.importing.forces import TimeSeries, read_forces
+from contract.recording.importing.forces import ForcesTable, read_forces
 
 T = np.array([0.0, 0.5, 1.0, 2.0])
 VALUES = {"t": T, "Cd": 1.0 + T, "Cl": -2.0 * T}
 
 
-def series(t: Any, values: Any) -> TimeSeries:
-    return TimeSeries(path=Path("forces.csv"), name="Cd", t=np.asarray(t, float), values=np.asarray(values, float))
-
-
-@given(
-    slope=st.floats(-10, 10),
-    offset=st.floats(-10, 10),
-    knots=st.lists(st.floats(0, 100), min_size=2, max_size=30, unique_by=lambda t: round(t, 3)),
-    data=st.data(),
-)
-def test_a_straight_line_is_itself_at_any_time(slope, offset, knots, data):
-    t = np.sort(knots)
-    wanted = np.sort(data.draw(st.lists(st.floats(t[0], t[-1]), min_size=1, max_size=30)))
-    found = series(t, offset + slope * t).at(wanted, longest_gap=1000.0, slack=0.0)
-    # Rounding of sums of numbers up to 1000.
-    np.testing.assert_allclose(found, offset + slope * wanted, atol=1e-9)
+def series(t: Any, values: Any) -> ForcesTable:
+    cd = np.asarray(values, float)
+    names = {"t": "t", "Cd": "Cd", "Cl": "Cl"}
+    return ForcesTable(path=Path("forces.csv"), names=names, t=np.asarray(t, float), values={"Cd": cd, "Cl": -cd})
 
 
 def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
@@ -42,10 +28,11 @@ def test_what_lies_outside_or_in_a_gap_is_refused_by_time():
     with pytest.raises(DatasetError, match=r"no value between 0\.1 and 0\.5 s .* no more than 0\.2 s apart"):
         one.at(np.array([0.0, 0.3]), **wide)
     # A row on the edge of the gap needs no line across it; one by a hair outside takes the value there.
-    assert one.at(np.array([0.0, 0.1, 0.5, 0.605]), **wide).tolist() == [1.0, 2.0, 3.0, 4.0]
+    found = one.at(np.array([0.0, 0.075, 0.1, 0.5, 0.605]), **wide)
+    np.testing.assert_allclose([found["Cd"], -found["Cl"]], [[1.0, 1.75, 2.0, 3.0, 4.0]] * 2)
 
 
-def test_series_that_are_none_are_refused_and_times_move_to_another_clock():
+def test_series_that_are_none_are_refused():
     for t, values, text in (
         ([0.0, 1.0, 1.0], [1.0, 2.0, 3.0], "do not rise from row 1 to 2: 1, 1"),
         ([0.0, 1.0], [np.nan, 2.0], "'Cd' holds a value that is not finite, first at row 0"),
@@ -53,9 +40,6 @@ def test_series_that_are_none_are_refused_and_times_move_to_another_clock():
     ):
         with pytest.raises(DatasetError, match=text):
             series(t, values)
-    moved = series([0.0, 2.0], [5.0, 6.0]).at_times(np.array([1000.0, 1000.2]))
-    assert moved.t.tolist() == [1000.0, 1000.2]
-    assert moved.values.tolist() == [5.0, 6.0]
 
 
 def write(path: Path, values: dict[str, Any]) -> Path:
@@ -78,10 +62,10 @@ def test_tables_are_read_whatever_holds_them(tmp_path):
             path = write(tmp_path / f"forces{suffix}", dict(zip(names, VALUES.values(), strict=True)))
             found = read_forces(path, renamed)
             assert found.clock == clock
-            for name, inside in (("Cd", names[1]), ("Cl", names[2])):
-                assert found.forces[name].name == inside
-                np.testing.assert_array_equal(found.forces[name].t, T)
-                np.testing.assert_array_equal(found.forces[name].values, VALUES[name])
+            assert found.names == dict(zip(("t", "Cd", "Cl"), names, strict=True))
+            for name, forces in found.values.items():
+                np.testing.assert_array_equal(forces, VALUES[name])
+            np.testing.assert_array_equal(found.t, T)
     for values, text in (
         ({"t": T, "Cd": T}, "no column 'Cl' for the forces' table; it has t, Cd"),
         ({"t": T, "Cd": T[:2], "Cl": T}, "'Cd' has 2 rows, 't' has 4"),

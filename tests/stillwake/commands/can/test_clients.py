@@ -1,7 +1,8 @@
 """The bus commands beside independent clients, python-can's logger and player, on real sockets.
 
-Both ends are processes of their own on `udp_multicast`, at a port of the test's own: on Linux python-can hears every
-group that anyone on the machine has joined at its port, and one bad datagram of another test ends its logger.
+Both ends are processes of their own on `udp_multicast`, at a port of the test's own, which python-can's configuration
+states: on Linux python-can hears every group that anyone on the machine has joined at its port, and one bad datagram of
+another test ends its logger.
 """
 
 import os
@@ -14,6 +15,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import can
 import pytest
@@ -26,26 +28,15 @@ pytestmark = pytest.mark.processes
 PERIODS = 50
 PATIENCE_S = 60.0
 GROUP = "239.74.163.2"
-BUS = ("--set", "bus.interface=udp_multicast", "--set", f"bus.channel={GROUP}")
-AT_PORT = """
-import sys
-sys.modules["asammdf"] = None
-from can.interfaces.udp_multicast import UdpMulticastBus
-init = UdpMulticastBus.__init__
-assert 43113 in init.__defaults__
-init.__defaults__ = tuple(PORT if one == 43113 else one for one in init.__defaults__)
-from stillwake.__main__ import main
-main()
-"""
-"""`stillwake`, where python-can's udp_multicast has another port by default: it is no setting of ours. Without asammdf,
-which python-can imports for MF4 files in more time than all else takes."""
-TOOL = "import runpy, sys; sys.modules['asammdf'] = None; runpy.run_module(sys.argv.pop(1), run_name='__main__')"
-"""One of python-can's, likewise."""
+CONFIGURATION = "[default]\ninterface = udp_multicast\nchannel = {}\nport = {}\nhop_limit = 0\nfd = True\n"
+RUN = "import runpy, sys; sys.modules['asammdf'] = None; runpy.run_module(sys.argv.pop(1), run_name='__main__')"
+"""A module without asammdf, which python-can imports for MF4 files in more time than all else takes."""
+STILLWAKE, BUS = (sys.executable, "-c", RUN, "stillwake", "can"), ("--set", "bus.interface=python-can")
 
 
 @pytest.fixture
-def bus() -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What a command of ours begins with on a bus of this test alone, and the options of python-can's tools."""
+def home(tmp_path, monkeypatch) -> Path:
+    """A home folder whose can.conf names a bus of this test alone."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_port:
         any_port.bind(("", 0))
         port = any_port.getsockname()[1]
@@ -57,10 +48,9 @@ def bus() -> tuple[tuple[str, ...], tuple[str, ...]]:
         one.send(can.Message())
         if other.recv(1.0) is None:
             pytest.skip("multicast does not loop back here")
-    return (
-        (sys.executable, "-c", AT_PORT.replace("PORT", str(port)), "can"),
-        ("-i", "udp_multicast", "-c", GROUP, "--fd", "--bus-kwargs", f"port={port}", "hop_limit=0"),
-    )
+    (tmp_path / "can.conf").write_text(CONFIGURATION.format(GROUP, port))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path
 
 
 @contextmanager
@@ -88,15 +78,15 @@ def first_line(process: subprocess.Popen[str]) -> str:
     return process.stdout.readline()
 
 
-def test_can_logger_and_our_monitor_hear_all_that_send_and_can_player_send(cli, tmp_path, bus):
-    (ours, theirs), output, made = bus, tmp_path / "got.blf", write(tmp_path / "sent.asc", PERIODS)
-    logging = (sys.executable, "-c", TOOL, "can.logger", *theirs, "-f", str(output))
-    with running(*logging) as logger, running(*ours, "monitor", *BUS) as monitor:
+def test_can_logger_and_our_monitor_hear_all_that_send_and_can_player_send(cli, home):
+    output, made = home / "got.blf", write(home / "sent.asc", PERIODS)
+    logging = (sys.executable, "-c", RUN, "can.logger", "-f", str(output))
+    with running(*logging) as logger, running(*STILLWAKE, "monitor", *BUS) as monitor:
         assert "Connected to" in first_line(logger)
         first_line(monitor)
         for command in (
-            [*ours, "send", "Pressure", "Age=1.5", "--count", "50", "--period", "0.002", *BUS],
-            [sys.executable, "-c", TOOL, "can.player", *theirs, "--", str(tmp_path / "sent.asc")],
+            [*STILLWAKE, "send", "Pressure", "Age=1.5", "--count", "50", "--period", "0.002", *BUS],
+            [sys.executable, "-c", RUN, "can.player", str(home / "sent.asc")],
         ):
             subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
         time.sleep(1.0)

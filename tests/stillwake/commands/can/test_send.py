@@ -3,10 +3,8 @@ command can do, which is one line that names the value."""
 
 import stat
 
-from cryptography.hazmat.primitives.ciphers.algorithms import AES
-from cryptography.hazmat.primitives.cmac import CMAC
-
 from can_bridge.e2e.profiles import PROFILE_5
+from tests.can_bridge.uds.test_security import cmac
 from tests.stillwake.commands.can.virtual_bus import VIRTUAL, taken, write
 
 DECODE = {
@@ -51,12 +49,6 @@ def test_send_puts_protected_frames_on_the_bus(cli, peer):
     assert [(one.arbitration_id, one.is_fd, one.bitrate_switch) for one in frames] == [(0x130, True, True)] * 3
     assert [one.data[2] for one in frames] == [254, 255, 0]
     assert all(PROFILE_5.check(bytes(one.data), data_id=0x5702) for one in frames)
-
-
-def cmac(key: bytes, message: bytes) -> bytes:
-    computing = CMAC(AES(key))
-    computing.update(message)
-    return computing.finalize()
 
 
 def test_send_signs_messages_of_the_secured_set_with_a_key_that_is_written_once(cli, peer, tmp_path):

@@ -8,6 +8,7 @@ from can_bridge.bus.conversion import to_message
 from can_bridge.e2e.sender import E2eSender
 from can_bridge.tools.signals import encode
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from tests.can_bridge.logs import log_texts
 
 VIRTUAL = ("--set", "bus.interface=virtual", "--set", "bus.channel=test-can")
 
@@ -26,9 +27,7 @@ def write(path: Path, periods: int) -> list[can.Message]:
             frame = senders[name].frame(encode(name, values)[1], now_ns=round((t + at) * 1e9))
             made.append(to_message(frame))
         made.append(can.Message(timestamp=t + 0.012, arbitration_id=0x18FEF100, data=bytes([i % 256] * 8)))
-    with can.Logger(path) as writer:
-        for message in made:
-            writer.on_message_received(message)
+    log_texts.write(path, made)
     return made
 
 
