@@ -23,7 +23,7 @@ from wake.openfoam.case import FORCE_OBJECTS, PRESSURES, PROBE_OBJECT
 from wake.openfoam.mesh import Mesh
 from wake.openfoam.wall import JETS, pressure_points, sensor_weights
 from wake.plant.sample import Sample
-from wake.truck.body import MOMENTUM_FACTOR
+from wake.truck.surface import MOMENTUM_FACTOR
 
 _FILES: Final = {**dict.fromkeys(FORCE_OBJECTS.values(), "force.dat"), PRESSURES: "p", PROBE_OBJECT: "U"}
 

@@ -20,8 +20,9 @@ class FlowAdjoint(CopiedWhole):
         self._solver = solver
         shape = solver.grid.shape
         self._work = Flow.zeros(shape, solver.precision)
-        self._rates = kernels.Rates(u=np.zeros_like(self._work.u), v=np.zeros_like(self._work.v))
-        self._second = kernels.Rates(u=np.zeros_like(self._work.u), v=np.zeros_like(self._work.v))
+        self._rates, self._second = (
+            kernels.Pair(np.zeros_like(self._work.u), np.zeros_like(self._work.v)) for _ in range(2)
+        )
         self._phi, self._b = np.zeros(shape, solver.precision), np.zeros(shape, solver.precision)
 
     def run(
@@ -55,22 +56,20 @@ class FlowAdjoint(CopiedWhole):
         self, bar: Flow, start: Array, dt: float, slot_velocity: Array, slot_bar: Array, wind: Array, gained: Array
     ) -> None:
         solver, domain, walls = self._solver, self._solver.domain, self._solver.domain.walls
-        bars = kernels.Fields(u=bar.u, v=bar.v, p=bar.p)
         adjoint_kernels.back_walls(bar.u, bar.v, walls)
         adjoint_kernels.back_edges(bar.u, bar.v)
-        adjoint_kernels.back_correct(bars, self._phi, dt, solver.between, domain.spacing.dyc, domain.runs)
+        adjoint_kernels.back_correct(bar, self._phi, dt, solver.between, domain.spacing.dyc, domain.runs)
         solver.poisson.solve_into(self._phi, self._b)
         adjoint_kernels.back_divergence(
             self._b, bar.u, bar.v, domain.spacing.dx, domain.spacing.dy, solver.boundary.cell_runs
         )
         kernels.clear_walls(bar.u, bar.v, walls)
-        flow, work = Flow.of(start, solver.grid.shape), self._work
-        work.flat[:] = start
+        self._work.flat[:] = start
         adjoint_kernels.back_stages(
-            bars,
+            bar,
             slot_bar,
-            kernels.Fields(u=flow.u, v=flow.v, p=flow.p),
-            kernels.Fields(u=work.u, v=work.v, p=work.p),
+            Flow.of(start, solver.grid.shape),
+            self._work,
             self._rates,
             self._second,
             A,

@@ -12,7 +12,8 @@ from numba import njit
 
 from contract.arrays import Array, Index
 from wake.solver.boundary import GhostMap
-from wake.solver.kernels import Domain, Fields, Rates, Runs, Spacing, Walls, advance_stage
+from wake.solver.flow import Flow
+from wake.solver.kernels import Domain, Pair, Spacing, advance_stage
 
 
 @njit(cache=True, nogil=True)
@@ -42,7 +43,7 @@ def _across(dy: Array, dyc: Array, nu: float) -> tuple[Array, Array]:
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def back_rates(bar: Fields, gained: Rates, u: Array, v: Array, nu: float, spacing: Spacing) -> None:
+def back_rates(bar: Flow, gained: Pair[Array], u: Array, v: Array, nu: float, spacing: Spacing) -> None:
     """Propagate sensitivities from du/dt and dv/dt (`gained`, zero on faces that are not open) to u, v and p.
 
     The loops run row by row in x, and collect for each entry of u, v and p its effects on all rates. The alternative,
@@ -133,7 +134,7 @@ def _back_ghosts(flat: Array, ghosts: GhostMap) -> None:
 
 
 @njit(cache=True, nogil=True)
-def back_walls(u: Array, v: Array, walls: Walls) -> None:
+def back_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
     """Apply the transpose of `fill_walls`."""
     _back_ghosts(u.reshape(-1), walls.u)
     _back_ghosts(v.reshape(-1), walls.v)
@@ -170,7 +171,7 @@ def _back_step(q: Array, bar: Array, step: float, a: float, runs: Index, pad_i: 
 
 @njit(cache=True, nogil=True)
 def _back_stage(
-    bar: Fields, slot_bar: Array, rates: Rates, u: Array, v: Array, a_next: float, step: float, domain: Domain
+    bar: Flow, slot_bar: Array, rates: Pair[Array], u: Array, v: Array, a_next: float, step: float, domain: Domain
 ) -> None:
     """Apply the transpose of a stage that began with velocity u, v. The next stage multiplies the rates by `a_next`."""
     runs, slot_rows, column = domain.runs, domain.slot_rows, domain.slot_column
@@ -187,12 +188,12 @@ def _back_stage(
 
 @njit(cache=True, nogil=True)
 def back_stages(
-    bar: Fields,
+    bar: Flow,
     slot_bar: Array,
-    start: Fields,
-    work: Fields,
-    rates: Rates,
-    second: Rates,
+    start: Flow,
+    work: Flow,
+    rates: Pair[Array],
+    second: Pair[Array],
     a: Array,
     step: Array,
     slot_velocity: Array,
@@ -243,7 +244,7 @@ def back_divergence(bar_b: Array, u: Array, v: Array, dx: Array, dy: Array, runs
 
 
 @njit(cache=True, nogil=True)
-def back_correct(bar: Fields, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Runs) -> None:
+def back_correct(bar: Flow, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Pair[Index]) -> None:
     """Apply the transpose of `correct`; phi is overwritten with the sensitivities to phi."""
     one = phi.dtype.type(1.0)
     u, v, p, u_runs, v_runs = bar.u, bar.v, bar.p, runs.u, runs.v

@@ -6,7 +6,7 @@ the outlet. p (nx + 1, ny) has one layer beyond the outlet. Unpadded indices (i,
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -54,8 +54,7 @@ class Layout:
         return rows * columns
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Flow:
+class Flow(NamedTuple):
     """A buffer, `flat`, with its padded views u, v and p. In a copy, the views belong to the copy's own buffer."""
 
     flat: Array

@@ -12,8 +12,7 @@ from contract.runtime.copies import CopiedWhole
 from wake.plant.sample import Sample
 from wake.solver.adjoint import FlowAdjoint
 from wake.solver.flow import Flow
-from wake.truck.body import MOMENTUM_FACTOR
-from wake.truck.surface import Measured, SlotLoad
+from wake.truck.surface import MOMENTUM_FACTOR, Measured
 from wake.truck.truck_wake import TruckWake
 
 _MEGABYTE = 1e6
@@ -121,21 +120,14 @@ class Tape(CopiedWhole):
         self.bar_action = 0.0
 
     def _weigh(self, flow: Flow, action: float, weights: Sample) -> None:
-        slots = SlotLoad(
-            Cd_pressure=weights.Cd_slot_pressure,
-            Cd_viscous=weights.Cd_slot_viscous,
-            Cp_upper=weights.jet_power * action,
-            Cp_lower=-weights.jet_power * action,
-        )
         surface = self._plant.surface
-        surface.weigh(
-            self.bar,
-            flow,
-            Measured(Cp=weights.Cp, Cd=weights.Cd, Cl=weights.Cl, slots=slots, Uy_probe=weights.Uy_probe),
-        )
+        alike = ("Cp", "Cd", "Cl", "Cd_slot_pressure", "Cd_slot_viscous", "Uy_probe")
+        blown = weights.jet_power * action
+        given = {name: getattr(weights, name) for name in alike}
+        surface.weigh(self.bar, flow, Measured(Cp_upper=blown, Cp_lower=-blown, **given))
         self.bar_action += weights.action - 8.0 * MOMENTUM_FACTOR * action * weights.Cd_momentum
         if weights.jet_power:
-            measured = surface.measure(flow).slots
+            measured = surface.measure(flow)
             self.bar_action += weights.jet_power * (measured.Cp_upper - measured.Cp_lower)
 
     def _memory(self, steps: int) -> Array:
