@@ -14,8 +14,7 @@ import torch
 from contract.atomic import replacing
 from contract.errors import ConfigError, DatasetError, StillwakeError
 from train.fitting import unfinished
-from train.fitting.progress import Phase
-from train.fitting.unfinished import Identity, Reached
+from train.fitting.unfinished import Identity, Phase, Reached
 
 _SCHEMA: Final = "stillwake-checkpoint/1"
 _WAYS: Final = "delete it, or start over with --restart"
@@ -27,13 +26,11 @@ class Checkpoints:
 
     Attributes:
         identity: settings and recording of the training.
-        resume: whether a phase continues from its file; otherwise it starts over.
         every: number of steps between two checkpoints.
     """
 
     folder: Path
     identity: Identity
-    resume: bool = False
     every: int = 100
 
     @classmethod
@@ -44,7 +41,7 @@ class Checkpoints:
         if not resume:
             unfinished.clear(folder)
         unfinished.check(folder, identity)
-        return cls(folder=folder, identity=identity, resume=True)
+        return cls(folder=folder, identity=identity)
 
     def path(self, phase: Phase) -> Path:
         return self.folder / f"{phase}.pt"
@@ -69,11 +66,11 @@ class Checkpoints:
             unfinished.note(self.folder, self.identity, reached)
 
     def load(self, phase: Phase) -> dict[str, Any] | None:
-        """Return a phase's state, on the CPU; None if no state is stored, or if the phase starts over. Raises
+        """Return a phase's state, on the CPU; None if no state is stored. Raises
         StillwakeError for a file that is damaged or of another schema, ConfigError for a file of other settings,
         DatasetError for a file of another recording."""
         path = self.path(phase)
-        if not (self.resume and path.exists()):
+        if not path.exists():
             return None
         try:
             # With weights_only, torch reads a checkpoint as data and runs no code from it.

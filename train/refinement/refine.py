@@ -7,7 +7,7 @@ Streams begin in the developed wake and restart after some stretches, at differe
 includes both the transient from the developed wake and the controlled wake.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -24,8 +24,7 @@ from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
 from contract.side_by_side import process_pool
 from train.fitting.checkpoint import Checkpoints
-from train.fitting.progress import Phase, Progress, silent
-from train.fitting.unfinished import Reached
+from train.fitting.unfinished import Phase, Progress, Reached, silent
 from train.refinement.feedback import Feedback
 from train.refinement.windows import Price, Stream, Stretch, StretchReadings, differentiate
 
@@ -143,22 +142,8 @@ class _Training:
 
     def as_tree(self) -> dict[str, Any]:
         return {
-            "feedback": self.feedback.state_dict(),
-            "mean": self.mean.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "streams": [
-                {
-                    "flat": torch.from_numpy(one.state.flat),
-                    "action": one.state.action,
-                    "rows": torch.from_numpy(one.rows),
-                    "speeds": torch.from_numpy(one.speeds),
-                    "speed": one.speed,
-                    "committed": one.committed,
-                    "stretches": one.stretches,
-                    "goal": tuple(one.goal),
-                }
-                for one in self.streams
-            ],
+            **{name: getattr(self, name).state_dict() for name in _LEARNED},
+            "streams": [_stored(one) for one in self.streams],
             "rows": [torch.from_numpy(one) for one in self.stretches],
             "off_design": [torch.from_numpy(one) for one in self.off_design],
             "done": self.done,
@@ -166,24 +151,28 @@ class _Training:
         }
 
     def take(self, tree: dict[str, Any]) -> None:
-        self.feedback.load_state_dict(tree["feedback"])
-        self.mean.load_state_dict(tree["mean"])
-        self.optimiser.load_state_dict(tree["optimiser"])
-        self.streams = [
-            Stream(
-                state=FlowState(flat=one["flat"].numpy(), action=one["action"]),
-                rows=one["rows"].numpy(),
-                speeds=one["speeds"].numpy(),
-                speed=one["speed"],
-                committed=one["committed"],
-                stretches=one["stretches"],
-                goal=Goal(*one["goal"]),
-            )
-            for one in tree["streams"]
-        ]
+        for name in _LEARNED:
+            getattr(self, name).load_state_dict(tree[name])
+        self.streams = [_stream(one) for one in tree["streams"]]
         self.stretches = [one.numpy() for one in tree["rows"]]
         self.off_design = [one.numpy() for one in tree["off_design"]]
         self.done, self.periods = tree["done"], tree["periods"]
+
+
+_LEARNED: Final = ("feedback", "mean", "optimiser")
+
+
+def _stored(stream: Stream) -> dict[str, Any]:
+    """Return a stream as tensors and plain values, for a checkpoint."""
+    fields = {**vars(stream), **vars(stream.state), "goal": tuple(stream.goal)}
+    del fields["state"]
+    return {name: torch.from_numpy(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
+
+
+def _stream(stored: Mapping[str, Any]) -> Stream:
+    fields = {name: value.numpy() if isinstance(value, Tensor) else value for name, value in stored.items()}
+    state = FlowState(flat=fields.pop("flat"), action=fields.pop("action"))
+    return Stream(**{**fields, "state": state, "goal": Goal(*fields["goal"])})
 
 
 def refine(

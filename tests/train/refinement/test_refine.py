@@ -19,8 +19,7 @@ from contract.sensors import TRUCK
 from tests.each import each
 from tests.train.refinement.oscillator import DRAG, MIDDLES, START, Oscillator
 from train.fitting.checkpoint import Checkpoints
-from train.fitting.progress import Phase, silent
-from train.fitting.unfinished import Identity
+from train.fitting.unfinished import Identity, Phase, silent
 from train.refinement.feedback import Feedback
 from train.refinement.pipeline import PREDICTOR_RIDGE, SPEEDS_AT_REST, check_pairs, predictor, resting_by_speed
 from train.refinement.refine import Done, Refined, Task, done, refine
@@ -104,7 +103,7 @@ def interpolated(at: np.ndarray, values: np.ndarray, where: float) -> np.ndarray
 
 def trained(folder: Path | None = None, stop_at: int = 0) -> Refined:
     identity = Identity(settings="{}", dataset_sha256="")
-    kept = None if folder is None else Checkpoints(folder=folder, identity=identity, resume=True)
+    kept = None if folder is None else Checkpoints(folder=folder, identity=identity)
 
     def stop(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
         if step == stop_at:

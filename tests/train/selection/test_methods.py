@@ -10,9 +10,9 @@ from contract import sensors
 from contract.errors import ConfigError
 from contract.sensor_layout import SensorLayout
 from train.networks.model import Encoder, WakeModel
-from train.samples.rows import Rows
+from train.samples import Rows
 from train.selection import methods
-from train.selection.ridge_student import RidgeStudent, ridge_student
+from train.selection.methods import RidgeStudent, ridge_student
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import torch
 
 from contract import sensors
 from contract.errors import DatasetError
-from train.samples.rows import Rows
-from train.selection.ridge_student import RIDGE, ridge_student, sample
+from train.samples import Rows
+from train.selection.methods import RIDGE, ridge_student, sample
 
 
 def test_the_error_is_that_of_numpy_s_least_squares(listener, noise_rows):
