@@ -43,8 +43,8 @@ def open_plant(
         return
     if start is not None:
         raise PlantError(f"state {start}: OpenFOAM develops its own start; only stillwake's solver accepts a file")
-    from wake.openfoam.develop import developed, require_truck
     from wake.openfoam.plant import OpenFoamWake
+    from wake.openfoam.state import developed, require_truck
 
     require_truck(config.body)
     if config.flow.refinement != 1.0:

@@ -13,7 +13,7 @@ from contract.geometry import HALF_WIDTH
 from wake.pictures.drawing import outline
 from wake.pictures.fields import Raster, velocity
 from wake.solver.flow import Flow
-from wake.truck.steady import recirculation_length
+from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
 UNCONTROLLED, CONTROLLED = "0.25", "#1f77b4"

@@ -33,7 +33,7 @@ from stillwake.parts.releases import open_release
 from wake.pictures.fields import TimeMean
 from wake.plants import open_plant
 from wake.solver.flow import Flow
-from wake.truck.steady import recirculation_length
+from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
 BINS: Final = 40

@@ -98,7 +98,7 @@ def picture(
 def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDArray[np.float64], skip: int) -> None:
     from wake.pictures.drawing import mean_figure, save_figure
     from wake.pictures.fields import mean_flow
-    from wake.truck.steady import recirculation_length
+    from wake.truck.develop import recirculation_length
 
     with progress("steps") as report:
         report("mean flow", 0, len(actions))

@@ -209,8 +209,8 @@ def _settled(steady: Path, config: Config) -> None:
     """Compute the steady wake if its file does not exist, and check that it is a steady wake of this plant."""
     from stillwake.parts.settling import settle_into
     from wake.recording.episode_job import check_start
+    from wake.truck.develop import check_steady
     from wake.truck.state import load_state
-    from wake.truck.steady import check_steady
     from wake.truck.truck_wake import TruckWake
 
     if not steady.exists():

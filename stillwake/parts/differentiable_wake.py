@@ -12,8 +12,8 @@ from contract.differentiable import FlowState
 from firmware_sim.campaign.starts import phases_apart
 from wake.solver.grid import box_grid
 from wake.truck.develop import SETTLE_TIME, develop, moved
-from wake.truck.differentiable import DifferentiableWake
 from wake.truck.state import check_body, check_grid, check_reynolds, developed_state, load_state
+from wake.truck.tape import DifferentiableWake
 from wake.truck.truck_wake import TruckWake
 
 

@@ -8,7 +8,7 @@ from contract.config.tree import Config
 from stillwake.console.progress import progress
 
 if TYPE_CHECKING:
-    from wake.truck.steady import SteadyWake
+    from wake.truck.develop import SteadyWake
 
 
 def settle_into(output: Path, config: Config) -> "tuple[SteadyWake, tuple[int, int]]":

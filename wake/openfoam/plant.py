@@ -21,10 +21,10 @@ from contract.config.body import TRUCK_BODY
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from contract.runtime.copies import NeverCopied
-from wake.openfoam import case, foam_files, wall
+from wake.openfoam import case, foam_files
 from wake.openfoam.measurements import Follower, Instruments
 from wake.openfoam.mesh import Mesh, truck_mesh
-from wake.openfoam.process import PATIENCE_S, BoundaryPipes, IcoFoam, require_installed
+from wake.openfoam.process import PATIENCE_S, IcoFoam, require_installed
 from wake.openfoam.state import FoamState, put, read_fields, scaled
 from wake.plant.drive import Wind
 from wake.plant.protocol import SteppedPlant
@@ -95,7 +95,6 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         self._patience_s = patience_s
         self._instruments = Instruments(self.mesh)
         self._child: IcoFoam | None = None
-        self._pipes: BoundaryPipes | None = None
         self.wind: Wind | None = None
         self.reset(state)
 
@@ -130,14 +129,13 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         clock = case.CaseClock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
         case.write_settings(self._case, self.mesh, self.config, clock)
         stream = self._stream(state.substep)
-        wall.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action, stream=stream)
+        case.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action, stream=stream)
         self._follower = Follower(self._case)
-        self._child = IcoFoam(self._case)
-        self._pipes = BoundaryPipes(self._case, self.mesh, self._child, self._patience_s)
+        self._child = IcoFoam(self._case, self.mesh, patience_s=self._patience_s)
         self._first = self._substep = state.substep
         self._state, self._action = state, state.action
         self._readings = state.readings
-        self._pipes.wait()
+        self._child.wait_for_step()
         return self.sample()
 
     def state(self) -> FoamState:
@@ -157,15 +155,15 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         icoFoam fails, or after `duration`."""
         self._check_substep(substep)
         into, last = self.substeps_into_period, self.config.substeps
-        if self._pipes is None:
+        if self._child is None:
             raise PlantError("the openfoam plant is closed")
         if self._substep - self._first + substep - into > self._steps:
             raise PlantError(f"cannot run past {self._steps * self.dt:g} t_c: give a longer duration")
         start, target = self._action, self._action if action is None else self._checked(action)
         for step in range(into + 1, substep + 1):
             reached = start + (target - start) * (step - into) / (last - into)
-            self._pipes.send(reached, self._stream(self._substep - into + step))
-        self._pipes.wait()
+            self._child.send(reached, self._stream(self._substep - into + step))
+        self._child.wait_for_step()
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
@@ -215,12 +213,9 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         return 1.0 if self.wind is None else 1.0 + self.wind(substep * self.dt)
 
     def close(self) -> None:
-        for part in (self._child, self._pipes):
-            if isinstance(part, IcoFoam):
-                part.stop()
-            elif part is not None:
-                part.close()
-        self._child = self._pipes = None
+        if self._child is not None:
+            self._child.stop()
+        self._child = None
 
     def _latest(self) -> Path:
         latest, at = foam_files.latest(self._case), (self._substep - self._first) * self.dt

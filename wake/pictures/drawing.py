@@ -23,7 +23,7 @@ from wake.pictures.fields import Raster, View, velocity
 from wake.plant.protocol import Drawable
 from wake.solver.flow import Flow
 from wake.solver.grid import Grid
-from wake.truck.steady import recirculation_length
+from wake.truck.develop import recirculation_length
 
 Kind = Literal["vorticity", "pressure"]
 

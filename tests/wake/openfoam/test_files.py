@@ -17,10 +17,10 @@ from scipy.interpolate import LinearNDInterpolator
 from contract import sensors
 from contract.errors import PlantError
 from contract.geometry import DOMAIN_X, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-from wake.openfoam import foam_files, state, wall
+from wake.openfoam import case, foam_files, state
+from wake.openfoam.case import pressure_points, sensor_weights
 from wake.openfoam.measurements import Follower, Instruments, Readings, read_all
 from wake.openfoam.plant import CellInterpolation
-from wake.openfoam.wall import pressure_points, sensor_weights
 
 HEADER = b'FoamFile\n{\n    format      binary;\n    arch        "LSB;label=32;scalar=64";\n}\n'
 
@@ -184,8 +184,8 @@ def test_a_linear_pressure_is_read_exactly_on_its_side(probes):
 
 
 def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
-    wall.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=40, action=0.0)
-    for jet in wall.JETS:
+    case.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=40, action=0.0)
+    for jet in case.JETS:
         data = tmp_path / "constant" / "boundaryData" / jet
         instants = sorted(float(item.name) for item in data.iterdir() if item.name not in ("0", "points"))
         steps = 0.01 * np.arange(1, 41)
@@ -193,16 +193,16 @@ def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
         # Never before the step's end, or the file would be read a step early.
         assert (np.array(instants) > steps).all()
         assert {(data / item.name).resolve() for item in data.iterdir() if item.is_symlink()} == {
-            wall.pipe(tmp_path, jet).parent
+            case.pipe(tmp_path, jet).parent
         }
-        assert wall.pipe(tmp_path, jet).is_fifo()
+        assert case.pipe(tmp_path, jet).is_fifo()
         assert re.match(r"2\n\(\n\(0 0 0\)\n\(0 0 0\)\n\)\n", (data / "0" / "U").read_text().replace("-0", "0"))
 
 
 def test_jets_are_parabolas_averaged_over_each_face(coarse_mesh):
     action = 0.06
     for jet, sign, bottom in (("jetUpper", 1.0, 0.45), ("jetLower", -1.0, -0.5)):
-        speed = wall.patch_velocity(coarse_mesh, jet, action, stream=1.3)
+        speed = case.patch_velocity(coarse_mesh, jet, action, stream=1.3)
         edges = coarse_mesh.points[coarse_mesh.patches[jet]][:, :, 1]
         assert speed[:, 1] == pytest.approx(0.0, abs=0)
         for (a, b), u in zip(edges, speed[:, 0], strict=True):
