@@ -11,12 +11,11 @@ from typing import Final, NamedTuple
 
 from benchmarks.bus import tables as bus
 from benchmarks.common.command_line import ROOT
-from benchmarks.common.markdown import fill, names, read
+from benchmarks.common.documents import fill, names, read
 from benchmarks.controller import tables as controller
 from benchmarks.ecu import tables as ecu
 from benchmarks.release import loop_tables
 from benchmarks.release import tables as release
-from benchmarks.wake import tables as wake
 from contract.atomic import replacing
 
 
@@ -49,7 +48,6 @@ TABLES: Final = {
     "flash_c": PageTable(ecu.flash_c, ("flash_c",), "flash_c"),
     "flash_pieces": PageTable(ecu.flash_pieces, ("flash_pieces",)),
     "flash_proof": PageTable(ecu.flash_proof, ("flash",)),
-    "flash_times": PageTable(ecu.flash_times, ("flash_times",)),
     "iterations": PageTable(release.iterations, ("iterations",)),
     "latency": PageTable(bus.latency, ("latency",)),
     "limits": PageTable(
@@ -59,8 +57,8 @@ TABLES: Final = {
     "mcu_release": PageTable(controller.mcu_release, ("mcu",), "mcu"),
     "mcu_worst": PageTable(controller.mcu_worst, ("mcu",)),
     "models": PageTable(ecu.models, ("models",)),
-    "openfoam_drive": PageTable(wake.openfoam_drive, ("own_drive", "openfoam_drive"), "openfoam_drive"),
-    "openfoam_loop": PageTable(wake.openfoam_loop, ("demo", "openfoam_loop")),
+    "openfoam_drive": PageTable(loop_tables.openfoam_drive, ("own_drive", "openfoam_drive"), "openfoam_drive"),
+    "openfoam_loop": PageTable(loop_tables.openfoam_loop, ("demo", "openfoam_loop")),
     "proofs": PageTable(ecu.proofs, ("proofs",)),
     "release_distributions": PageTable(release.release_distributions, ("release_figures",), "release_figures"),
     "release_forecasts": PageTable(release.release_forecasts, ("release_figures",)),
@@ -71,7 +69,7 @@ TABLES: Final = {
     "sensor_check_faults": PageTable(ecu.faults, ("sensor_check",), "sensor_check"),
     "square_loop": PageTable(loop_tables.release_loop, ("square_loop",)),
     "steady": PageTable(release.steady, ("steady", "demo")),
-    "steps": PageTable(wake.steps, ("wake_speed",), "wake_speed"),
+    "steps": PageTable(controller.steps, ("wake_speed",), "wake_speed"),
     "summary": PageTable(
         release.summary, ("demo", "openfoam_loop", "open_loop", "release_loop", "roads", "drive"), "demo"
     ),

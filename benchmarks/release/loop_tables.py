@@ -1,12 +1,12 @@
 """The tables of the shipped release from several starting phases in the shedding cycle, at other speeds, in the
-campaign, and compared with other ways to reduce drag."""
+campaign, on the second plant, and compared with other ways to reduce drag."""
 
 import re
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from benchmarks.common.markdown import table
+from benchmarks.common.documents import table
 
 _HEADS = ("", "less drag, %", "mean abs Cl", "mean Cl", "rms action", "jet power", "less Cd_net, %", "less power, %")
 _NAMES = (
@@ -126,3 +126,46 @@ def roads(found: Any, phases: Any) -> str:
     )
     heads = ("road", "less drag, %", "mean abs Cl", "jet power", "less net drag, %", "steps", "loop", "starts")
     return table(heads, rows)
+
+
+def openfoam_loop(*loops: Any) -> str:
+    """Return the table of the closed loop on each plant."""
+    columns = {
+        "Cd_uncontrolled": "Cd without control",
+        "Cd_controlled": "Cd with control",
+        "reduction_percent": "less drag, %",
+        "Cd_net_uncontrolled": "Cd_net without control",
+        "Cd_net_controlled": "Cd_net with control",
+        "base_Cp_controlled": "base Cp",
+        "abs_Cl_uncontrolled": "mean abs Cl without control",
+        "abs_Cl_controlled": "mean abs Cl with control",
+        "mean_Cl_controlled": "mean Cl",
+        "rms_action": "rms action",
+        "jet_power_controlled": "jet power",
+    }
+    rows, notes = [], []
+    for found in loops:
+        figures, facts = found["figures"], found["facts"]
+        rows.append(figures | {"case": facts["plant"]})
+        notes.append(
+            f"- {facts['plant']}: {figures['controller']}, {found['date']};\n"
+            f"  means of {figures['cycles_controlled']} shedding cycles, {facts['settle']:g} t_c after the request; "
+            f"{figures['frames_lost']} of {figures['frames_sent']} frames lost."
+        )
+    heads = ("closed loop", *columns.values())
+    cells = [(row["case"], *(row.get(name) for name in columns)) for row in rows]
+    return "\n".join([table(heads, cells), "", *notes])
+
+
+def openfoam_drive(*drives: Any) -> str:
+    """Return the table of a drive on each plant."""
+    columns = {
+        "reduction_percent": "less drag, %",
+        "net_reduction_percent": "less net energy, %",
+        "drag_kJ_per_km_without": "drag without control, kJ/km",
+        "drag_kJ_per_km": "with control",
+        "abs_Cl_without": "mean abs Cl without control",
+        "abs_Cl": "with control",
+    }
+    rows = [(found["facts"]["plant"], *(found["figures"]["drive"][name] for name in columns)) for found in drives]
+    return table(("plant", *columns.values()), rows)

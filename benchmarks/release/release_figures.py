@@ -18,7 +18,7 @@ import numpy as np
 import typer
 
 from benchmarks.common.command_line import JsonFile, bars, report
-from benchmarks.common.pictures import PICTURES, draw
+from benchmarks.common.documents import PICTURES, draw
 from benchmarks.release import release_drawings, tables
 from contract.arrays import Array
 from contract.config.loading import load_config

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from itertools import chain
 from typing import Any
 
-from benchmarks.common.markdown import table
+from benchmarks.common.documents import table
 
 
 def iterations(found: Any) -> str:

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import tables
 from benchmarks.common.command_line import ROOT
-from benchmarks.common.markdown import fill, names
+from benchmarks.common.documents import fill, names
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MultipleLocator
 
@@ -152,17 +153,7 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
     # Rounding makes the limits of the truck's view exactly 6.8 and 12.
     view = (round(body.length + left, 9), round(body.length + right, 9), low, high)
     figure, axes = _figure(10.0, 4.6, 110.0, view)
-    raster = Raster.of(grid.xc, grid.yc, view, 900)
-    u, v = (raster(component) for component in velocity(mean))
-    x, y = np.meshgrid(raster.x, raster.y)
-    inside = (x > 0.0) & (x < body.length) & (np.abs(y) < HALF_WIDTH)
-    u[inside] = v[inside] = np.nan
-    image = axes.imshow(u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=view, origin="lower", interpolation="bilinear")
-    axes.streamplot(
-        raster.x, raster.y, u, v, color=(1.0, 1.0, 1.0, 0.75), linewidth=0.7, arrowsize=0.7, density=(2.0, 1.5)
-    )
-    axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
-    _add_body(axes, body)
+    image = draw_mean(axes, grid, body, mean, view, density=(2.0, 1.5))
     length = recirculation_length(grid, mean)
     if length > 0.0:
         axes.annotate(
@@ -172,6 +163,25 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
     axes.set_title(f"mean over {duration:.0f} $W/U_\\infty$:  bubble {length:.2f} W   (red: $u = 0$)")
     figure.colorbar(image, ax=axes, label=r"mean $u / U_\infty$", fraction=0.022, pad=0.012, extend="both")
     return figure
+
+
+def draw_mean(
+    axes: Axes, grid: Grid, body: BodyConfig, mean: Flow, view: View, *, density: tuple[float, float]
+) -> AxesImage:
+    """Draw the part `view` of a mean flow: u in colour, streamlines of this density, the edge of the backward flow, and
+    the body."""
+    raster = Raster.of(grid.xc, grid.yc, view, 900)
+    u, v = (raster(component) for component in velocity(mean))
+    x, y = np.meshgrid(raster.x, raster.y)
+    inside = (x > 0.0) & (x < body.length) & (np.abs(y) < HALF_WIDTH)
+    u[inside] = v[inside] = np.nan
+    image = axes.imshow(u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=view, origin="lower", interpolation="bilinear")
+    axes.streamplot(
+        raster.x, raster.y, u, v, color=(1.0, 1.0, 1.0, 0.75), linewidth=0.7, arrowsize=0.7, density=density
+    )
+    axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
+    _add_body(axes, body)
+    return image
 
 
 def check_suffix(path: Path) -> None:
