@@ -18,7 +18,7 @@ from scipy.stats import sem
 from scipy.stats import t as student_t
 
 from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, kept_runs, report
-from benchmarks.release.loop_tables import release_loop
+from benchmarks.release.tables import release_loop
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.release import bundle as bundles

@@ -22,7 +22,7 @@ from wake.solver import boundary
 from wake.solver.flow import Flow
 from wake.solver.grid import box_grid
 from wake.solver.navier_stokes import FlowSolver, check_step
-from wake.truck.state import Origin, State, check_body, check_grid, check_reynolds
+from wake.truck.state import Origin, State, check_origin
 from wake.truck.surface import MOMENTUM_FACTOR, Surface, signed_distance, slot_profile
 
 
@@ -190,9 +190,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     def _check_origin(self, origin: Origin, substep: int) -> None:
         config = self.config
-        check_body(origin, self.body)
-        check_grid(origin, self.grid.shape)
-        check_reynolds(origin, config.reynolds)
+        check_origin(origin, self.body, config.reynolds, self.grid.shape)
         # A state at t = 0 can continue with any control period and any number of substeps.
         clock = (origin.control_period, origin.substeps)
         if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):

@@ -17,6 +17,7 @@ import pytest
 
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
+from tests.wake.openfoam.conftest import field
 from wake.openfoam import case
 from wake.openfoam.case import pressure_points
 from wake.openfoam.measurements import Readings
@@ -150,7 +151,7 @@ def test_divergence_in_the_last_step_is_refused_by_that_step_even_if_nobody_samp
         monkeypatch.setattr(f"wake.openfoam.plant.{name}", stands)
     monkeypatch.setattr("wake.openfoam.plant.require_installed", lambda: None)
     cells = len(coarse_mesh.cells)
-    files = {"U": field(np.ones((cells, 3)), "vector"), "p": field(np.ones(cells), "scalar")}
+    files = {"U": field(np.ones((cells, 3))), "p": field(np.ones(cells))}
     start = FoamState(files=files, dt=0.1, readings=readings(1.0), action=0.0, substep=0)
     with OpenFoamWake(tmp_path / "case", start, FlowConfig(substeps=2), 0.5, duration=0.4) as plant:
         plant.advance(0.05)
@@ -158,8 +159,3 @@ def test_divergence_in_the_last_step_is_refused_by_that_step_even_if_nobody_samp
         assert plant.sample().t == pytest.approx(0.3)
         with pytest.raises(PlantError, match=r"the flow diverged at t = 0\.40: take more time steps"):
             plant.advance_to(2, 0.0)
-
-
-def field(values: np.ndarray, kind: str) -> bytes:
-    head = f'arch "LSB;label=32;scalar=64";\ninternalField nonuniform List<{kind}>\n{len(values)}\n('
-    return head.encode() + values.tobytes() + b")\n;\n"

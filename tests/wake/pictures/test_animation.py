@@ -7,8 +7,7 @@ from PIL.GifImagePlugin import GifImageFile
 from PIL.WebPImagePlugin import WebPImageFile
 
 from contract.errors import ConfigError
-from wake.pictures.animation import animate
-from wake.pictures.drawing import WakePicture
+from wake.pictures.drawing import WakePicture, animate
 from wake.truck.state import developed_state
 
 pytestmark = pytest.mark.slow  # frames are drawn

@@ -22,7 +22,7 @@ from contract.recording.dataset import Dataset, read
 from contract.shipped import RECORDING
 from tests.wake.recording.killing import Killed, equal, kill_before_operation
 from wake.recording import episode_job, recorder
-from wake.recording.episode_plan import EpisodePlan, paper_plans
+from wake.recording.plans import EpisodePlan, paper_plans
 from wake.solver.grid import truck_grid
 from wake.truck.state import Origin, State, save_state
 from wake.truck.truck_wake import TruckWake

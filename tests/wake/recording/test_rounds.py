@@ -17,9 +17,8 @@ from ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import Killed, equal
 from wake.recording import recorder
 from wake.recording.episode_job import NoFeedback, Policy
-from wake.recording.episode_plan import EpisodePlan
+from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan
 from wake.recording.recorder import record_round
-from wake.recording.round_plan import CalmRound, ControlledRound
 from wake.solver.grid import truck_grid
 from wake.truck.state import Origin, State, save_state
 

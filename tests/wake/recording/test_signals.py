@@ -13,8 +13,7 @@ from contract.config.plant import FlowConfig, ForcingConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from tests.examples import examples
-from wake.recording.episode_plan import SIGNALS, exploration
-from wake.recording.round_plan import CalmRound, ControlledRound
+from wake.recording.plans import SIGNALS, CalmRound, ControlledRound, exploration
 
 FLOW, FORCING, NO_BUNDLE = FlowConfig(), ForcingConfig(), {"bundle": "none", "bundle_digest": "0" * 64}
 
