@@ -12,7 +12,7 @@ from benchmarks.common.command_line import ROOT
 from benchmarks.common.documents import draw, read
 from contract import sensors
 from wake.pictures.drawing import draw_mean
-from wake.solver.flow import Flow
+from wake.solver.grid import Flow
 from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
 

@@ -32,7 +32,7 @@ from stillwake.console.progress import progress
 from stillwake.parts.releases import open_release
 from wake.pictures.fields import TimeMean
 from wake.plants import open_plant
-from wake.solver.flow import Flow
+from wake.solver.grid import Flow
 from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
 

@@ -61,7 +61,7 @@ plt.show()
 
 from contract.shipped import model
 from train.model_store import load
-from train.samples import prepare
+from train.networks.samples import prepare
 
 trained = load(model())
 rows = prepare(episodes, trained.scaling, mirrored=True, layout=layout)

@@ -15,7 +15,7 @@ from contract.recording.dataset import Dataset, Episode, Role
 from contract.release.manifest import Scaling
 from train.fitting.fit import fit_joint
 from train.networks.model import WakeModel
-from train.samples import Rows, fit_scaling, prepare
+from train.networks.samples import Rows, fit_scaling, prepare
 
 # Small networks gain nothing from more, and workers that run beside each other lose.
 torch.set_num_threads(1)

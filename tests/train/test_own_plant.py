@@ -18,8 +18,8 @@ from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from train import model_store
 from train.fitting.unfinished import Phase
+from train.networks.samples import fit_scaling, prepare
 from train.pipeline import train_all
-from train.samples import fit_scaling, prepare
 from train.selection.shap_ranking import SensorChoice
 
 LAYOUT = SensorLayout.of(NAMES, np.array(POSITIONS), base=[NAMES.index(name) for name in BASE], symmetric=False)

@@ -17,8 +17,8 @@ from train import model_store
 from train.distillation.evaluate import evaluate
 from train.fitting.fit import fit_joint
 from train.fitting.unfinished import Phase
+from train.networks.samples import prepare
 from train.pipeline import train_all
-from train.samples import prepare
 
 pytestmark = pytest.mark.slow  # whole trainings
 

@@ -14,11 +14,10 @@ from contract.arrays import Index
 from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 from contract.recording.needs import STRETCH as STRETCH
-from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import optimise, seeded
-from train.fitting.unfinished import Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints, Phase, Progress, silent
 from train.networks.model import Encoder, prediction_loss
-from train.samples import Rows, SegmentSampler, add_sensor_noise
+from train.networks.samples import Rows, SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
 """Number of windows that are encoded together. For this number, the LSTM's gates fit into the processor's cache."""

@@ -15,7 +15,7 @@ from contract.errors import DatasetError
 from contract.recording.needs import HORIZONS as HORIZONS
 from train.distillation.distil import encode_all
 from train.networks.model import Encoder, Predictor, WakeModel
-from train.samples import Rows
+from train.networks.samples import Rows
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,11 +26,10 @@ from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.tree import Config
 from contract.release.manifest import Scaling
 from train.distillation.evaluate import rollout_starts
-from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import optimise, seeded
-from train.fitting.unfinished import Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints, Phase, Progress, silent
 from train.networks.model import Predictor, WakeModel, prediction_loss
-from train.samples import Rows
+from train.networks.samples import Rows
 
 
 def predict(model: Predictor | WakeModel, latent: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:

@@ -19,10 +19,9 @@ from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, TrainingError
 from train.fitting import unfinished
-from train.fitting.checkpoint import Checkpoints
-from train.fitting.unfinished import Phase, Progress, Reached, silent
+from train.fitting.unfinished import Checkpoints, Phase, Progress, Reached, silent
 from train.networks.model import WakeModel, joint_loss
-from train.samples import Rows, SegmentSampler
+from train.networks.samples import Rows, SegmentSampler
 
 
 @contextmanager

@@ -1,10 +1,14 @@
-"""The phases of a training, the reports of its progress, and the checkpoint folder of an unfinished training.
+"""The phases of a training, the reports of its progress, and the checkpoints of an unfinished training.
 
-The folder states the training's identity and progress. It is read without torch, because torch takes seconds to load.
-So another training's checkpoints are refused without delay.
+The checkpoints' folder states the training's identity and progress. It is read without torch, because torch takes
+seconds to load. So another training's checkpoints are refused without delay. The files are written completely or not at
+all, and loaded only with equal settings.
 """
 
+import io
 import json
+import os
+import pickle
 import shutil
 import time
 from collections.abc import Mapping, Sequence
@@ -16,7 +20,7 @@ from typing import Any, Final, Protocol
 from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.differences import differences
-from contract.errors import ConfigError, DatasetError
+from contract.errors import ConfigError, DatasetError, StillwakeError
 
 
 class Phase(StrEnum):
@@ -140,7 +144,7 @@ def check(folder: Path, identity: Identity) -> Reached | None:
     if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)
-    # If the folder states no settings, each checkpoint is still checked when it is loaded (`train.fitting.checkpoint`).
+    # If the folder states no settings, each checkpoint is still checked when it is loaded (`train.fitting.unfinished`).
     if label is not None and "settings" in label:
         settings = json.loads(identity.settings)
         for name, there, here in differences(label.get("settings"), settings):
@@ -189,3 +193,78 @@ def _label(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return label if isinstance(label, dict) else None
+
+
+_SCHEMA: Final = "stillwake-checkpoint/1"
+_MEND: Final = "delete it, or start over with --restart"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkpoints:
+    """The folder in which the phases of a training store their state, one file per phase.
+
+    Attributes:
+        identity: settings and recording of the training.
+        every: number of steps between two checkpoints.
+    """
+
+    folder: Path
+    identity: Identity
+    every: int = 100
+
+    @classmethod
+    def of(cls, output: Path, identity: Identity, resume: bool) -> "Checkpoints":
+        """Return the checkpoints of the model `output`. With `resume`, the training continues from existing
+        checkpoints; otherwise they are removed. Raises as `check` does."""
+        folder = folder_of(output)
+        if not resume:
+            clear(folder)
+        check(folder, identity)
+        return cls(folder=folder, identity=identity)
+
+    def path(self, phase: Phase) -> Path:
+        return self.folder / f"{phase}.pt"
+
+    def save(self, phase: Phase, state: Mapping[str, Any], reached: Reached | None = None) -> None:
+        """Write a phase's state (tensors and plain values) atomically, and note the training's progress if it is given.
+        Raises StillwakeError if a file cannot be written."""
+        import torch
+
+        body = {
+            "schema": _SCHEMA,
+            "settings": self.identity.settings,
+            "dataset_sha256": self.identity.dataset_sha256,
+            "state": dict(state),
+        }
+        # The file is built in memory first, because torch gives no clear error when a disk is full.
+        image = io.BytesIO()
+        torch.save(body, image)
+        with replacing(self.path(phase)) as temporary, temporary.open("wb") as file:
+            file.write(image.getbuffer())
+            file.flush()
+            os.fsync(file.fileno())
+        if reached is not None:
+            note(self.folder, self.identity, reached)
+
+    def load(self, phase: Phase) -> dict[str, Any] | None:
+        """Return a phase's state, on the CPU; None if no state is stored. Raises
+        StillwakeError for a file that is damaged or of another schema, ConfigError for a file of other settings,
+        DatasetError for a file of another recording."""
+        import torch
+
+        path = self.path(phase)
+        if not path.exists():
+            return None
+        try:
+            # With weights_only, torch reads a checkpoint as data and runs no code from it.
+            body = torch.load(path, map_location="cpu", weights_only=True)
+            schema, state = body["schema"], dict(body["state"])
+        except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
+            raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); {_MEND}") from error
+        if schema != _SCHEMA:
+            raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {_SCHEMA!r}; {_MEND}")
+        if body["settings"] != self.identity.settings:
+            raise ConfigError(f"checkpoint {path}: made with other settings; {_MEND}")
+        if body["dataset_sha256"] != self.identity.dataset_sha256:
+            raise DatasetError(f"checkpoint {path}: made from another recording; {_MEND}")
+        return state

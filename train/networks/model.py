@@ -4,8 +4,8 @@
     z_{t+1}   = z_t + f_dyn(z_t, a_t)
     C_t       = f_dec(z_t)              C = (Cd, Cl)
 
-All values are standardised (`train.samples`). In shapes, B is the number of samples, L the window, F the number
-of features in a row, N_z the latent dimension.
+All values are standardised (`train.networks.samples`). In shapes, B is the number of samples, L the window, F the
+number of features in a row, N_z the latent dimension.
 
 The joint loss (paper, equation 5) is
 
@@ -24,7 +24,7 @@ from torch import Tensor, nn
 
 from contract.config.learning import ModelConfig, TrainConfig
 from train.networks.recurrence import last_hidden
-from train.samples import Batch
+from train.networks.samples import Batch
 
 
 class Encoder(nn.Module):

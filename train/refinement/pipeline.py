@@ -24,15 +24,14 @@ from contract.recording.findings import trainable
 from contract.sensor_layout import SensorLayout
 from train import model_store
 from train.distillation.evaluate import evaluate_model
-from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import torch_threads, without_denormals
-from train.fitting.unfinished import Identity, Phase, Progress, silent
+from train.fitting.unfinished import Checkpoints, Identity, Phase, Progress, silent
 from train.model_store import TrainedModel
+from train.networks.samples import prepare
 from train.pipeline import deployed, versions
 from train.refinement import air_speed
 from train.refinement.feedback import Feedback, scales_of
 from train.refinement.refine import SideBySide, refine
-from train.samples import prepare
 from train.selection.shap_ranking import GIVEN, SensorChoice
 
 SPEEDS_AT_REST: Final = 9

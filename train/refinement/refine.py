@@ -23,8 +23,7 @@ from contract.config.learning import RefineConfig
 from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
 from contract.side_by_side import process_pool
-from train.fitting.checkpoint import Checkpoints
-from train.fitting.unfinished import Phase, Progress, Reached, silent
+from train.fitting.unfinished import Checkpoints, Phase, Progress, Reached, silent
 from train.refinement.feedback import Feedback
 from train.refinement.windows import Price, Stream, Stretch, StretchReadings, differentiate
 

@@ -26,7 +26,7 @@ from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from train.fitting.unfinished import Phase, Progress, silent
 from train.networks.model import Encoder
-from train.samples import Rows
+from train.networks.samples import Rows
 from train.selection.shap_ranking import ShapRanker, check_count, rank
 
 STRIDE: Final = 4

@@ -18,7 +18,7 @@ from contract.errors import ConfigError, DatasetError
 from contract.sensors import NAMES
 from train.fitting.unfinished import Phase, Progress, silent
 from train.networks.model import Encoder
-from train.samples import Rows
+from train.networks.samples import Rows
 
 
 def check_count(count: int, available: int) -> None:

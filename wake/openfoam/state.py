@@ -23,8 +23,7 @@ from wake.openfoam import case, foam_files
 from wake.openfoam.measurements import Readings, read_all
 from wake.openfoam.mesh import Mesh, truck_mesh
 from wake.openfoam.process import LOG, IcoFoam, require_installed
-from wake.solver.flow import Flow
-from wake.solver.grid import truck_grid
+from wake.solver.grid import Flow, truck_grid
 from wake.truck.develop import at_points
 from wake.truck.state import State, developed_state
 

@@ -25,8 +25,7 @@ from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from wake.pictures.fields import Raster, View, velocity
 from wake.plant.protocol import Drawable
-from wake.solver.flow import Flow
-from wake.solver.grid import Grid
+from wake.solver.grid import Flow, Grid
 from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
 

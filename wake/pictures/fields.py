@@ -16,7 +16,7 @@ from contract.arrays import Array
 from contract.errors import PlantError
 from contract.geometry import HALF_WIDTH
 from wake.plant.protocol import Drawable
-from wake.solver.flow import Flow
+from wake.solver.grid import Flow
 from wake.truck.truck_wake import TruckWake
 
 View = tuple[float, float, float, float]

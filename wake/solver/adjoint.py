@@ -19,7 +19,7 @@ from contract.arrays import Array, Index
 from contract.runtime.copies import CopiedWhole
 from wake.solver import kernels
 from wake.solver.boundary import GhostMap
-from wake.solver.flow import Flow
+from wake.solver.grid import Flow
 from wake.solver.kernels import Domain, Pair, Spacing, advance_stage
 from wake.solver.navier_stokes import A, B, FlowSolver, gusting, stage_ends
 

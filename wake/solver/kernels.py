@@ -5,7 +5,7 @@ term interpolates with equal weights, so that it conserves kinetic energy (Verst
 2003). The term is written in advective form, which equals the flux form on a divergence-free field. The stages of a
 Runge-Kutta step are not projected. The flux form would count their divergence twice and halve the stable step.
 
-Arrays are padded as in `wake.solver.flow`; the pressure beyond the outlet is mirrored with opposite sign. A run (i, j0,
+Arrays are padded as in `wake.solver.grid`; the pressure beyond the outlet is mirrored with opposite sign. A run (i, j0,
 j1) stands for the faces j0 .. j1 - 1 of row i, in unpadded indices. Runs list the faces to compute, so that the loops
 over j have no branch.
 """
@@ -17,7 +17,7 @@ from numba import njit
 
 from contract.arrays import Array, Index
 from wake.solver.boundary import GhostMap
-from wake.solver.flow import Flow
+from wake.solver.grid import Flow
 
 T = TypeVar("T")
 

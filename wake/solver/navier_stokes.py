@@ -29,8 +29,7 @@ from contract.errors import PlantError
 from contract.runtime.copies import CopiedWhole
 from wake.solver import kernels, poisson
 from wake.solver.boundary import Boundary
-from wake.solver.flow import Flow
-from wake.solver.grid import Grid
+from wake.solver.grid import Flow, Grid
 
 # Williamson's RK3 computes q = A q + dt rate, velocity += B q. STAGE_END has the times at which the stages end, as
 # fractions of the step.

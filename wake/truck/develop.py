@@ -17,8 +17,7 @@ from scipy.interpolate import RegularGridInterpolator
 from contract.arrays import Array
 from contract.errors import PlantError
 from wake.plant.sample import Sample
-from wake.solver.flow import Flow
-from wake.solver.grid import Component, Grid
+from wake.solver.grid import Component, Flow, Grid
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 

@@ -28,8 +28,7 @@ from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.sensor_layout import SensorLayout
 from wake.solver.boundary import Boundary
-from wake.solver.flow import Flow, Layout
-from wake.solver.grid import Component, Grid, bilinear
+from wake.solver.grid import Component, Flow, Grid, Layout, bilinear
 
 
 def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK_BODY) -> Array:

@@ -17,7 +17,7 @@ from contract.runtime.copies import CopiedWhole
 from wake.plant.drive import at_speed
 from wake.plant.sample import Sample
 from wake.solver.adjoint import FlowAdjoint
-from wake.solver.flow import Flow
+from wake.solver.grid import Flow
 from wake.truck.state import State
 from wake.truck.surface import MOMENTUM_FACTOR, Measured
 from wake.truck.truck_wake import TruckWake

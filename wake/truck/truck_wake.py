@@ -19,8 +19,7 @@ from wake.plant.drive import Wind
 from wake.plant.protocol import SteppedPlant
 from wake.plant.sample import Sample
 from wake.solver import boundary
-from wake.solver.flow import Flow
-from wake.solver.grid import box_grid
+from wake.solver.grid import Flow, box_grid
 from wake.solver.navier_stokes import FlowSolver, check_step
 from wake.truck.state import Origin, State, check_origin
 from wake.truck.surface import MOMENTUM_FACTOR, Surface, signed_distance, slot_profile

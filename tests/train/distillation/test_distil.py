@@ -15,7 +15,7 @@ from train.distillation.evaluate import latent_error, rollout_starts
 from train.distillation.lessons import distil_predictor, teach
 from train.fitting.fit import seeded
 from train.networks.model import Predictor, WakeModel
-from train.samples import fit_scaling, prepare
+from train.networks.samples import fit_scaling, prepare
 
 
 def test_encode_all_is_the_encoder_window_by_window(small_recording, small_config):

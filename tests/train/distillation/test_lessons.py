@@ -20,7 +20,7 @@ from export.reference.mpc import gradient
 from train.distillation.distil import encode_all
 from train.distillation.lessons import Lessons, force_slope, plan_slope, predict, teach
 from train.networks.model import Predictor, WakeModel
-from train.samples import Rows, fit_scaling, prepare
+from train.networks.samples import Rows, fit_scaling, prepare
 
 
 @pytest.fixture(scope="module")

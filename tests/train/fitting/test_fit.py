@@ -11,9 +11,8 @@ import torch
 from contract.config.learning import FinishConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError, TrainingError
-from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import fit_joint
-from train.fitting.unfinished import Identity, Phase
+from train.fitting.unfinished import Checkpoints, Identity, Phase
 from train.networks.model import Encoder
 
 pytestmark = pytest.mark.slow  # networks are trained

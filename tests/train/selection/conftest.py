@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from contract import sensors
-from train.samples import Rows
+from train.networks.samples import Rows
 
 WINDOW = 32
 MakeRows = Callable[..., Rows]

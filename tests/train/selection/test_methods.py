@@ -10,7 +10,7 @@ from contract import sensors
 from contract.errors import ConfigError
 from contract.sensor_layout import SensorLayout
 from train.networks.model import Encoder, WakeModel
-from train.samples import Rows
+from train.networks.samples import Rows
 from train.selection import methods
 from train.selection.methods import RidgeStudent, ridge_student
 

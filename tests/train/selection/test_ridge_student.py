@@ -8,7 +8,7 @@ import torch
 
 from contract import sensors
 from contract.errors import DatasetError
-from train.samples import Rows
+from train.networks.samples import Rows
 from train.selection.methods import RIDGE, ridge_student, sample
 
 

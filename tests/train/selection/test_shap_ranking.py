@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from contract import sensors
 from train.networks.model import WakeModel
-from train.samples import Rows
+from train.networks.samples import Rows
 from train.selection.shap_ranking import Ranking, ShapRanker, rank
 
 

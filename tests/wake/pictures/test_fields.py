@@ -3,8 +3,7 @@ import pytest
 
 from contract.errors import PlantError
 from wake.pictures.fields import LevelPicture, Raster, field_levels, mean_flow, velocity
-from wake.solver.flow import Flow
-from wake.solver.grid import Grid
+from wake.solver.grid import Flow, Grid
 
 pytestmark = pytest.mark.slow  # seconds of flow
 

@@ -8,8 +8,7 @@ import pytest
 
 from contract.errors import PlantError
 from contract.geometry import LENGTH
-from wake.solver.flow import Flow
-from wake.solver.grid import Grid, truck_grid
+from wake.solver.grid import Flow, Grid, truck_grid
 from wake.truck.averages import over_cycles, over_last_cycles
 from wake.truck.develop import recirculation_length
 

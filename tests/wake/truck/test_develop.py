@@ -8,8 +8,7 @@ import pytest
 from contract.config.plant import FlowConfig
 from contract.errors import ConfigError, PlantError
 from wake.plant.sample import Sample
-from wake.solver.flow import Flow
-from wake.solver.grid import truck_grid
+from wake.solver.grid import Flow, truck_grid
 from wake.truck import develop
 from wake.truck.averages import over_cycles
 from wake.truck.develop import interpolated, moved

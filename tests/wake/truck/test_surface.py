@@ -6,7 +6,7 @@ import pytest
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LENGTH
-from wake.solver.flow import Flow
+from wake.solver.grid import Flow
 from wake.truck.surface import Measured, signed_distance
 from wake.truck.truck_wake import TruckWake
 

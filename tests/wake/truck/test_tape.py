@@ -12,7 +12,7 @@ from contract.differentiable import FlowState, Seen
 from contract.errors import PlantError
 from contract.ledger import LEDGER_FIELDS
 from wake.plant.sample import Sample
-from wake.solver.flow import Flow
+from wake.solver.grid import Flow
 from wake.truck.tape import DifferentiableWake, Tape, no_weights
 from wake.truck.truck_wake import TruckWake
 
