@@ -56,19 +56,15 @@ class Ranking:
         check_count(count, len(self.names))
         return self._names(_best(self.mean, count))
 
-    def top_sets(self, count: int) -> tuple[frozenset[str], ...]:
-        """Return the set of the best sensors in each repeat."""
-        return tuple(frozenset(self._names(_best(scores, count))) for scores in self.scores)
-
     def is_stable(self, count: int) -> bool:
         """Return whether every repeat has the same set of best sensors."""
-        return len(set(self.top_sets(count))) == 1
+        return not self.differences(count)
 
     def differences(self, count: int) -> Mapping[str, float]:
         """Return the sensors that are among the best in some repeats only, each with the fraction of these repeats. The
         sensors are in the order of `names`; the result is empty if the set is stable."""
         repeats = len(self.scores)
-        counts = Counter(name for names in self.top_sets(count) for name in names)
+        counts = Counter(name for scores in self.scores for name in self._names(_best(scores, count)))
         return {name: counts[name] / repeats for name in self.names if 0 < counts[name] < repeats}
 
     def _names(self, chosen: Sequence[int] | Index) -> tuple[str, ...]:

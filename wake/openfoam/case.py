@@ -9,7 +9,6 @@ is interpolated linearly along the wall between the two nearest faces.
 """
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -152,17 +151,6 @@ PRESSURES: Final = "wallPressures"
 PROBE_OBJECT: Final = "wakeProbe"
 
 
-@dataclass(frozen=True, kw_only=True)
-class CaseClock:
-    """The clock of an icoFoam run: its end and its time step, in t_c, and the numbers of time steps between written
-    states and between measurements."""
-
-    end: float
-    dt: float
-    steps_per_write: int
-    steps_per_sample: int
-
-
 def write_mesh(folder: Path, mesh: Mesh) -> None:
     for name in ("system", "constant/polyMesh"):
         (folder / name).mkdir(parents=True, exist_ok=True)
@@ -185,14 +173,17 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
     _write_field(folder, "p", "volScalarField", "[0 2 -2 0 0 0 0]", foam_files.scalars(pressure), pressures)
 
 
-def write_settings(folder: Path, mesh: Mesh, config: FlowConfig, clock: CaseClock) -> None:
-    """Write all files of the case except mesh and fields."""
+def write_settings(
+    folder: Path, mesh: Mesh, config: FlowConfig, *, end: float, dt: float, steps_per_write: int, steps_per_sample: int
+) -> None:
+    """Write all files of the case except mesh and fields. The end and the time step are in t_c; the last arguments are
+    the numbers of time steps between written states and between measurements."""
     viscosity = f"[0 2 -1 0 0 0 0] {1.0 / config.reynolds:.12g}"
     files: dict[str, dict[str, Any]] = {
         "constant/transportProperties": {"nu": viscosity},
         "system/fvSchemes": _SCHEMES,
         "system/fvSolution": _SOLVERS,
-        "system/controlDict": _control(mesh, clock),
+        "system/controlDict": _control(mesh, end, dt, steps_per_write, steps_per_sample),
     }
     for name, entries in files.items():
         (folder / name).write_text(foam_files.dictionary(Path(name).name, entries), encoding="ascii")
@@ -222,13 +213,13 @@ _SOLVERS: Final[dict[str, Any]] = {
 }
 
 
-def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
+def _control(mesh: Mesh, end: float, dt: float, steps_per_write: int, steps_per_sample: int) -> dict[str, Any]:
     # The function objects for forces read executeControl and executeInterval; those for probes read writeControl and
     # writeInterval. Each object gets all four entries.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")
-        for setting, value in (("Control", "timeStep"), ("Interval", clock.steps_per_sample))
+        for setting, value in (("Control", "timeStep"), ("Interval", steps_per_sample))
     }
     forces = {
         name: {
@@ -253,10 +244,10 @@ def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
         "startFrom": "latestTime",
         "startTime": 0,
         "stopAt": "endTime",
-        "endTime": clock.end,
-        "deltaT": clock.dt,
+        "endTime": end,
+        "deltaT": dt,
         "writeControl": "timeStep",
-        "writeInterval": clock.steps_per_write,
+        "writeInterval": steps_per_write,
         "purgeWrite": 2,
         "writeFormat": "binary",
         "writePrecision": 12,

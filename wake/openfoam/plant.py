@@ -24,7 +24,7 @@ from contract.runtime.copies import NeverCopied
 from wake.openfoam import case, foam_files
 from wake.openfoam.measurements import Follower, Instruments
 from wake.openfoam.mesh import Mesh, truck_mesh
-from wake.openfoam.process import PATIENCE_S, IcoFoam, require_installed
+from wake.openfoam.process import IcoFoam, require_installed
 from wake.openfoam.state import FoamState, put, read_fields, scaled
 from wake.plant.drive import Wind
 from wake.plant.protocol import SteppedPlant
@@ -65,7 +65,6 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         config: Reynolds number, control period, time steps per period and action bound.
         refinement: divisor of every spacing of the mesh; it must equal the state's refinement.
         duration: longest time that can be run after a `reset`, in t_c.
-        patience_s: longest wait for one time step, in s.
 
     Attributes:
         wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
@@ -82,7 +81,6 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         refinement: float = 1.0,
         *,
         duration: float = 200.0,
-        patience_s: float = PATIENCE_S,
     ) -> None:
         require_installed()
         self.config = FlowConfig() if config is None else config
@@ -92,7 +90,6 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         """Grid of `vorticity`: the grid of stillwake's solver, so that pictures of the two plants can be compared."""
         self._case = folder
         self._steps = round(duration / self.config.control_period) * self.config.substeps
-        self._patience_s = patience_s
         self._instruments = Instruments(self.mesh)
         self._child: IcoFoam | None = None
         self.wind: Wind | None = None
@@ -126,12 +123,12 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         put(state, self._case)
         every = self.config.substeps
         # The case has one step more than the longest run, so that icoFoam waits after the run's last step.
-        clock = case.CaseClock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
-        case.write_settings(self._case, self.mesh, self.config, clock)
+        times = {"end": (self._steps + 1) * self.dt, "dt": self.dt}
+        case.write_settings(self._case, self.mesh, self.config, **times, steps_per_write=every, steps_per_sample=1)
         stream = self._stream(state.substep)
         case.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action, stream=stream)
         self._follower = Follower(self._case)
-        self._child = IcoFoam(self._case, self.mesh, patience_s=self._patience_s)
+        self._child = IcoFoam(self._case, self.mesh)
         self._first = self._substep = state.substep
         self._state, self._action = state, state.action
         self._readings = state.readings

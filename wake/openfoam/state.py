@@ -175,8 +175,8 @@ def _settle(folder: Path, mesh: Mesh, config: FlowConfig, foam: OpenFoamConfig, 
     # The checkpoint interval divides the run exactly, so that the last checkpoint is at the run's end.
     every = max(n for n in range(1, round(_CHECKPOINT / config.control_period) + 1) if periods % n == 0)
     dt = config.control_period / substeps
-    clock = case.CaseClock(end=until, dt=dt, steps_per_write=every * substeps, steps_per_sample=substeps)
-    case.write_settings(folder, mesh, config, clock)
+    counts = {"steps_per_write": every * substeps, "steps_per_sample": substeps}
+    case.write_settings(folder, mesh, config, end=until, dt=dt, **counts)
     (folder / LOG).unlink(missing_ok=True)
     probe = folder / "postProcessing" / case.PROBE_OBJECT / ("0" if latest is None else latest.name) / "U"
     with IcoFoam(folder) as child:
