@@ -25,20 +25,7 @@ from contract.differentiable import DifferentiableFlow, FlowState
 from contract.side_by_side import process_pool
 from train.fitting.unfinished import Checkpoints, Phase, Progress, Reached, silent
 from train.refinement.feedback import Feedback
-from train.refinement.windows import Price, Stream, Stretch, StretchReadings, differentiate
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """A stretch to be run, with the number of its stream and with arguments of `differentiate`."""
-
-    number: int
-    feedback: Feedback
-    stream: Stream
-    price: Price
-    readings: StretchReadings
-    speeds: Array
-    action_limit: float
+from train.refinement.windows import Price, Stream, Stretch, StretchReadings, Task, differentiate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,13 +44,11 @@ SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
 
 def done(task: Task, flow: DifferentiableFlow) -> Done:
     """Run a stretch; raises PlantError as `differentiate` does."""
-    feedback, stream = task.feedback, replace(task.stream)
-    feedback.zero_grad()
-    stretch = differentiate(
-        flow, feedback, stream, task.price, task.readings, speeds=task.speeds, action_limit=task.action_limit
-    )
-    gradients = tuple(one.grad.clone() for one in feedback.parameters() if one.grad is not None)
-    return Done(number=task.number, stream=stream, stretch=stretch, gradients=gradients)
+    task = replace(task, stream=replace(task.stream))
+    task.feedback.zero_grad()
+    stretch = differentiate(flow, task)
+    gradients = tuple(one.grad.clone() for one in task.feedback.parameters() if one.grad is not None)
+    return Done(number=task.number, stream=task.stream, stretch=stretch, gradients=gradients)
 
 
 @contextmanager
@@ -169,7 +154,9 @@ def _stored(stream: Stream) -> dict[str, Any]:
 
 
 def _stream(stored: Mapping[str, Any]) -> Stream:
-    fields = {name: value.numpy() if isinstance(value, Tensor) else value for name, value in stored.items()}
+    fields: dict[str, Any] = {
+        name: value.numpy() if isinstance(value, Tensor) else value for name, value in stored.items()
+    }
     state = FlowState(flat=fields.pop("flat"), action=fields.pop("action"))
     return Stream(**{**fields, "state": state, "goal": Goal(*fields["goal"])})
 

@@ -15,7 +15,8 @@ from contract.errors import ConfigError
 from tests.examples import examples
 from wake.recording.plans import SIGNALS, CalmRound, ControlledRound, exploration
 
-FLOW, FORCING, NO_BUNDLE = FlowConfig(), ForcingConfig(), {"bundle": "none", "bundle_digest": "0" * 64}
+FLOW, FORCING = FlowConfig(), ForcingConfig()
+NO_BUNDLE: dict[str, Any] = {"bundle": "none", "bundle_digest": "0" * 64}
 
 
 @examples(30)
