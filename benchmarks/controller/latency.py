@@ -38,8 +38,8 @@ from export.to_onnx.control_step import build_controller
 _EAGER_EVERY = 5
 _CALIBRATION = 20
 _LOADS = 15
-_WIDTHS: Final = {"dynamics_width": 64, "decoder_width": 32}
-_PLAN: Final = {"horizon": 25, "iterations": 2}
+_WIDTHS: Final[dict[str, Any]] = {"dynamics_width": 64, "decoder_width": 32}
+_PLAN: Final[dict[str, Any]] = {"horizon": 25, "iterations": 2}
 
 
 def main(
