@@ -1,6 +1,7 @@
 """The selection methods, and the ridge student's error against numpy's least squares and in closed form."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,6 +36,11 @@ class Listener(nn.Module):
         return torch.einsum("swfl,zlf->swz", windows, self.weight)
 
 
+def listener(*latents: tuple[tuple[str, int, float], ...]) -> Any:
+    """A teacher with all that the methods read of an encoder."""
+    return Listener(*latents)
+
+
 def noise_rows(*lengths: int) -> Rows:
     """Episodes of white noise of unit variance in all columns."""
     total = sum(lengths)
@@ -66,7 +72,7 @@ HEARD = ("lower_35", "base_0", "upper_12")
 @pytest.fixture(scope="module")
 def student() -> RidgeStudent:
     """Of a teacher with two latents, which depends on three sensors; the first the most."""
-    teacher = Listener((("lower_35", 0, 2.0), ("base_0", 12, 1.0)), (("base_0", 4, -1.0), ("upper_12", 8, 0.7)))
+    teacher = listener((("lower_35", 0, 2.0), ("base_0", 12, 1.0)), (("base_0", 4, -1.0), ("upper_12", 8, 0.7)))
     return ridge_student(teacher, noise_rows(3000), seed=0)
 
 
@@ -147,7 +153,7 @@ def test_the_choice_is_symmetric_and_grows_from_the_rear_corners():
 
 
 def test_the_error_is_that_of_numpy_s_least_squares():
-    teacher = Listener((("upper_03", 0, 1.0), ("action", 4, 0.5)), (("base_2", 8, 1.0), ("lower_10", 3, 1.0)))
+    teacher = listener((("upper_03", 0, 1.0), ("action", 4, 0.5)), (("base_2", 8, 1.0), ("lower_10", 3, 1.0)))
     rows = noise_rows(500, 300)
     rows.inputs[:, 20] += 2.0  # an offset, which the student's intercept must take up
     student = ridge_student(teacher, rows, seed=3)
@@ -169,7 +175,7 @@ def test_the_error_is_that_of_numpy_s_least_squares():
 
 def test_noise_is_priced_as_known_in_closed_form():
     # Noise on the sensors is priced as if it had been drawn.
-    teacher = Listener((("upper_07", 12, 1.0), ("base_2", 12, 0.5)))
+    teacher = listener((("upper_07", 12, 1.0), ("base_2", 12, 0.5)))
     clean = noise_rows(6000)
     unit = torch.full((90,), 1.0)
     unit[7] = 4.0
@@ -185,14 +191,14 @@ def test_noise_is_priced_as_known_in_closed_form():
 def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end():
     rows = noise_rows(60, 50)
     rows.inputs[:, 0] = torch.arange(110.0)
-    (x, _), (judged_x, _) = sample(Listener((("action", 0, 1.0),)), rows, seed=1)
+    (x, _), (judged_x, _) = sample(listener((("action", 0, 1.0),)), rows, seed=1)
     newest, judged = set(x[:, 0].astype(int)), set(judged_x[:, 0].astype(int))
     assert not newest & judged
     assert newest | judged == {*range(31, 60), *range(91, 110)}
 
 
 def test_too_few_windows_and_a_teacher_without_opinion_are_refused():
-    teacher = Listener((("upper_07", 0, 1.0),))
+    teacher = listener((("upper_07", 0, 1.0),))
     with pytest.raises(DatasetError, match="5 windows, too few to fit and judge a student: must be at least 6"):
         ridge_student(teacher, noise_rows(36), seed=0)
     still = noise_rows(60)
