@@ -31,7 +31,7 @@ class Measurement(NamedTuple):
 
 
 MEASUREMENTS: Final = {
-    "wake-speed": Measurement("wake.speed", "what a time step of the plant costs, and where the time goes"),
+    "wake-speed": Measurement("controller.wake_speed", "what a time step of the plant costs, and where the time goes"),
     "controller": Measurement("controller.latency", "time of a control step: PyTorch, ONNX, C"),
     "controller-loop": Measurement("controller.loop", "drag with ONNX and C, in float32 and int8, in the closed loop"),
     "runtimes": Measurement("controller.runtimes", "the release's graph in other runtimes of ONNX", "a minute"),
@@ -53,7 +53,9 @@ MEASUREMENTS: Final = {
 PAGES: Final = {
     "full": Measurement("full", "make the files in results/: all, or only the outdated files", "hours"),
     "tables": Measurement("tables", "fill the tables of README.md and docs/ from results/", "seconds"),
-    "pictures": Measurement("pictures", "draw the pictures in docs/pictures that are made from results/", "seconds"),
+    "pictures": Measurement(
+        "release.release_drawings", "draw the pictures in docs/pictures that are made from results/", "seconds"
+    ),
 }
 
 

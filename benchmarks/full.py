@@ -30,8 +30,7 @@ import typer
 from rich.table import Table
 
 from benchmarks.common.command_line import ROOT, console
-from benchmarks.common.markdown import read
-from benchmarks.common.pictures import STAMP
+from benchmarks.common.documents import STAMP, read
 from contract.atomic import replacing
 from contract.errors import StillwakeError
 from contract.release import bundle

@@ -11,12 +11,10 @@ from typing import Final, NamedTuple
 
 from benchmarks.bus import tables as bus
 from benchmarks.common.command_line import ROOT
-from benchmarks.common.markdown import fill, names, read
+from benchmarks.common.documents import fill, names, read
 from benchmarks.controller import tables as controller
 from benchmarks.ecu import tables as ecu
-from benchmarks.release import loop_tables
 from benchmarks.release import tables as release
-from benchmarks.wake import tables as wake
 from contract.atomic import replacing
 
 
@@ -38,18 +36,17 @@ TABLES: Final = {
     "bus": PageTable(bus.bus, ("bus", "bus_studies")),
     "bus_faults": PageTable(bus.bus_faults, tuple(bus.FAULTED.values()), "bus_loss_05"),
     "bus_runs": PageTable(bus.bus_runs, tuple(bus.RUNS.values()), "bus_secured"),
-    "campaign": PageTable(loop_tables.campaign, ("campaign",)),
+    "campaign": PageTable(release.campaign, ("campaign",)),
     "can_load": PageTable(bus.can_load, tuple(bus.CAN_LOADS), "can_load_fd"),
     "controller": PageTable(controller.latency, ("controller",), "controller"),
     "controller_loop": PageTable(controller.loop, ("controller_loop",), "controller_loop"),
     "demo": PageTable(release.demo, ("demo",)),
-    "drive": PageTable(loop_tables.drive, ("drive",)),
+    "drive": PageTable(release.drive, ("drive",)),
     "ecu_c": PageTable(ecu.twin, ("ecu_c",)),
     "ecu_loop": PageTable(ecu.loops, ("ecu_loop",)),
     "flash_c": PageTable(ecu.flash_c, ("flash_c",), "flash_c"),
     "flash_pieces": PageTable(ecu.flash_pieces, ("flash_pieces",)),
     "flash_proof": PageTable(ecu.flash_proof, ("flash",)),
-    "flash_times": PageTable(ecu.flash_times, ("flash_times",)),
     "iterations": PageTable(release.iterations, ("iterations",)),
     "latency": PageTable(bus.latency, ("latency",)),
     "limits": PageTable(
@@ -59,19 +56,19 @@ TABLES: Final = {
     "mcu_release": PageTable(controller.mcu_release, ("mcu",), "mcu"),
     "mcu_worst": PageTable(controller.mcu_worst, ("mcu",)),
     "models": PageTable(ecu.models, ("models",)),
-    "openfoam_drive": PageTable(wake.openfoam_drive, ("own_drive", "openfoam_drive"), "openfoam_drive"),
-    "openfoam_loop": PageTable(wake.openfoam_loop, ("demo", "openfoam_loop")),
+    "openfoam_drive": PageTable(release.openfoam_drive, ("own_drive", "openfoam_drive"), "openfoam_drive"),
+    "openfoam_loop": PageTable(release.openfoam_loop, ("demo", "openfoam_loop")),
     "proofs": PageTable(ecu.proofs, ("proofs",)),
     "release_distributions": PageTable(release.release_distributions, ("release_figures",), "release_figures"),
     "release_forecasts": PageTable(release.release_forecasts, ("release_figures",)),
-    "release_loop": PageTable(loop_tables.release_loop, ("release_loop",)),
-    "roads": PageTable(loop_tables.roads, ("roads", "release_loop"), "roads"),
+    "release_loop": PageTable(release.release_loop, ("release_loop",)),
+    "roads": PageTable(release.roads, ("roads", "release_loop"), "roads"),
     "runtimes": PageTable(controller.runtimes, ("runtimes",), "runtimes"),
     "sensor_check_alarms": PageTable(ecu.alarms, ("sensor_check",), "sensor_check"),
     "sensor_check_faults": PageTable(ecu.faults, ("sensor_check",), "sensor_check"),
-    "square_loop": PageTable(loop_tables.release_loop, ("square_loop",)),
+    "square_loop": PageTable(release.release_loop, ("square_loop",)),
     "steady": PageTable(release.steady, ("steady", "demo")),
-    "steps": PageTable(wake.steps, ("wake_speed",), "wake_speed"),
+    "steps": PageTable(controller.steps, ("wake_speed",), "wake_speed"),
     "summary": PageTable(
         release.summary, ("demo", "openfoam_loop", "open_loop", "release_loop", "roads", "drive"), "demo"
     ),

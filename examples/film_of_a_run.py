@@ -27,8 +27,7 @@ from contract.config.loading import load_config
 from contract.errors import ConfigError, StillwakeError
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_log import RunLog, load
-from wake.pictures.animation import animate, check_target
-from wake.pictures.drawing import jet_arrow, outline
+from wake.pictures.drawing import animate, check_target, jet_arrow, outline
 from wake.pictures.fields import Raster, View
 from wake.plant.protocol import Drawable
 from wake.truck.state import developed_state

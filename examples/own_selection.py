@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 from contract.recording.dataset import read
-from train.samples.rows import Rows, fit_scaling, prepare
+from train.networks.samples import Rows, fit_scaling, prepare
 
 
 def select_by_forces(rows: Rows, count: int) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from contract.sensors import TRUCK
 from train.distillation.evaluate import EncoderMetrics, ForceError, ModelMetrics, RolloutError
 from train.model_store import TrainedModel
 from train.networks.model import Encoder, WakeModel
-from train.selection.ranking import GIVEN, SensorChoice
+from train.selection.shap_ranking import GIVEN, SensorChoice
 
 
 def untrained(

@@ -18,7 +18,7 @@ from contract.sensors import TRUCK
 from contract.typed import typed, untyped
 from train.distillation.evaluate import ModelMetrics
 from train.networks.model import Encoder, Predictor, WakeModel
-from train.selection.ranking import SensorChoice
+from train.selection.shap_ranking import SensorChoice
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,17 +21,13 @@ from train.distillation.distil import distil, encode_all
 from train.distillation.evaluate import evaluate_model
 from train.distillation.lessons import distil_predictor, teach
 from train.fitting import unfinished
-from train.fitting.checkpoint import Checkpoints
-from train.fitting.fit import device_named, fit_joint
-from train.fitting.progress import Phase, Progress, silent
-from train.fitting.threads import torch_threads
-from train.fitting.unfinished import Identity
+from train.fitting.fit import device_named, fit_joint, torch_threads
+from train.fitting.unfinished import Checkpoints, Identity, Phase, Progress, silent
 from train.model_store import TrainedModel
 from train.networks.model import Encoder, Predictor, WakeModel
-from train.samples.rows import Rows, fit_scaling, prepare
+from train.networks.samples import Rows, fit_scaling, prepare
 from train.selection.methods import select, select_by_hand
-from train.selection.ranking import GIVEN, Ranking, SensorChoice, check_count
-from train.selection.shap_ranking import ShapRanker, rank
+from train.selection.shap_ranking import GIVEN, Ranking, SensorChoice, ShapRanker, check_count, rank
 
 THREADS: Final = "torch_threads"
 """Key in a model's `versions` for the number of torch's threads, or for all numbers that the training used."""

@@ -17,7 +17,7 @@ from contract.arrays import Array
 from contract.controller.estimator import EstimatorNetwork, views
 from contract.errors import DatasetError
 from contract.recording.dataset import Dataset
-from train.fitting.threads import torch_threads
+from train.fitting.fit import torch_threads
 
 _WIDTHS: Final = (64, 64)
 """Widths of the hidden layers. A width of 192 gives slightly smaller residuals, but is too large for a

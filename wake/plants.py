@@ -11,7 +11,7 @@ from contract.errors import PlantError
 from wake.plant.protocol import LivePlant
 from wake.solver.grid import box_grid
 from wake.truck.develop import SETTLE_TIME, moved
-from wake.truck.state import State, check_body, developed_state, develops, load_state, start_name
+from wake.truck.state import State, check_origin, developed_state, develops, load_state, start_name
 from wake.truck.truck_wake import TruckWake
 
 PlantName = Literal["wake", "openfoam"]
@@ -43,8 +43,8 @@ def open_plant(
         return
     if start is not None:
         raise PlantError(f"state {start}: OpenFOAM develops its own start; only stillwake's solver accepts a file")
-    from wake.openfoam.develop import developed, require_truck
     from wake.openfoam.plant import OpenFoamWake
+    from wake.openfoam.state import developed, require_truck
 
     require_truck(config.body)
     if config.flow.refinement != 1.0:
@@ -76,8 +76,7 @@ def _start(path: Path | None, config: Config) -> State:
     """Return the start state with its clock at zero and its jets shut. Raises PlantError if its body or Reynolds number
     differs from the settings."""
     state = developed_state() if path is None else load_state(path)
-    if state.origin is not None:
-        check_body(state.origin, config.body)
+    check_origin(state.origin, config.body)
     reynolds = config.flow.reynolds
     if state.origin is not None and state.origin.reynolds != reynolds:
         name = "the shipped start" if path is None else f"state {path}"

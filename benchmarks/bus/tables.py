@@ -3,7 +3,7 @@ of bus."""
 
 from typing import Any, Final
 
-from benchmarks.common.markdown import table
+from benchmarks.common.documents import table
 from firmware_sim.latency.report import LABELS
 from firmware_sim.latency.stages import Stage
 

@@ -1,16 +1,21 @@
-"""The code that the measurements share: options, the consoles for tables and for progress, the output of figures, and
-calls of `stillwake`."""
+"""The code that the measurements share: options, the consoles for tables and for progress, the output of figures, calls
+of `stillwake`, and the stored parts of a long study, so that an interrupted study can be continued.
+"""
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
 import typer
 
+from contract.atomic import replacing
 from contract.errors import StillwakeError
+from contract.side_by_side import process_pool
 from stillwake.console.outputs import save_json
 from stillwake.console.progress import progress
 from stillwake.console.terminal import make_console
@@ -68,3 +73,31 @@ def stillwake(*arguments: object) -> None:
             raise
     if status != 0:
         raise StillwakeError(f"stillwake {' '.join(words)}: ended with status {status}")
+
+
+def part(path: Path, make: Callable[[], Any]) -> Any:
+    """Return the finished part stored in a file, as plain values for JSON; a missing part is computed and stored."""
+    if not path.is_file():
+        made = make()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(made), encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def kept_runs(
+    run: Callable[..., Any], arguments: Mapping[Path, tuple[Any, ...]], *, workers: int, label: str
+) -> list[Any]:
+    """Return the results of all runs, in order. `arguments` maps the results file of each run to the arguments of
+    `run`. Missing results are computed in `workers` processes."""
+    missing = [path for path in arguments if not path.is_file()]
+    # A process takes seconds to start, so none is started if the results of all runs are stored.
+    if missing:
+        with process_pool(min(workers, len(missing))) as pool:
+            given = (arguments[path] for path in missing)
+            list(track(pool.map(partial(_keep, run), missing, given), label, "runs", len(missing)))
+    return [json.loads(path.read_text(encoding="utf-8")) for path in arguments]
+
+
+def _keep(run: Callable[..., Any], path: Path, arguments: tuple[Any, ...]) -> None:
+    part(path, lambda: run(*arguments))

@@ -1,1 +1,1 @@
-"""Measurements of the controller and of its implementations, and tables of their results."""
+"""Measurements of the controller, of its implementations, and of the plant's time step, and tables of their results."""

@@ -5,13 +5,13 @@
 Each implementation runs on one thread. The implementations run in turn, so that a disturbance of the machine affects
 all of them. The figures are medians and minima of wall time, and medians of the thread's processor time, which excludes
 other processes. The weights are random and the networks have the release's sizes, because the time depends only on the
-sizes; options set other sizes.
+sizes.
 """
 
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import numpy as np
 import torch
@@ -38,20 +38,17 @@ from export.to_onnx.control_step import build_controller
 _EAGER_EVERY = 5
 _CALIBRATION = 20
 _LOADS = 15
+_WIDTHS: Final[dict[str, Any]] = {"dynamics_width": 64, "decoder_width": 32}
+_PLAN: Final[dict[str, Any]] = {"horizon": 25, "iterations": 2}
 
 
 def main(
     json_file: JsonFile = None,
     repeats: Annotated[int, typer.Option(min=1, help="Control steps of each implementation.")] = 300,
-    dynamics_width: int = 64,
-    decoder_width: int = 32,
-    horizon: int = 25,
-    iterations: int = 2,
 ) -> None:
     """Time the control step and print a table."""
     torch.set_num_threads(1)
-    sizes = ModelConfig(dynamics_width=dynamics_width, decoder_width=decoder_width)
-    program = random_program(0, model=sizes, mpc=MpcConfig(horizon=horizon, iterations=iterations))
+    program = random_program(0, model=ModelConfig(**_WIDTHS), mpc=MpcConfig(**_PLAN))
     (case,) = control_cases(program, count=1)
     lowered: dict[str, Program] = {"float32": program, "int8": rounded_to_nearest(program)}
     graphs = {name: build_controller(of).SerializeToString() for name, of in lowered.items()}
@@ -87,10 +84,8 @@ def main(
     figures["onnx_bytes"], figures["onnx_int8_bytes"] = len(graphs["float32"]), len(graphs["int8"])
     figures["c_workspace_bytes"], figures["c_int8_workspace_bytes"] = c.workspace_bytes, c_int8.workspace_bytes
     settings = {
-        "dynamics_width": dynamics_width,
-        "decoder_width": decoder_width,
-        "horizon": horizon,
-        "iterations": iterations,
+        **_WIDTHS,
+        **_PLAN,
         "repeats": repeats,
         "threads": 1,
         "c_flags": " ".join(OPTIMISED),

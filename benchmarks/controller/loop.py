@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from benchmarks.common.command_line import LOOP, JsonFile, Parts, console, report, stillwake
-from benchmarks.common.markdown import read
+from benchmarks.common.documents import read
 from benchmarks.controller import tables
 from contract.model import model_folder
 from contract.results import versions

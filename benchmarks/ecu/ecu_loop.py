@@ -22,8 +22,7 @@ from typing import Annotated, Any, Final, Unpack
 import numpy as np
 import typer
 
-from benchmarks.common.command_line import JsonFile, Parts, bars, console, report
-from benchmarks.common.parts import part
+from benchmarks.common.command_line import JsonFile, Parts, bars, console, part, report
 from benchmarks.ecu import tables
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.wire.frame import Frame

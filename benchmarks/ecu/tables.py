@@ -6,7 +6,7 @@ from itertools import groupby
 from typing import Any, Final
 
 from benchmarks.common.command_line import ROOT
-from benchmarks.common.markdown import table
+from benchmarks.common.documents import table
 
 _MODELLED: Final = ("modelled_ms", "modelled_ms_max")
 _LOST: Final = {
@@ -205,20 +205,3 @@ def flash_pieces(found: Any) -> str:
     return f"""{table(("longest time, modelled, ms", *clocks), rows)}
 
 Measured on {found["date"]}: {release}, control periods of {facts["period_ms"]:g} ms."""
-
-
-def flash_times(found: Any) -> str:
-    """Return the table that states how long it takes to flash the shipped release over the simulated bus."""
-    of = found["figures"]
-    buses = {"fd": "CAN FD", "classic": "classic CAN"}
-    rows = []
-    for row in of["flash_times"]:
-        lost, load = f"{100 * row['lost']:g} %", f"{100 * row['load']:.0f} %"
-        sent = (f"{row['seconds']:.1f}", row["diagnostic_frames"], load, row["unanswered"])
-        rows.append((buses[row["frames"]], lost, *sent))
-    heads = ("bus", "lost each way", "seconds", "frames of diagnosis", "bus load", "repeated requests")
-    return f"""{table(heads, rows)}
-
-An image of {of["flash_times"][0]["bytes"]} bytes is sent at 500 kbit/s (CAN FD: data at 2 Mbit/s). Times are virtual,
-from the first request to the confirmation, with a restart of the ECU (0.3 s). Measured on {found["date"]} with
-commit {found["facts"]["commit"]}."""

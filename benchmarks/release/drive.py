@@ -16,10 +16,9 @@ from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
-from benchmarks.common.command_line import JsonFile, Parts, Phases, Release, Workers, report
-from benchmarks.common.parts import kept_runs
-from benchmarks.release.loop_tables import drive as drive_table
+from benchmarks.common.command_line import JsonFile, Parts, Phases, Release, Workers, kept_runs, report
 from benchmarks.release.release_loop import facts_of
+from benchmarks.release.tables import drive as drive_table
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.errors import StillwakeError

@@ -20,8 +20,7 @@ from typing import Annotated, Final, NamedTuple
 import numpy as np
 import typer
 
-from benchmarks.common.command_line import JsonFile, Parts, Release, Workers, report
-from benchmarks.common.parts import kept_runs
+from benchmarks.common.command_line import JsonFile, Parts, Release, Workers, kept_runs, report
 from benchmarks.release import tables
 from benchmarks.release.release_loop import SPANS, facts_of, half_width_95, kept_starts, run_from
 from contract.config.controller import CostWeights

@@ -24,7 +24,7 @@ from contract.side_by_side import process_pool
 from stillwake.console.terminal import make_console
 from stillwake.parts.differentiable_wake import differentiable_wake
 from train import model_store
-from train.fitting.threads import torch_threads, without_denormals
+from train.fitting.fit import torch_threads, without_denormals
 from train.model_store import TrainedModel
 from train.refinement.feedback import Feedback, scales_of
 from train.refinement.imitation import Demonstration, demonstration, imitate, watch

@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.common.command_line import ROOT
+from benchmarks.common.documents import draw, read
 from contract import sensors
-from contract.geometry import HALF_WIDTH
-from wake.pictures.drawing import outline
-from wake.pictures.fields import Raster, velocity
-from wake.solver.flow import Flow
-from wake.truck.steady import recirculation_length
+from wake.pictures.drawing import draw_mean
+from wake.solver.grid import Flow
+from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
 UNCONTROLLED, CONTROLLED = "0.25", "#1f77b4"
@@ -114,22 +114,19 @@ def mean_flows(wake: TruckWake, flows: Sequence[Flow]) -> Figure:
     the bubble length."""
     left, right, low, high = _BEHIND
     view = (wake.body.length + left, wake.body.length + right, low, high)
-    raster = Raster.of(wake.grid.xc, wake.grid.yc, view, 900)
     figure = Figure(figsize=(9.0, 5.4), dpi=100, layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axes, (case, _), flow in zip(panels, _CASES, flows, strict=True):
-        u, v = (raster(component) for component in velocity(flow))
-        x, y = np.meshgrid(raster.x, raster.y)
-        inside = (x < wake.body.length) & (np.abs(y) < HALF_WIDTH)
-        u[inside] = v[inside] = np.nan
-        image = axes.imshow(u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=view, origin="lower", aspect="equal")
-        axes.streamplot(
-            raster.x, raster.y, u, v, color=(1, 1, 1, 0.6), linewidth=0.6, arrowsize=0.6, density=(2.2, 0.8)
-        )
-        axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
-        axes.fill(*outline(wake.body).T, facecolor="0.82", edgecolor="0.15", linewidth=0.8, zorder=3)
+        image = draw_mean(axes, wake.grid, wake.body, flow, view, density=(2.2, 0.8))
         axes.set(xlim=view[:2], ylim=view[2:], ylabel="y / W")
         axes.set_title(f"{case}: bubble {recirculation_length(wake.grid, flow):.2f} W", fontsize=10, loc="left")
     panels[-1].set_xlabel("x / W")
     figure.colorbar(image, ax=list(panels), label=r"mean $u / U_\infty$", fraction=0.025, pad=0.012, extend="both")
     return figure
+
+
+def main() -> None:
+    """Draw every picture in `docs/pictures` that depends only on `results/*.json`; `make tables` does this too."""
+    for name, made in (("release_figures", drawn), ("weights", weights)):
+        source = ROOT / "results" / f"{name}.json"
+        draw(made(read(source)["figures"]), source)

@@ -18,7 +18,7 @@ import numpy as np
 import typer
 
 from benchmarks.common.command_line import JsonFile, bars, report
-from benchmarks.common.pictures import PICTURES, draw
+from benchmarks.common.documents import PICTURES, draw
 from benchmarks.release import release_drawings, tables
 from contract.arrays import Array
 from contract.config.loading import load_config
@@ -32,8 +32,8 @@ from stillwake.console.progress import progress
 from stillwake.parts.releases import open_release
 from wake.pictures.fields import TimeMean
 from wake.plants import open_plant
-from wake.solver.flow import Flow
-from wake.truck.steady import recirculation_length
+from wake.solver.grid import Flow
+from wake.truck.develop import recirculation_length
 from wake.truck.truck_wake import TruckWake
 
 BINS: Final = 40

@@ -17,9 +17,8 @@ import typer
 from scipy.stats import sem
 from scipy.stats import t as student_t
 
-from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, report
-from benchmarks.common.parts import kept_runs
-from benchmarks.release.loop_tables import release_loop
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, kept_runs, report
+from benchmarks.release.tables import release_loop
 from contract.config.loading import load_config
 from contract.config.tree import Config
 from contract.release import bundle as bundles

@@ -18,8 +18,7 @@ import numpy as np
 from rich.table import Table
 from scipy.stats import spearmanr
 
-from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, Workers, console, save
-from benchmarks.common.parts import kept_runs
+from benchmarks.common.command_line import LOOP, JsonFile, Parts, Phases, Release, Workers, console, kept_runs, save
 from benchmarks.release.release_drawings import means
 from benchmarks.release.release_loop import facts_of, run_from
 from contract.config.loading import load_config

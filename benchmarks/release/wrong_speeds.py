@@ -30,7 +30,7 @@ from contract.side_by_side import process_pool
 from stillwake.console.terminal import make_console
 from stillwake.parts.differentiable_wake import differentiable_wake
 from train import model_store
-from train.fitting.threads import torch_threads, without_denormals
+from train.fitting.fit import torch_threads, without_denormals
 from train.model_store import TrainedModel
 from train.refinement import air_speed
 from train.refinement.imitation import Demonstration, demonstration, watch
@@ -115,18 +115,18 @@ def withstand(model: TrainedModel, *, rounds: int = ROUNDS, workers: int = 2) ->
             prior = student.as_prior()
         model = replace(model, prior={**(model.prior or {}), **(prior or {})})
         found = pool.map(partial(seen_of, model=model), range(air_speed.RUNS))
-        weights, error = air_speed.fit([each for one in found for each in one], student.pairs, seed=SEED)
+        weights, error = air_speed.fit(list(found), student.pairs, seed=SEED)
     make_console().print(f"estimate of the air speed: rms error {error:.4f}")
     return replace(model, prior={**(model.prior or {}), AIR_SPEED: weights})
 
 
-def seen_of(number: int, *, model: TrainedModel) -> list[tuple[Array, Array]]:
+def seen_of(number: int, *, model: TrainedModel) -> tuple[Array, Array]:
     """Run the model's prior with one wrong speed, for the estimate of the air speed."""
     with torch_threads(1), without_denormals():
         config = replace(model.config, refine=replace(model.config.refine, streams=STARTS))
         flow, starts = _flow(config, tuple(model.sensors))
         prior, goal = feedback_of(model, model), Goal.of(model.config.mpc.weights)
-        return air_speed.runs(flow, prior, starts, config.refine, goal, seed=SEED, numbers=[number])
+        return air_speed.run(flow, prior, starts, config.refine, goal, seed=SEED, number=number)
 
 
 @cache

@@ -61,7 +61,7 @@ plt.show()
 
 from contract.shipped import model
 from train.model_store import load
-from train.samples.rows import prepare
+from train.networks.samples import prepare
 
 trained = load(model())
 rows = prepare(episodes, trained.scaling, mirrored=True, layout=layout)
@@ -128,8 +128,7 @@ plt.show()
 # not explain. The sensors have noise of 5 % of the pressures' deviation, as in the release's training. Without noise a
 # sensor near the front, with its small signal, would be as good as a sensor on the base.
 
-from train.selection.methods import select_greedy
-from train.selection.ridge_student import ridge_student
+from train.selection.methods import ridge_student, select_greedy
 
 student = ridge_student(trained.teacher.encoder, rows, seed=0, sensor_noise=0.05)
 by_greedy = tuple(layout.names[column] for column in select_greedy(student, 4))

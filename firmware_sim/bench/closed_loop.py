@@ -21,7 +21,7 @@ from firmware_sim.runs.run_log import Row, RunLog
 from firmware_sim.runs.summary import whole_summary
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder
 from wake.pictures.drawing import vorticity_figure
-from wake.pictures.level_picture import LevelPicture
+from wake.pictures.fields import LevelPicture
 from wake.plant.protocol import LivePlant
 from wake.plants import open_plant
 

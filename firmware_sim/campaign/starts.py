@@ -10,7 +10,7 @@ from contract.config.tree import Config
 from contract.errors import PlantError
 from firmware_sim.campaign.folder import CampaignFolder
 from wake.truck.develop import develop
-from wake.truck.state import State, check_body, check_reynolds, developed_state, load_state, save_state
+from wake.truck.state import State, check_origin, developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
 
@@ -63,9 +63,7 @@ def _kept(file: Path, config: Config) -> State | None:
     """Return the state in the file; None if the file is missing or belongs to an earlier body of the scenario."""
     try:
         state = load_state(file)
-        if state.origin is not None:
-            check_body(state.origin, config.body)
-            check_reynolds(state.origin, config.flow.reynolds)
+        check_origin(state.origin, config.body, config.flow.reynolds)
     except PlantError:
         return None
     return state

@@ -18,8 +18,7 @@ from contract.release import strict_json
 from contract.sensor_layout import SensorLayout
 from contract.typed import typed
 from firmware_sim.runs.run_log import RunLog
-from wake.pictures.fields import View
-from wake.pictures.level_picture import LevelPicture, Levels
+from wake.pictures.fields import LevelPicture, Levels, View
 
 _SCHEMA: Final = "stillwake-wake/1"
 MOST_STILLS: Final = 640

@@ -19,7 +19,7 @@ from stillwake.console.terminal import console
 if TYPE_CHECKING:
     from firmware_sim.runs.run_log import RunLog
     from wake.pictures.drawing import WakePicture
-    from wake.recording.episode_plan import ForcingName
+    from wake.recording.plans import ForcingName
     from wake.truck.truck_wake import TruckWake
 
 _USUAL_DURATION: Final = 25.0
@@ -62,8 +62,7 @@ def picture(
     frequency 0.2 / t_c. With --field mean the command also reports the length of the recirculation bubble and the mean
     forces. The sensors of --sensors are coloured by Cp; by default they are the run's sensors, or all sensors.
     """
-    from wake.pictures.animation import check_target
-    from wake.pictures.drawing import PICTURES, WakePicture, check_suffix, save_figure
+    from wake.pictures.drawing import PICTURES, WakePicture, check_suffix, check_target, save_figure
 
     if output.suffix.lower() not in (*PICTURES, *_MOVING):
         raise ConfigError(f"{output}: must be a file ending in {', '.join((*PICTURES, *_MOVING))}")
@@ -98,7 +97,7 @@ def picture(
 def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDArray[np.float64], skip: int) -> None:
     from wake.pictures.drawing import mean_figure, save_figure
     from wake.pictures.fields import mean_flow
-    from wake.truck.steady import recirculation_length
+    from wake.truck.develop import recirculation_length
 
     with progress("steps") as report:
         report("mean flow", 0, len(actions))
@@ -113,7 +112,7 @@ def _draw_mean(output: Path, wake: "TruckWake", config: Config, actions: npt.NDA
 def _draw_moving(
     output: Path, drawn: "WakePicture", wake: "TruckWake", actions: npt.NDArray[np.float64], skip: int, every: int
 ) -> None:
-    from wake.pictures.animation import animate
+    from wake.pictures.drawing import animate
 
     with progress("steps") as report:
 
@@ -156,7 +155,7 @@ def actions_of(config: Config, duration: float | None, forcing: str) -> npt.NDAr
 
 
 def _signal(config: Config, steps: int, forcing: str) -> npt.NDArray[np.float64]:
-    from wake.recording.episode_plan import SIGNALS, sine
+    from wake.recording.plans import SIGNALS, sine
 
     kind, _, text = forcing.partition(":")
     texts = shared.pairs(text.split(",") if text else [], "sine:amplitude=0.05", FORCINGS[kind] or ("no parameter",))

@@ -152,7 +152,7 @@ def _record_forced(
     output: Path, config: Config, steps: Mapping[str, int] | None, seed: int, how: Mapping[str, Any]
 ) -> None:
     """Record forced episodes with these numbers of control steps, or with the paper's numbers if `steps` is None."""
-    from wake.recording.episode_plan import EpisodePlan, paper_plans
+    from wake.recording.plans import EpisodePlan, paper_plans
     from wake.recording.recorder import record as record_dataset
 
     if steps is None:
@@ -183,8 +183,8 @@ def _record_round(
 ) -> None:
     """Record episodes under a controller, from the steady wake, or both."""
     from wake.recording.episode_job import NoFeedback
+    from wake.recording.plans import CalmRound, ControlledRound
     from wake.recording.recorder import record_round
-    from wake.recording.round_plan import CalmRound, ControlledRound
 
     policy: PolicyFactory = NoFeedback
     if bundle is not None:
@@ -209,8 +209,8 @@ def _settled(steady: Path, config: Config) -> None:
     """Compute the steady wake if its file does not exist, and check that it is a steady wake of this plant."""
     from stillwake.parts.settling import settle_into
     from wake.recording.episode_job import check_start
+    from wake.truck.develop import check_steady
     from wake.truck.state import load_state
-    from wake.truck.steady import check_steady
     from wake.truck.truck_wake import TruckWake
 
     if not steady.exists():
@@ -236,7 +236,7 @@ def _policy(bundle: Path, config: Config) -> tuple[Bundle, "PolicyFactory"]:
 
 def _advice(output: Path) -> str:
     """Return a text on how to continue the recording; empty if no part of it was stored."""
-    from wake.recording.parts_folder import PartsFolder
+    from wake.recording.episode_job import PartsFolder
 
     parts = PartsFolder.for_output(output)
     line = f"{parts.path.name} holds the recorded part; the same command continues the recording"

@@ -98,7 +98,7 @@ def train(
             "dataset_sha256": trained.dataset_sha256,
             "config": to_tree(config),
             "versions": trained.versions,
-            "minutes": sum(one.wall_s for one in show.watch.spent.values()) / 60.0,
+            "minutes": sum(one["min"] for one in show.watch.figures()),
             "resumed": resumed,
         },
     )

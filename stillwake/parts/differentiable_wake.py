@@ -12,8 +12,8 @@ from contract.differentiable import FlowState
 from firmware_sim.campaign.starts import phases_apart
 from wake.solver.grid import box_grid
 from wake.truck.develop import SETTLE_TIME, develop, moved
-from wake.truck.differentiable import DifferentiableWake
-from wake.truck.state import check_body, check_grid, check_reynolds, developed_state, load_state
+from wake.truck.state import check_origin, developed_state, load_state
+from wake.truck.tape import DifferentiableWake
 from wake.truck.truck_wake import TruckWake
 
 
@@ -48,10 +48,7 @@ def _develop(plant: TruckWake, start: Path | None, progress: Callable[[float, fl
         develop(plant, progress=progress)
         return
     state, source = developed_state() if start is None else load_state(start), box_grid(plant.body.length)
-    if state.origin is not None:
-        check_body(state.origin, plant.body)
-        check_reynolds(state.origin, plant.config.reynolds)
-        check_grid(state.origin, source.shape)
+    check_origin(state.origin, plant.body, plant.config.reynolds, source.shape)
     moved(state, source, plant, SETTLE_TIME, progress)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks import full
-from benchmarks.common.pictures import STAMP
+from benchmarks.common.documents import STAMP
 from contract.errors import StillwakeError
 from ecu.c.sources import sources_in
 

@@ -21,7 +21,7 @@ from examples.own_plant import OscillatorPlant
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
 from tests.docs.blocks.pages import python
-from train.samples.rows import Rows
+from train.networks.samples import Rows
 
 
 def test_a_selection_finds_the_sensors_that_the_forces_are_made_of():

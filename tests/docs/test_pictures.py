@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from benchmarks.common.pictures import SOURCE, source_text
+from benchmarks.common.documents import SOURCE, source_text
 from contract.release import bundle
 from contract.shipped import BUNDLE
 

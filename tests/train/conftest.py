@@ -1,7 +1,6 @@
 """A small forced wake with the truck's symmetry: quick to make, and known exactly."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +11,7 @@ from contract import sensors
 from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.tree import Config
 from contract.recording.dataset import Dataset, Episode, Role
-from contract.release.manifest import Scaling
-from train.fitting.fit import fit_joint
-from train.networks.model import WakeModel
-from train.samples.rows import Rows, fit_scaling, prepare
+from train.networks.samples import Rows, fit_scaling, prepare
 
 # Small networks gain nothing from more, and workers that run beside each other lose.
 torch.set_num_threads(1)
@@ -107,23 +103,3 @@ def rows(small_recording: Dataset) -> Rows:
     """The training episodes and their mirror images, with all sensors."""
     episodes = small_recording.with_role("train")
     return prepare(episodes, fit_scaling(episodes), mirrored=True)
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A model that has learned the wake, and rows of forcing that it has not seen."""
-
-    model: WakeModel
-    scaling: Scaling
-    rows: Rows
-    unseen: Rows
-
-
-@pytest.fixture(scope="session")
-def fitted(make_episode: MakeEpisode, small_config: Config) -> Fitted:
-    """Fitted for some seconds, once; never written to."""
-    training = [make_episode("waveform", "train", 600, 1), make_episode("none", "train", 100, 2, forced=False)]
-    scaling = fit_scaling(training)
-    rows = prepare(training, scaling, mirrored=True)
-    model = fit_joint(rows, replace(small_config, train=replace(small_config.train, epochs=40.0)))
-    return Fitted(model, scaling, rows, prepare([make_episode("chirp", "test", 300, 3)], scaling, mirrored=False))

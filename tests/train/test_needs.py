@@ -13,7 +13,7 @@ from train.distillation.distil import encode_all, fit_stream
 from train.distillation.evaluate import evaluate, rollout_starts
 from train.fitting.fit import fit_joint
 from train.networks.model import WakeModel
-from train.samples.rows import Rows, fit_scaling, prepare
+from train.networks.samples import Rows, fit_scaling, prepare
 
 
 @pytest.fixture

@@ -5,19 +5,19 @@
 over B windows and N_z latent dimensions. The teacher does not change, so its latents are computed only once.
 """
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
 from contract.arrays import Index
+from contract.config.learning import TrainConfig
 from contract.config.tree import Config
 from contract.recording.needs import STRETCH as STRETCH
-from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import optimise, seeded
-from train.fitting.progress import Phase, Progress, silent
-from train.networks.loss import prediction_loss
-from train.networks.model import Encoder
-from train.samples.rows import Rows
-from train.samples.sampler import SegmentSampler, add_sensor_noise
+from train.fitting.unfinished import Checkpoints, Phase, Progress, silent
+from train.networks.model import Encoder, prediction_loss
+from train.networks.samples import Rows, SegmentSampler, add_sensor_noise
 
 _CHUNK = 1024
 """Number of windows that are encoded together. For this number, the LSTM's gates fit into the processor's cache."""
@@ -54,7 +54,6 @@ def distil(
     settings, device = config.train, rows.inputs.device
     target = encode_all(teacher, rows)
     slim_rows = rows.with_sensors(chosen)
-    noise = slim_rows.noise(settings.sensor_noise)
     # Windows are drawn independently. Overlapping windows could share computations, but would save no time here,
     # because there is no unroll and there are few inputs.
     sampler = SegmentSampler(
@@ -64,14 +63,22 @@ def distil(
         slim = Encoder(len(chosen), config.model).to(device)
         if settings.stream_epochs:
             fit_stream(slim, target, slim_rows, config, progress=progress, checkpoints=checkpoints)
-
-        def loss(step: int) -> dict[str, Tensor]:
-            batch = add_sensor_noise(sampler.batch(step), noise)
-            return {"total": prediction_loss(slim.encode_segments(batch.inputs), target[batch.ends])}
-
-        steps = sampler.steps(settings.distil_epochs)
+        loss, steps = _loss(slim.encode_segments, target, sampler, settings), sampler.steps(settings.distil_epochs)
         optimise(slim, loss, steps, settings, phase=Phase.DISTIL, progress=progress, checkpoints=checkpoints)
     return slim
+
+
+def _loss(
+    encode: Callable[[Tensor], Tensor], target: Tensor, sampler: SegmentSampler, settings: TrainConfig
+) -> Callable[[int], dict[str, Tensor]]:
+    """Return the function that computes the loss of each step, with noise on the sensors."""
+    noise = sampler.rows.noise(settings.sensor_noise)
+
+    def loss(step: int) -> dict[str, Tensor]:
+        batch = add_sensor_noise(sampler.batch(step), noise)
+        return {"total": prediction_loss(encode(batch.inputs), target[batch.ends])}
+
+    return loss
 
 
 _MORE = 8
@@ -101,11 +108,5 @@ def fit_stream(
     sampler = SegmentSampler(
         rows, window=window, ahead=0, segment=STRETCH, batch_size=settings.batch_size * _MORE, seed=settings.seed
     )
-    noise = rows.noise(settings.sensor_noise)
-
-    def loss(step: int) -> dict[str, Tensor]:
-        batch = add_sensor_noise(sampler.batch(step), noise)
-        return {"total": prediction_loss(student.encode_stream(batch.inputs), target[batch.ends])}
-
-    steps = sampler.steps(settings.stream_epochs)
+    loss, steps = _loss(student.encode_stream, target, sampler, settings), sampler.steps(settings.stream_epochs)
     optimise(student, loss, steps, settings, phase=Phase.STREAM, progress=progress, checkpoints=checkpoints)

@@ -15,7 +15,7 @@ from contract.errors import DatasetError
 from contract.recording.needs import HORIZONS as HORIZONS
 from train.distillation.distil import encode_all
 from train.networks.model import Encoder, Predictor, WakeModel
-from train.samples.rows import Rows
+from train.networks.samples import Rows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,23 +77,16 @@ def evaluate(
     encoder: Encoder, predictor: Predictor | WakeModel, rows: Rows, *, horizons: Sequence[int] = HORIZONS
 ) -> EncoderMetrics:
     """Compute the errors of an encoder with the given dynamics and decoder, on test rows with the encoder's sensors.
-    Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is constant."""
-    return evaluate_latents(encode_all(encoder, rows), predictor, rows, window=encoder.window, horizons=horizons)
-
-
-def evaluate_latents(
-    latents: Tensor, predictor: Predictor | WakeModel, rows: Rows, *, window: int, horizons: Sequence[int] = HORIZONS
-) -> EncoderMetrics:
-    """Compute the errors of the latents (n, N_z) of n rows. Rows before an episode's first full window are NaN. All
-    windows are evaluated. Roll-outs start from all windows that are followed by enough rows for the longest horizon.
-    Raises DatasetError as `evaluate` does."""
-    dynamics, decoder = predictor.dynamics, predictor.decoder
+    All windows are evaluated. Roll-outs start from all windows that are followed by enough rows for the longest
+    horizon. Raises DatasetError if no episode is long enough for a window and the longest horizon, or a force is
+    constant."""
+    latents, dynamics, decoder = encode_all(encoder, rows), predictor.dynamics, predictor.decoder
     longest = max(horizons)
     with torch.no_grad():
         full = ~latents[:, 0].isnan()
         decoded = decoder(latents[full])
         reference = rows.forces[full]
-        starts = rollout_starts(rows, window, longest)
+        starts = rollout_starts(rows, encoder.window, longest)
         actions = rows.actions[starts[:, None] + torch.arange(longest, device=starts.device)]
         predicted = dynamics.rollout(latents[starts], actions)
         force_sigma, latent_sigma = _sigma(reference), _sigma(latents[full])

@@ -16,7 +16,6 @@ Shapes: B plans of H actions, N_z latent dimensions. Latents, actions and forces
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -27,33 +26,17 @@ from contract.config.learning import ModelConfig, TrainConfig
 from contract.config.tree import Config
 from contract.release.manifest import Scaling
 from train.distillation.evaluate import rollout_starts
-from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import optimise, seeded
-from train.fitting.progress import Phase, Progress, silent
-from train.networks.loss import prediction_loss
-from train.networks.model import Decoder, Dynamics, Predictor, WakeModel
-from train.samples.rows import Rows
+from train.fitting.unfinished import Checkpoints, Phase, Progress, silent
+from train.networks.model import Predictor, WakeModel, prediction_loss
+from train.networks.samples import Rows
 
 
-class Predicts(Protocol):
-    """The interface to dynamics and decoder. `train.networks.model.Predictor` and `WakeModel` implement it."""
-
-    dynamics: Dynamics
-    decoder: Decoder
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Prediction:
-    """A roll-out: latents (H + 1, B, N_z) and forces (H + 1, B, 2) at t .. t+H."""
-
-    latents: Tensor
-    forces: Tensor
-
-
-def predict(model: Predicts, latent: Tensor, actions: Tensor) -> Prediction:
-    """Return the roll-out from the latents (B, N_z) at t with the actions (B, H) at t .. t+H-1."""
+def predict(model: Predictor | WakeModel, latent: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the roll-out from the latents (B, N_z) at t with the actions (B, H) at t .. t+H-1: latents (H + 1, B, N_z)
+    and forces (H + 1, B, 2) at t .. t+H."""
     latents = torch.cat([latent[None], model.dynamics.rollout(latent, actions)])
-    return Prediction(latents=latents, forces=model.decoder(latents))
+    return latents, model.decoder(latents)
 
 
 def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tensor:
@@ -73,13 +56,11 @@ def force_slope(forces: Tensor, weights: CostWeights, scaling: Scaling) -> Tenso
     return slope
 
 
-def plan_slope(prediction: Prediction, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
+def plan_slope(forces: Tensor, actions: Tensor, by_force: Tensor, *, differentiable: bool = False) -> Tensor:
     """Compute the gradient of a cost with respect to the plans' actions, (B, H). `by_force` (H, B, 2) is the gradient
-    with respect to the forces at t+1 .. t+H. `prediction` is the actions' roll-out with its autograd graph. If
-    `differentiable`, the result can be differentiated with respect to the networks' weights."""
-    (slope,) = torch.autograd.grad(
-        prediction.forces[1:], actions, by_force, create_graph=differentiable, retain_graph=True
-    )
+    with respect to the forces at t+1 .. t+H. `forces` (H + 1, B, 2) are of the actions' roll-out, with their autograd
+    graph. If `differentiable`, the result can be differentiated with respect to the networks' weights."""
+    (slope,) = torch.autograd.grad(forces[1:], actions, by_force, create_graph=differentiable, retain_graph=True)
     return slope
 
 
@@ -158,13 +139,13 @@ def teach(
 def _lesson(teacher: WakeModel, latent: Tensor, actions: Tensor, scaling: Scaling, config: Config) -> Lessons:
     with torch.enable_grad():
         leaf = actions.detach().requires_grad_(True)
-        predicted = predict(teacher, latent, leaf)
-        by_force = force_slope(predicted.forces[1:], config.mpc.weights, scaling)
-        slope = plan_slope(predicted, leaf, by_force)
+        latents, forces = predict(teacher, latent, leaf)
+        by_force = force_slope(forces[1:], config.mpc.weights, scaling)
+        slope = plan_slope(forces, leaf, by_force)
     return Lessons(
         actions=actions,
-        latents=predicted.latents.detach().transpose(0, 1),
-        forces=predicted.forces.detach().transpose(0, 1),
+        latents=latents.detach().transpose(0, 1),
+        forces=forces.detach().transpose(0, 1),
         by_force=by_force.transpose(0, 1),
         slope=slope,
     )
@@ -204,14 +185,14 @@ def distil_predictor(
                 value.transpose(0, 1) for value in (lesson.latents, lesson.forces, lesson.by_force)
             )
             actions = lesson.actions.requires_grad_(True)
-            predicted = predict(student, latents[0], actions)
+            found_latents, found_forces = predict(student, latents[0], actions)
             terms = {
-                "prediction": prediction_loss(predicted.latents[1:], latents[1:]),
-                "force": nn.functional.smooth_l1_loss(predicted.forces, forces),
+                "prediction": prediction_loss(found_latents[1:], latents[1:]),
+                "force": nn.functional.smooth_l1_loss(found_forces, forces),
             }
             total = terms["prediction"] + terms["force"]
             if settings.slope_weight:
-                slope = plan_slope(predicted, actions, by_force, differentiable=True)
+                slope = plan_slope(found_forces, actions, by_force, differentiable=True)
                 terms["slope"] = (slope - lesson.slope).square().mean() / lesson.slope.square().mean()
                 total = total + settings.slope_weight * terms["slope"]
             return {"total": total, **terms}

@@ -1,21 +1,86 @@
-"""The checkpoint folder of an unfinished training. It states the training's identity and progress.
+"""The phases of a training, the reports of its progress, and the checkpoints of an unfinished training.
 
-The folder is read without torch, because torch takes seconds to load. So another training's checkpoints are refused
-without delay.
+The checkpoints' folder states the training's identity and progress. It is read without torch, because torch takes
+seconds to load. So another training's checkpoints are refused without delay. The files are written completely or not at
+all, and loaded only with equal settings.
 """
 
+import io
 import json
+import os
+import pickle
 import shutil
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.differences import differences
-from contract.errors import ConfigError, DatasetError
-from train.fitting.progress import Phase
+from contract.errors import ConfigError, DatasetError, StillwakeError
+
+
+class Phase(StrEnum):
+    """The phases of a training, in order; a phase's value is also the name of its checkpoint file."""
+
+    label: str
+    """Name of the phase in messages."""
+
+    FIT = "fit", "joint fit"
+    FINISH = "finish", "longer unroll"
+    RANK = "rank", "SHAP ranking"
+    SELECT = "select", "sensor selection"
+    STREAM = "stream", "distil, streamed"
+    DISTIL = "distil", "distil, windows"
+    LESSONS = "lessons", "roll out the teacher"
+    PREDICTOR = "predictor", "distil predictor"
+    REFINE = "refine", "through the flow"
+    REST = "rest", "wake without jets"
+    AIR_SPEED = "air_speed", "wrong speeds"
+
+    def __new__(cls, value: str, label: str) -> "Phase":
+        phase = str.__new__(cls, value)
+        phase._value_ = value
+        phase.label = label
+        return phase
+
+
+class Progress(Protocol):
+    """A function that receives the phase, the numbers of finished steps and of all steps, and the latest loss terms."""
+
+    def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None: ...
+
+
+def silent(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+    """Ignore the progress."""
+    del phase, step, total, terms
+
+
+class Stopwatch:
+    """A `Progress` function that adds up the process's CPU time and the elapsed time of every phase, in order. The time
+    between two calls belongs to the phase of the later call."""
+
+    def __init__(self) -> None:
+        self._last = time.process_time(), time.monotonic()
+        self._spent: dict[Phase, tuple[int, float, float]] = {}
+
+    def __call__(self, phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
+        del total, terms
+        cpu_s, wall_s = now = time.process_time(), time.monotonic()
+        _, cpu_before, wall_before = self._spent.get(phase, (0, 0.0, 0.0))
+        self._spent[phase] = step, cpu_before + cpu_s - self._last[0], wall_before + wall_s - self._last[1]
+        self._last = now
+
+    def figures(self) -> list[dict[str, Any]]:
+        """Return one entry per phase: its name, number of steps, and CPU time and elapsed time in minutes."""
+        return [
+            {"phase": phase.label, "steps": steps, "cpu_min": cpu_s / 60.0, "min": wall_s / 60.0}
+            for phase, (steps, cpu_s, wall_s) in self._spent.items()
+        ]
+
 
 _LABEL: Final = "training.json"
 _WAYS: Final = "finish it with these settings, or start over with --restart"
@@ -79,7 +144,7 @@ def check(folder: Path, identity: Identity) -> Reached | None:
     if not any(folder.glob("*.pt")):
         return None
     label = _label(folder)
-    # If the folder states no settings, each checkpoint is still checked when it is loaded (`train.fitting.checkpoint`).
+    # If the folder states no settings, each checkpoint is still checked when it is loaded (`train.fitting.unfinished`).
     if label is not None and "settings" in label:
         settings = json.loads(identity.settings)
         for name, there, here in differences(label.get("settings"), settings):
@@ -128,3 +193,78 @@ def _label(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return label if isinstance(label, dict) else None
+
+
+_SCHEMA: Final = "stillwake-checkpoint/1"
+_MEND: Final = "delete it, or start over with --restart"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkpoints:
+    """The folder in which the phases of a training store their state, one file per phase.
+
+    Attributes:
+        identity: settings and recording of the training.
+        every: number of steps between two checkpoints.
+    """
+
+    folder: Path
+    identity: Identity
+    every: int = 100
+
+    @classmethod
+    def of(cls, output: Path, identity: Identity, resume: bool) -> "Checkpoints":
+        """Return the checkpoints of the model `output`. With `resume`, the training continues from existing
+        checkpoints; otherwise they are removed. Raises as `check` does."""
+        folder = folder_of(output)
+        if not resume:
+            clear(folder)
+        check(folder, identity)
+        return cls(folder=folder, identity=identity)
+
+    def path(self, phase: Phase) -> Path:
+        return self.folder / f"{phase}.pt"
+
+    def save(self, phase: Phase, state: Mapping[str, Any], reached: Reached | None = None) -> None:
+        """Write a phase's state (tensors and plain values) atomically, and note the training's progress if it is given.
+        Raises StillwakeError if a file cannot be written."""
+        import torch
+
+        body = {
+            "schema": _SCHEMA,
+            "settings": self.identity.settings,
+            "dataset_sha256": self.identity.dataset_sha256,
+            "state": dict(state),
+        }
+        # The file is built in memory first, because torch gives no clear error when a disk is full.
+        image = io.BytesIO()
+        torch.save(body, image)
+        with replacing(self.path(phase)) as temporary, temporary.open("wb") as file:
+            file.write(image.getbuffer())
+            file.flush()
+            os.fsync(file.fileno())
+        if reached is not None:
+            note(self.folder, self.identity, reached)
+
+    def load(self, phase: Phase) -> dict[str, Any] | None:
+        """Return a phase's state, on the CPU; None if no state is stored. Raises
+        StillwakeError for a file that is damaged or of another schema, ConfigError for a file of other settings,
+        DatasetError for a file of another recording."""
+        import torch
+
+        path = self.path(phase)
+        if not path.exists():
+            return None
+        try:
+            # With weights_only, torch reads a checkpoint as data and runs no code from it.
+            body = torch.load(path, map_location="cpu", weights_only=True)
+            schema, state = body["schema"], dict(body["state"])
+        except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
+            raise StillwakeError(f"checkpoint {path}: damaged ({type(error).__name__}); {_MEND}") from error
+        if schema != _SCHEMA:
+            raise StillwakeError(f"checkpoint {path}: schema {schema!r}, this version reads {_SCHEMA!r}; {_MEND}")
+        if body["settings"] != self.identity.settings:
+            raise ConfigError(f"checkpoint {path}: made with other settings; {_MEND}")
+        if body["dataset_sha256"] != self.identity.dataset_sha256:
+            raise DatasetError(f"checkpoint {path}: made from another recording; {_MEND}")
+        return state

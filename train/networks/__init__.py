@@ -1,1 +1,1 @@
-"""The networks and their loss."""
+"""The networks, their loss, and the scaled rows and batches of windows that they learn from."""

@@ -5,7 +5,7 @@ true speed from means of products of pressures and actions (`contract.controller
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feat
 from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
 from train.refinement.feedback import Feedback
-from train.refinement.imitation import Watched, rows_as_told, watch
+from train.refinement.imitation import rows_as_told, watch
 
 RUNS: Final = 40
 RUN_PERIODS: Final = 900
@@ -40,23 +40,12 @@ WEIGHT_COST: Final = 1e-3
 """Ridge regression: cost of a weight's square, relative to the number of equations, for terms with a variance of 1."""
 
 
-class WrongSpeeds(NamedTuple):
-    """The speeds of a run of n control periods, in units of the design speed.
-
-    Attributes:
-        true: (n + 1,) true speeds at the samples of the periods; the first is 1.
-        told: (n,) ratio of the told speed to the true speed.
-    """
-
-    true: Array
-    told: Array
-
-
-def wrong_speeds(number: int, slowest: float, fastest: float, *, seed: int) -> WrongSpeeds:
+def wrong_speeds(number: int, slowest: float, fastest: float, *, seed: int) -> tuple[Array, Array]:
     """Draw the speeds of the run with this number: steady parts and ramps within the range, and a constant ratio of the
-    told to the true speed."""
+    told to the true speed. Returns the true speeds (n + 1,) at the samples of n control periods, in units of the design
+    speed, of which the first is 1; and the ratio (n,) of the told speed to the true speed."""
     if number % DESIGN_SPEED_EVERY == 0:
-        return WrongSpeeds(np.ones(RUN_PERIODS + 1), np.ones(RUN_PERIODS))
+        return np.ones(RUN_PERIODS + 1), np.ones(RUN_PERIODS)
     rng = np.random.default_rng([seed, number])
     # The draw extends beyond the range and is then limited to it, so that the ends of the range are drawn often.
     beyond = SPEEDS_BEYOND * (fastest - slowest)
@@ -76,10 +65,10 @@ def wrong_speeds(number: int, slowest: float, fastest: float, *, seed: int) -> W
     true = np.concatenate(parts)[: RUN_PERIODS + 1]
     ratio = 1.0 if rng.random() < RIGHT_SHARE else rng.uniform(1.0 - MOST_WRONG, 1.0 + MOST_WRONG)
     # The ECU, too, limits a speed to the range.
-    return WrongSpeeds(true, np.clip(ratio * true[:-1], slowest, fastest) / true[:-1])
+    return true, np.clip(ratio * true[:-1], slowest, fastest) / true[:-1]
 
 
-def runs(
+def run(
     flow: DifferentiableFlow,
     feedback: Feedback,
     starts: Sequence[FlowState],
@@ -87,19 +76,12 @@ def runs(
     goal: Goal,
     *,
     seed: int,
-    numbers: Sequence[int],
-) -> list[tuple[Array, Array]]:
-    """Return, for each run, the inputs of the regression: features (m, F) of m periods, and the logarithm of the told
-    speed divided by the true speed, (m,). Raises PlantError if the flow diverges."""
-    found = []
-    for number in numbers:
-        true, told = wrong_speeds(number, settings.slowest, settings.fastest, seed=seed)
-        seen = watch(flow, feedback, starts[number % len(starts)], true, goal, told=told)
-        found.append(_features_of(seen, told))
-    return found
-
-
-def _features_of(seen: Watched, told: Array) -> tuple[Array, Array]:
+    number: int,
+) -> tuple[Array, Array]:
+    """Return the inputs of the regression from the run with this number: features (m, F) of m periods, and the
+    logarithm of the told speed divided by the true speed, (m,). Raises PlantError if the flow diverges."""
+    true, told = wrong_speeds(number, settings.slowest, settings.fastest, seed=seed)
+    seen = watch(flow, feedback, starts[number % len(starts)], true, goal, told=told)
     read = rows_as_told(seen, told, memory=max(LAGS) + 2)
     rows = np.stack([each.numpy() for each, _ in read])
     pairs = (rows.shape[2] - 1) // 2
@@ -112,7 +94,7 @@ def _features_of(seen: Watched, told: Array) -> tuple[Array, Array]:
 
 
 def fit(found: Sequence[tuple[Array, Array]], pairs: int, *, seed: int) -> tuple[Array, float]:
-    """Fit the weights of the estimate's terms to `runs`, by ridge regression.
+    """Fit the weights of the estimate's terms to the inputs of all runs, by ridge regression.
 
     Returns:
         The weights, and the rms error of the estimate in these runs.

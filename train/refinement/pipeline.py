@@ -24,17 +24,15 @@ from contract.recording.findings import trainable
 from contract.sensor_layout import SensorLayout
 from train import model_store
 from train.distillation.evaluate import evaluate_model
-from train.fitting.checkpoint import Checkpoints
-from train.fitting.progress import Phase, Progress, silent
-from train.fitting.threads import torch_threads, without_denormals
-from train.fitting.unfinished import Identity
+from train.fitting.fit import torch_threads, without_denormals
+from train.fitting.unfinished import Checkpoints, Identity, Phase, Progress, silent
 from train.model_store import TrainedModel
+from train.networks.samples import prepare
 from train.pipeline import deployed, versions
 from train.refinement import air_speed
 from train.refinement.feedback import Feedback, scales_of
 from train.refinement.refine import SideBySide, refine
-from train.samples.rows import prepare
-from train.selection.ranking import GIVEN, SensorChoice
+from train.selection.shap_ranking import GIVEN, SensorChoice
 
 SPEEDS_AT_REST: Final = 9
 
@@ -141,10 +139,10 @@ def air_speed_of(
 ) -> Array:
     """Return the weights of the estimate of the air speed under this feedback (`contract.controller.air_speed`)."""
     seed, goal = settings.train.seed, Goal.of(settings.mpc.weights)
-    numbers, found = range(air_speed.RUNS), list[tuple[Array, Array]]()
-    for number in numbers:
-        found += air_speed.runs(flow, feedback, starts, settings.refine, goal, seed=seed, numbers=[number])
-        progress(Phase.AIR_SPEED, len(found), len(numbers), {})
+    found = list[tuple[Array, Array]]()
+    for number in range(air_speed.RUNS):
+        found.append(air_speed.run(flow, feedback, starts, settings.refine, goal, seed=seed, number=number))
+        progress(Phase.AIR_SPEED, len(found), air_speed.RUNS, {})
     weights, _ = air_speed.fit(found, feedback.pairs, seed=seed)
     return weights
 

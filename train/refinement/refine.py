@@ -7,7 +7,7 @@ Streams begin in the developed wake and restart after some stretches, at differe
 includes both the transient from the developed wake and the controlled wake.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,24 +23,9 @@ from contract.config.learning import RefineConfig
 from contract.controller.goal import Goal
 from contract.differentiable import DifferentiableFlow, FlowState
 from contract.side_by_side import process_pool
-from train.fitting.checkpoint import Checkpoints
-from train.fitting.progress import Phase, Progress, silent
-from train.fitting.unfinished import Reached
+from train.fitting.unfinished import Checkpoints, Phase, Progress, Reached, silent
 from train.refinement.feedback import Feedback
-from train.refinement.windows import Price, Stream, Stretch, StretchReadings, differentiate
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """A stretch to be run, with the number of its stream and with arguments of `differentiate`."""
-
-    number: int
-    feedback: Feedback
-    stream: Stream
-    price: Price
-    readings: StretchReadings
-    speeds: Array
-    action_limit: float
+from train.refinement.windows import Price, Stream, Stretch, StretchReadings, Task, differentiate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,13 +44,11 @@ SideBySide = Callable[[Sequence[Task]], Sequence[Done]]
 
 def done(task: Task, flow: DifferentiableFlow) -> Done:
     """Run a stretch; raises PlantError as `differentiate` does."""
-    feedback, stream = task.feedback, replace(task.stream)
-    feedback.zero_grad()
-    stretch = differentiate(
-        flow, feedback, stream, task.price, task.readings, speeds=task.speeds, action_limit=task.action_limit
-    )
-    gradients = tuple(one.grad.clone() for one in feedback.parameters() if one.grad is not None)
-    return Done(number=task.number, stream=stream, stretch=stretch, gradients=gradients)
+    task = replace(task, stream=replace(task.stream))
+    task.feedback.zero_grad()
+    stretch = differentiate(flow, task)
+    gradients = tuple(one.grad.clone() for one in task.feedback.parameters() if one.grad is not None)
+    return Done(number=task.number, stream=task.stream, stretch=stretch, gradients=gradients)
 
 
 @contextmanager
@@ -143,22 +126,8 @@ class _Training:
 
     def as_tree(self) -> dict[str, Any]:
         return {
-            "feedback": self.feedback.state_dict(),
-            "mean": self.mean.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
-            "streams": [
-                {
-                    "flat": torch.from_numpy(one.state.flat),
-                    "action": one.state.action,
-                    "rows": torch.from_numpy(one.rows),
-                    "speeds": torch.from_numpy(one.speeds),
-                    "speed": one.speed,
-                    "committed": one.committed,
-                    "stretches": one.stretches,
-                    "goal": tuple(one.goal),
-                }
-                for one in self.streams
-            ],
+            **{name: getattr(self, name).state_dict() for name in _LEARNED},
+            "streams": [_stored(one) for one in self.streams],
             "rows": [torch.from_numpy(one) for one in self.stretches],
             "off_design": [torch.from_numpy(one) for one in self.off_design],
             "done": self.done,
@@ -166,24 +135,30 @@ class _Training:
         }
 
     def take(self, tree: dict[str, Any]) -> None:
-        self.feedback.load_state_dict(tree["feedback"])
-        self.mean.load_state_dict(tree["mean"])
-        self.optimiser.load_state_dict(tree["optimiser"])
-        self.streams = [
-            Stream(
-                state=FlowState(flat=one["flat"].numpy(), action=one["action"]),
-                rows=one["rows"].numpy(),
-                speeds=one["speeds"].numpy(),
-                speed=one["speed"],
-                committed=one["committed"],
-                stretches=one["stretches"],
-                goal=Goal(*one["goal"]),
-            )
-            for one in tree["streams"]
-        ]
+        for name in _LEARNED:
+            getattr(self, name).load_state_dict(tree[name])
+        self.streams = [_stream(one) for one in tree["streams"]]
         self.stretches = [one.numpy() for one in tree["rows"]]
         self.off_design = [one.numpy() for one in tree["off_design"]]
         self.done, self.periods = tree["done"], tree["periods"]
+
+
+_LEARNED: Final = ("feedback", "mean", "optimiser")
+
+
+def _stored(stream: Stream) -> dict[str, Any]:
+    """Return a stream as tensors and plain values, for a checkpoint."""
+    fields = {**vars(stream), **vars(stream.state), "goal": tuple(stream.goal)}
+    del fields["state"]
+    return {name: torch.from_numpy(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
+
+
+def _stream(stored: Mapping[str, Any]) -> Stream:
+    fields: dict[str, Any] = {
+        name: value.numpy() if isinstance(value, Tensor) else value for name, value in stored.items()
+    }
+    state = FlowState(flat=fields.pop("flat"), action=fields.pop("action"))
+    return Stream(**{**fields, "state": state, "goal": Goal(*fields["goal"])})
 
 
 def refine(

@@ -97,26 +97,32 @@ class Stretch:
     off_design: float = 0.0
 
 
-def differentiate(
-    flow: DifferentiableFlow,
-    feedback: Feedback,
-    stream: Stream,
-    price: Price,
-    readings: StretchReadings,
-    *,
-    speeds: Array,
-    action_limit: float,
-) -> Stretch:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """A stretch of n periods to be run.
+
+    Attributes:
+        speeds: (n + 1,) the flow's speeds at the samples, as ratios to the design speed.
+        action_limit: limit of the jets at every speed, in units of the design speed.
+        number: number of the stream.
+    """
+
+    feedback: Feedback
+    stream: Stream
+    price: Price
+    readings: StretchReadings
+    speeds: Array
+    action_limit: float
+    number: int = 0
+
+
+def differentiate(flow: DifferentiableFlow, task: Task) -> Stretch:
     """Run a stretch, advance the stream, and add the gradient of the mean cost to the gradients of the feedback's
     parameters. The timing is as on the vehicle: the command computed from the sample of t_k is in force at the end of
-    period k + 1.
-
-    `speeds` (n + 1,) are the flow's speeds at the samples of n periods, as ratios to the design speed; `action_limit`
-    is the limit of the jets at every speed, in units of the design speed. Raises PlantError if the flow diverged, or
-    the stretch is too long for the tape's memory.
-    """
-    run = closed_loop(flow, feedback, stream, readings, speeds=speeds, action_limit=action_limit)
-    _go_back(flow, run, price, readings.told)
+    period k + 1. Raises PlantError if the flow diverged, or the stretch is too long for the tape's memory."""
+    speeds, readings = task.speeds, task.readings
+    run = closed_loop(flow, task.feedback, task.stream, readings, speeds=speeds, action_limit=task.action_limit)
+    _go_back(flow, run, task.price, readings.told)
     return Stretch(
         Cd=float(np.mean([one.Cd for one in run.seen[1:]])),
         abs_Cl=float(np.mean([abs(one.Cl) for one in run.seen[1:]])),
@@ -157,7 +163,8 @@ def closed_loop(
     speeds: Array,
     action_limit: float,
 ) -> ClosedLoop:
-    """Run a stretch and advance the stream, without a gradient. Arguments and errors are as in `differentiate`."""
+    """Run a stretch and advance the stream, without a gradient. Arguments are as in `Task`, errors as in
+    `differentiate`."""
     pairs = feedback.pairs
     rows: list[Tensor] = list(torch.from_numpy(stream.rows[1:]))
     past = [*stream.speeds[1:].tolist()]

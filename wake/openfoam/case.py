@@ -1,33 +1,154 @@
-"""An icoFoam case of the truck: schemes, solvers, boundary conditions, and function objects for measurements."""
+"""An icoFoam case of the truck: schemes, solvers, boundaries, sensors, and function objects for measurements.
 
-from dataclasses import dataclass
+`timeVaryingMappedFixedValue` reads a patch's velocity at each listed instant from a file, and ramps linearly between
+instants. The velocity is uniform at the inlet and a parabola over each slot. A case without control lists the beginning
+and a time that is never reached. A case in closed loop lists the end of every time step, and its files are named pipes.
+
+The pressure on a wall face equals the pressure in its cell (zero normal gradient at the wall), so a sensor's pressure
+is interpolated linearly along the wall between the two nearest faces.
+"""
+
+import os
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
+from contract import sensors
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
-from contract.geometry import WAKE_PROBE
-from wake.openfoam import foam_files, wall
+from contract.geometry import HALF_WIDTH, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH, WAKE_PROBE
+from wake.openfoam import foam_files
 from wake.openfoam.mesh import PATCHES, Mesh
-from wake.openfoam.wall import DRIVEN, pressure_points
+
+JETS: Final = ("jetUpper", "jetLower")
+DRIVEN: Final = ("inlet", *JETS)
+"""The patches whose velocity changes with time, in the order in which icoFoam updates them."""
+
+BOUNDARY: Final[dict[str, Any]] = {
+    "type": "timeVaryingMappedFixedValue",
+    "offset": (0, 0, 0),
+    "setAverage": False,
+    "perturb": 0,
+    "mapMethod": "nearest",
+    "value": "uniform (0 0 0)",
+}
+
+_NEVER: Final = "1000000"
+# Each instant is later than its step's end by this fraction of a time step, so that rounding cannot place the instant
+# before the end.
+_LATE: Final = 1e-6
+
+
+def patch_velocity(mesh: Mesh, patch: str, action: float, stream: float) -> Array:
+    """Return the velocity on the k faces of a patch in `DRIVEN`, in the mesh's order, (k, 2). On a slot, the velocity
+    is averaged exactly over each face. `action` is the jet flow rate; the lower slot blows when the upper slot sucks
+    (paper, section 2.1). `stream` is the free stream in U_inf."""
+    y = mesh.patch_centres(patch)[:, 1]
+    if patch not in JETS:
+        return np.column_stack([np.full(len(y), stream), np.zeros(len(y))])
+    shares = slot_shares(len(y))[np.argsort(np.argsort(y))]
+    sign = 1.0 if patch == "jetUpper" else -1.0
+    speed = sign * action * shares * len(y) / JET_WIDTH
+    return np.column_stack([speed, np.zeros(len(y))])
+
+
+def velocities(mesh: Mesh, patch: str, action: float, stream: float = 1.0) -> str:
+    """Return the text of an instant's file with the values of `patch_velocity`."""
+    return foam_files.vectors(patch_velocity(mesh, patch, action, stream)) + "\n"
+
+
+def pipe(folder: Path, patch: str) -> Path:
+    """Return the path of a patch's named pipe in a closed-loop case."""
+    return folder / "pipes" / patch / "U"
+
+
+def write_rest(folder: Path, mesh: Mesh) -> None:
+    """Write the velocity files of a case with a steady stream and without jets."""
+    for patch in DRIVEN:
+        data = _begin(folder, mesh, patch, 0.0, 1.0)
+        (data / _NEVER).mkdir(exist_ok=True)
+        (data / _NEVER / "U").write_text(velocities(mesh, patch, 0.0), encoding="ascii")
+
+
+def write_pipes(folder: Path, mesh: Mesh, *, dt: float, steps: int, action: float, stream: float = 1.0) -> None:
+    """Write the velocity files of a case in closed loop. Jets and inlet start from `action` and `stream`. The end of
+    every time step is an instant; its folder is a link to the folder with the patch's pipe."""
+    for patch in DRIVEN:
+        data, end = _begin(folder, mesh, patch, action, stream), pipe(folder, patch)
+        end.parent.mkdir(parents=True)
+        os.mkfifo(end)
+        target = Path(os.path.relpath(end.parent, data))
+        for step in range(1, steps + 1):
+            (data / f"{(step + _LATE) * dt:.12g}").symlink_to(target)
+
+
+def _begin(folder: Path, mesh: Mesh, patch: str, action: float, stream: float) -> Path:
+    data = folder / "constant" / "boundaryData" / patch
+    (data / "0").mkdir(parents=True, exist_ok=True)
+    (data / "0" / "U").write_text(velocities(mesh, patch, action, stream), encoding="ascii")
+    centres = [f"({x:.17g} {y:.17g} 0.5)" for x, y in mesh.patch_centres(patch)]
+    (data / "points").write_text(foam_files.numbers(centres) + "\n", encoding="ascii")
+    return data
+
+
+_PROBED: Final = ("truck", "jetUpper", "jetLower")
+
+
+def pressure_points(mesh: Mesh) -> Array:
+    """Return the centres of the n cells on the straight walls and the slots, (n, 2)."""
+    return np.vstack([mesh.centres[mesh.patch_cells[name]][_straight(mesh, name)] for name in _PROBED])
+
+
+def sensor_weights(mesh: Mesh) -> Array:
+    """Return the weights, (92, n), of the kinematic pressures at the n `pressure_points`. The first 90 weighted sums
+    are Cp at the sensors. The last two are the mean Cp over each slot, weighted with the jet profile."""
+    at = np.vstack([mesh.patch_centres(name)[_straight(mesh, name)] for name in _PROBED])
+    on_base = np.abs(at[:, 0] - LENGTH) < 1e-9
+    rows = []
+    for x, y in sensors.TRUCK.positions:
+        base = abs(x - LENGTH) < 1e-9
+        along, place = (at[:, 1], y) if base else (at[:, 0], x)
+        wall = on_base if base else ~on_base & (at[:, 1] * y > 0)
+        rows.append(_between(along, wall, float(place)))
+    for sign in (1.0, -1.0):
+        slot = on_base & (sign * at[:, 1] > HALF_WIDTH - JET_WIDTH)
+        weight = np.zeros(len(at))
+        weight[slot] = slot_shares(int(slot.sum()))[np.argsort(np.argsort(at[slot, 1]))]
+        rows.append(weight)
+    return 2.0 * np.array(rows)
+
+
+def slot_shares(cells: int) -> Array:
+    """Return the fraction of a slot's flow through each of its equal faces, (cells,), as exact integrals of the jet's
+    parabolic profile."""
+    s = np.linspace(0.0, 1.0, cells + 1)
+    return np.diff(s**2 * (3.0 - 2.0 * s))
+
+
+def _straight(mesh: Mesh, name: str) -> npt.NDArray[np.bool_]:
+    x, y = mesh.patch_centres(name).T
+    side, base = np.abs(np.abs(y) - HALF_WIDTH) < 1e-9, np.abs(x - LENGTH) < 1e-9
+    return np.asarray((x > LEADING_EDGE_RADIUS) & (side | base))
+
+
+def _between(along: Array, wall: npt.NDArray[np.bool_], place: float) -> Array:
+    """Return the weights with which the two nearest faces of `wall` are interpolated linearly at `place`."""
+    index = np.flatnonzero(wall)
+    index = index[np.argsort(along[index])]
+    i = int(np.clip(np.searchsorted(along[index], place) - 1, 0, len(index) - 2))
+    low, high = index[i], index[i + 1]
+    share = (place - along[low]) / (along[high] - along[low])
+    weight = np.zeros(len(along))
+    weight[low], weight[high] = 1.0 - share, share
+    return weight
+
 
 FORCE_OBJECTS: Final = {"truck": "forcesTruck", "jetUpper": "forcesJetUpper", "jetLower": "forcesJetLower"}
 """Names of the function objects that measure the force on each patch, by patch."""
 PRESSURES: Final = "wallPressures"
 PROBE_OBJECT: Final = "wakeProbe"
-
-
-@dataclass(frozen=True, kw_only=True)
-class CaseClock:
-    """The clock of an icoFoam run: its end and its time step, in t_c, and the numbers of time steps between written
-    states and between measurements."""
-
-    end: float
-    dt: float
-    steps_per_write: int
-    steps_per_sample: int
 
 
 def write_mesh(folder: Path, mesh: Mesh) -> None:
@@ -43,7 +164,7 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
         "outlet": {"type": "zeroGradient"},
         "sides": {"type": "slip"},
         "truck": {"type": "noSlip"},
-        **{patch: wall.BOUNDARY for patch in DRIVEN},
+        **{patch: BOUNDARY for patch in DRIVEN},
         foam_files.PLANES: {"type": "empty"},
     }
     pressures: dict[str, dict[str, Any]] = {name: {"type": "zeroGradient"} for name in PATCHES}
@@ -52,14 +173,17 @@ def write_start(folder: Path, velocity: Array, pressure: Array) -> None:
     _write_field(folder, "p", "volScalarField", "[0 2 -2 0 0 0 0]", foam_files.scalars(pressure), pressures)
 
 
-def write_settings(folder: Path, mesh: Mesh, config: FlowConfig, clock: CaseClock) -> None:
-    """Write all files of the case except mesh and fields."""
+def write_settings(
+    folder: Path, mesh: Mesh, config: FlowConfig, *, end: float, dt: float, steps_per_write: int, steps_per_sample: int
+) -> None:
+    """Write all files of the case except mesh and fields. The end and the time step are in t_c; the last arguments are
+    the numbers of time steps between written states and between measurements."""
     viscosity = f"[0 2 -1 0 0 0 0] {1.0 / config.reynolds:.12g}"
     files: dict[str, dict[str, Any]] = {
         "constant/transportProperties": {"nu": viscosity},
         "system/fvSchemes": _SCHEMES,
         "system/fvSolution": _SOLVERS,
-        "system/controlDict": _control(mesh, clock),
+        "system/controlDict": _control(mesh, end, dt, steps_per_write, steps_per_sample),
     }
     for name, entries in files.items():
         (folder / name).write_text(foam_files.dictionary(Path(name).name, entries), encoding="ascii")
@@ -89,13 +213,13 @@ _SOLVERS: Final[dict[str, Any]] = {
 }
 
 
-def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
+def _control(mesh: Mesh, end: float, dt: float, steps_per_write: int, steps_per_sample: int) -> dict[str, Any]:
     # The function objects for forces read executeControl and executeInterval; those for probes read writeControl and
     # writeInterval. Each object gets all four entries.
     every_sample = {
         f"{what}{setting}": value
         for what in ("execute", "write")
-        for setting, value in (("Control", "timeStep"), ("Interval", clock.steps_per_sample))
+        for setting, value in (("Control", "timeStep"), ("Interval", steps_per_sample))
     }
     forces = {
         name: {
@@ -120,10 +244,10 @@ def _control(mesh: Mesh, clock: CaseClock) -> dict[str, Any]:
         "startFrom": "latestTime",
         "startTime": 0,
         "stopAt": "endTime",
-        "endTime": clock.end,
-        "deltaT": clock.dt,
+        "endTime": end,
+        "deltaT": dt,
         "writeControl": "timeStep",
-        "writeInterval": clock.steps_per_write,
+        "writeInterval": steps_per_write,
         "purgeWrite": 2,
         "writeFormat": "binary",
         "writePrecision": 12,

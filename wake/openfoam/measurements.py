@@ -19,11 +19,10 @@ from contract.arrays import Array
 from contract.errors import PlantError
 from contract.geometry import DOMAIN_X
 from contract.recording.openfoam_tables import read_foam_table
-from wake.openfoam.case import FORCE_OBJECTS, PRESSURES, PROBE_OBJECT
+from wake.openfoam.case import FORCE_OBJECTS, JETS, PRESSURES, PROBE_OBJECT, pressure_points, sensor_weights
 from wake.openfoam.mesh import Mesh
-from wake.openfoam.wall import JETS, pressure_points, sensor_weights
 from wake.plant.sample import Sample
-from wake.truck.body import MOMENTUM_FACTOR
+from wake.truck.surface import MOMENTUM_FACTOR
 
 _FILES: Final = {**dict.fromkeys(FORCE_OBJECTS.values(), "force.dat"), PRESSURES: "p", PROBE_OBJECT: "U"}
 

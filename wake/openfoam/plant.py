@@ -21,10 +21,10 @@ from contract.config.body import TRUCK_BODY
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
 from contract.runtime.copies import NeverCopied
-from wake.openfoam import case, foam_files, wall
+from wake.openfoam import case, foam_files
 from wake.openfoam.measurements import Follower, Instruments
 from wake.openfoam.mesh import Mesh, truck_mesh
-from wake.openfoam.process import PATIENCE_S, BoundaryPipes, IcoFoam, require_installed
+from wake.openfoam.process import IcoFoam, require_installed
 from wake.openfoam.state import FoamState, put, read_fields, scaled
 from wake.plant.drive import Wind
 from wake.plant.protocol import SteppedPlant
@@ -65,7 +65,6 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         config: Reynolds number, control period, time steps per period and action bound.
         refinement: divisor of every spacing of the mesh; it must equal the state's refinement.
         duration: longest time that can be run after a `reset`, in t_c.
-        patience_s: longest wait for one time step, in s.
 
     Attributes:
         wind: a function of time that returns by how much the wind exceeds U_inf; None for a steady wind. States do
@@ -82,7 +81,6 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         refinement: float = 1.0,
         *,
         duration: float = 200.0,
-        patience_s: float = PATIENCE_S,
     ) -> None:
         require_installed()
         self.config = FlowConfig() if config is None else config
@@ -92,10 +90,8 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         """Grid of `vorticity`: the grid of stillwake's solver, so that pictures of the two plants can be compared."""
         self._case = folder
         self._steps = round(duration / self.config.control_period) * self.config.substeps
-        self._patience_s = patience_s
         self._instruments = Instruments(self.mesh)
         self._child: IcoFoam | None = None
-        self._pipes: BoundaryPipes | None = None
         self.wind: Wind | None = None
         self.reset(state)
 
@@ -127,17 +123,16 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         put(state, self._case)
         every = self.config.substeps
         # The case has one step more than the longest run, so that icoFoam waits after the run's last step.
-        clock = case.CaseClock(end=(self._steps + 1) * self.dt, dt=self.dt, steps_per_write=every, steps_per_sample=1)
-        case.write_settings(self._case, self.mesh, self.config, clock)
+        times = {"end": (self._steps + 1) * self.dt, "dt": self.dt}
+        case.write_settings(self._case, self.mesh, self.config, **times, steps_per_write=every, steps_per_sample=1)
         stream = self._stream(state.substep)
-        wall.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action, stream=stream)
+        case.write_pipes(self._case, self.mesh, dt=self.dt, steps=self._steps + 1, action=state.action, stream=stream)
         self._follower = Follower(self._case)
-        self._child = IcoFoam(self._case)
-        self._pipes = BoundaryPipes(self._case, self.mesh, self._child, self._patience_s)
+        self._child = IcoFoam(self._case, self.mesh)
         self._first = self._substep = state.substep
         self._state, self._action = state, state.action
         self._readings = state.readings
-        self._pipes.wait()
+        self._child.wait_for_step()
         return self.sample()
 
     def state(self) -> FoamState:
@@ -157,15 +152,15 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         icoFoam fails, or after `duration`."""
         self._check_substep(substep)
         into, last = self.substeps_into_period, self.config.substeps
-        if self._pipes is None:
+        if self._child is None:
             raise PlantError("the openfoam plant is closed")
         if self._substep - self._first + substep - into > self._steps:
             raise PlantError(f"cannot run past {self._steps * self.dt:g} t_c: give a longer duration")
         start, target = self._action, self._action if action is None else self._checked(action)
         for step in range(into + 1, substep + 1):
             reached = start + (target - start) * (step - into) / (last - into)
-            self._pipes.send(reached, self._stream(self._substep - into + step))
-        self._pipes.wait()
+            self._child.send(reached, self._stream(self._substep - into + step))
+        self._child.wait_for_step()
         self._readings = self._follower.read()
         self._substep += substep - into
         self._action = target if substep == last else start + (target - start) * (substep - into) / (last - into)
@@ -215,12 +210,9 @@ class OpenFoamWake(NeverCopied, SteppedPlant):
         return 1.0 if self.wind is None else 1.0 + self.wind(substep * self.dt)
 
     def close(self) -> None:
-        for part in (self._child, self._pipes):
-            if isinstance(part, IcoFoam):
-                part.stop()
-            elif part is not None:
-                part.close()
-        self._child = self._pipes = None
+        if self._child is not None:
+            self._child.stop()
+        self._child = None
 
     def _latest(self) -> Path:
         latest, at = foam_files.latest(self._case), (self._substep - self._first) * self.dt

@@ -1,6 +1,6 @@
 """The child process icoFoam, and the pipes through which its jets and inlet are controlled step by step.
 
-The boundary condition of jets and inlet (`wake.openfoam.wall`) reads the velocity at listed instants from one file for
+The boundary condition of jets and inlet (`wake.openfoam.case`) reads the velocity at listed instants from one file for
 each instant. In the time step after an instant, the condition opens the file of the next instant. Here the end of every
 time step is an instant, and its file is a named pipe for each patch. So icoFoam waits at the start of each time step
 until the velocities at the step's end arrive. By then icoFoam has written all measurements of the previous step. A ramp
@@ -15,14 +15,14 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar, Final, Self
 
 from contract.errors import PlantError
 from contract.runtime.copies import NeverCopied
-from wake.openfoam import wall
+from wake.openfoam import case
 from wake.openfoam.mesh import Mesh
-from wake.openfoam.wall import DRIVEN
 
 LOG: Final = "log.icoFoam"
 PROGRAM: Final = "icoFoam"
@@ -39,15 +39,34 @@ def require_installed(program: str = PROGRAM) -> None:
         raise PlantError(f"the openfoam plant needs OpenFOAM's {program}: install the Debian package `openfoam`")
 
 
+PATIENCE_S: Final = 120.0
+"""Longest wait for one time step, in s; a step takes well under a second on a free core."""
+_POLL_S: Final = (2e-4, 5e-3)
+
+
 class IcoFoam(NeverCopied):
-    """A run of icoFoam on a case; its output goes to the case's `log.icoFoam`. Raises PlantError if icoFoam is not
-    installed. `command` is the program that runs in the case: icoFoam, or another program in tests."""
+    """A run of icoFoam on a case; its output goes to the case's `log.icoFoam`. A case with pipes (`case.write_pipes`)
+    runs step by step: `send` takes a step. Raises PlantError if icoFoam is not installed.
+
+    Args:
+        mesh: the mesh of a case with pipes.
+        patience_s: longest wait for one time step, in s.
+        command: the program that runs in the case: icoFoam, or another program in tests.
+    """
 
     INSTEAD: ClassVar = "it is a process; start another process"
 
-    def __init__(self, folder: Path, command: tuple[str, ...] = (PROGRAM,)) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        mesh: Mesh | None = None,
+        *,
+        patience_s: float = PATIENCE_S,
+        command: tuple[str, ...] = (PROGRAM,),
+    ) -> None:
         require_installed(command[0])
-        self.folder = folder
+        self.folder, self._mesh, self._patience_s = folder, mesh, patience_s
+        self._waiting: int | None = None
         environment = {"WM_PROJECT_DIR": _SHARE, **os.environ}
         with (folder / LOG).open("ab") as log:
             # The child has its own process group. Ctrl-C then reaches only this process, which ends icoFoam.
@@ -81,15 +100,16 @@ class IcoFoam(NeverCopied):
         return PlantError(f"icoFoam {what}; {path} ends: {tail}")
 
     def stop(self) -> None:
-        """End icoFoam; kill it if it does not react."""
+        """End icoFoam, and close its pipes; kill it if it does not react."""
         for end in (self._child.terminate, self._child.kill):
             if not self.running:
-                return
+                break
             end()
-            try:
+            with suppress(subprocess.TimeoutExpired):
                 self._child.wait(_GRACE_S)
-            except subprocess.TimeoutExpired:
-                continue
+        if self._waiting is not None:
+            os.close(self._waiting)
+            self._waiting = None
 
     def wait(self, seconds: float) -> bool:
         """Wait up to `seconds` for icoFoam's end; return whether it has ended. Raises PlantError if it failed."""
@@ -100,71 +120,31 @@ class IcoFoam(NeverCopied):
         self.check()
         return True
 
-
-def _die_with_parent() -> None:
-    """Let the kernel end the child when the thread that started the child ends, for whatever reason."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
-PATIENCE_S: Final = 120.0
-"""Longest wait for one time step, in s; a step takes well under a second on a free core."""
-
-_POLL_S: Final = (2e-4, 5e-3)
-
-
-class BoundaryPipes(NeverCopied):
-    """The writing ends of the pipes to icoFoam's jets and inlet.
-
-    Args:
-        folder: the case, written by `wall.write_pipes`.
-        patience_s: longest wait for one time step, in s.
-    """
-
-    INSTEAD: ClassVar = "it holds pipes to a process; open new pipes"
-
-    def __init__(self, folder: Path, mesh: Mesh, child: IcoFoam, patience_s: float = PATIENCE_S) -> None:
-        self._folder = folder
-        self._mesh = mesh
-        self._child = child
-        self._patience_s = patience_s
-        self._waiting: int | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def wait(self) -> None:
+    def wait_for_step(self) -> None:
         """Wait until icoFoam has finished its time step and opens the pipes for the next step. Raises PlantError if
         icoFoam ends or takes too long."""
         if self._waiting is None:
-            self._waiting = self._open(DRIVEN[0])
+            self._waiting = self._open(case.DRIVEN[0])
 
     def send(self, action: float, stream: float = 1.0) -> None:
         """Let icoFoam take a time step that ends with the jets' flow rate `action` and the free stream `stream`, in
-        U_inf. Raises PlantError as `wait` does."""
-        self.wait()
-        for patch in DRIVEN:
+        U_inf. Raises PlantError as `wait_for_step` does."""
+        assert self._mesh is not None, "a case without pipes runs by itself"
+        self.wait_for_step()
+        for patch in case.DRIVEN:
             reader = self._open(patch) if self._waiting is None else self._waiting
             self._waiting = None
             try:
                 # A pipe accepts the text, at most a few thousand bytes, in one write.
-                os.write(reader, wall.velocities(self._mesh, patch, action, stream).encode("ascii"))
+                os.write(reader, case.velocities(self._mesh, patch, action, stream).encode("ascii"))
             except BrokenPipeError:
-                self._child.wait(1.0)
-                raise self._child.failure("closed its end of a pipe") from None
+                self.wait(1.0)
+                raise self.failure("closed its end of a pipe") from None
             finally:
                 os.close(reader)
 
-    def close(self) -> None:
-        """Close the open pipes. An icoFoam that waits for a pipe then fails."""
-        if self._waiting is not None:
-            os.close(self._waiting)
-            self._waiting = None
-
     def _open(self, patch: str) -> int:
-        path, pause = wall.pipe(self._folder, patch), _POLL_S[0]
+        path, pause = case.pipe(self.folder, patch), _POLL_S[0]
         deadline = time.monotonic() + self._patience_s
         while True:
             try:
@@ -172,10 +152,15 @@ class BoundaryPipes(NeverCopied):
             except OSError as error:
                 if error.errno != errno.ENXIO:
                     raise PlantError(f"{path}: {error.strerror}") from error
-            if not self._child.running:
-                self._child.check()
-                raise self._child.failure("reached its end")
+            if not self.running:
+                self.check()
+                raise self.failure("reached its end")
             if time.monotonic() > deadline:
-                raise self._child.failure(f"has not finished a time step in {self._patience_s:g} s")
+                raise self.failure(f"has not finished a time step in {self._patience_s:g} s")
             time.sleep(pause)
             pause = min(2.0 * pause, _POLL_S[1])
+
+
+def _die_with_parent() -> None:
+    """Let the kernel end the child when the thread that started the child ends, for whatever reason."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -1,8 +1,10 @@
-"""The pictures of the flow around the truck or another body, with its jets and sensors."""
+"""The pictures of the flow around the truck or another body, with its jets and sensors, and their animation as a GIF or
+WebP file by Pillow.
+"""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Protocol
 
 import matplotlib as mpl
 import numpy as np
@@ -11,8 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MultipleLocator
+from PIL import Image
 
 from contract.arrays import Array
 from contract.atomic import replacing
@@ -21,9 +25,9 @@ from contract.errors import ConfigError
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from wake.pictures.fields import Raster, View, velocity
 from wake.plant.protocol import Drawable
-from wake.solver.flow import Flow
-from wake.solver.grid import Grid
-from wake.truck.steady import recirculation_length
+from wake.solver.grid import Flow, Grid
+from wake.truck.develop import recirculation_length
+from wake.truck.truck_wake import TruckWake
 
 Kind = Literal["vorticity", "pressure"]
 
@@ -152,17 +156,7 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
     # Rounding makes the limits of the truck's view exactly 6.8 and 12.
     view = (round(body.length + left, 9), round(body.length + right, 9), low, high)
     figure, axes = _figure(10.0, 4.6, 110.0, view)
-    raster = Raster.of(grid.xc, grid.yc, view, 900)
-    u, v = (raster(component) for component in velocity(mean))
-    x, y = np.meshgrid(raster.x, raster.y)
-    inside = (x > 0.0) & (x < body.length) & (np.abs(y) < HALF_WIDTH)
-    u[inside] = v[inside] = np.nan
-    image = axes.imshow(u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=view, origin="lower", interpolation="bilinear")
-    axes.streamplot(
-        raster.x, raster.y, u, v, color=(1.0, 1.0, 1.0, 0.75), linewidth=0.7, arrowsize=0.7, density=(2.0, 1.5)
-    )
-    axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
-    _add_body(axes, body)
+    image = draw_mean(axes, grid, body, mean, view, density=(2.0, 1.5))
     length = recirculation_length(grid, mean)
     if length > 0.0:
         axes.annotate(
@@ -172,6 +166,25 @@ def mean_figure(grid: Grid, body: BodyConfig, mean: Flow, duration: float) -> Fi
     axes.set_title(f"mean over {duration:.0f} $W/U_\\infty$:  bubble {length:.2f} W   (red: $u = 0$)")
     figure.colorbar(image, ax=axes, label=r"mean $u / U_\infty$", fraction=0.022, pad=0.012, extend="both")
     return figure
+
+
+def draw_mean(
+    axes: Axes, grid: Grid, body: BodyConfig, mean: Flow, view: View, *, density: tuple[float, float]
+) -> AxesImage:
+    """Draw the part `view` of a mean flow: u in colour, streamlines of this density, the edge of the backward flow, and
+    the body."""
+    raster = Raster.of(grid.xc, grid.yc, view, 900)
+    u, v = (raster(component) for component in velocity(mean))
+    x, y = np.meshgrid(raster.x, raster.y)
+    inside = (x > 0.0) & (x < body.length) & (np.abs(y) < HALF_WIDTH)
+    u[inside] = v[inside] = np.nan
+    image = axes.imshow(u, cmap="cividis", vmin=-0.25, vmax=1.25, extent=view, origin="lower", interpolation="bilinear")
+    axes.streamplot(
+        raster.x, raster.y, u, v, color=(1.0, 1.0, 1.0, 0.75), linewidth=0.7, arrowsize=0.7, density=density
+    )
+    axes.contour(raster.x, raster.y, u, levels=[0.0], colors="#ff4d4d", linewidths=1.4)
+    _add_body(axes, body)
+    return image
 
 
 def check_suffix(path: Path) -> None:
@@ -220,3 +233,96 @@ def _add_body(axes: Axes, body: BodyConfig) -> None:
     for side in (1.0, -1.0):
         slot = side * np.array([HALF_WIDTH - JET_WIDTH, HALF_WIDTH])
         axes.plot([body.length, body.length], slot, color=BLOWING, linewidth=2.0, solid_capstyle="butt", zorder=4)
+
+
+Pixels = npt.NDArray[np.uint8]
+_Progress = Callable[[int, int], None]
+
+FASTEST: Final = 50
+"""Largest number of frames per second. Many viewers play a GIF slowly if its frames are shorter than 20 ms."""
+_GIF_TICK: Final = 10  # ms, because the format counts in hundredths of a second
+_SUFFIXES: Final = (".gif", ".webp")
+_WEBP: Final = {"quality": 80, "method": 4, "minimize_size": False, "kmax": 30}
+
+
+class MovingPicture(Protocol):
+    """A figure of fixed size, such as `WakePicture`, that shows the present state of a plant."""
+
+    figure: Figure
+
+    def record(self) -> None:
+        """Record the plant's present state; called after every control period from the first frame on."""
+
+    def pixels(self) -> Pixels:
+        """Draw the present state as RGB pixels (height, width, 3)."""
+
+    def palette(self) -> Array:
+        """Return the n <= 256 colours for a GIF, (n, 3), from 0 to 1."""
+
+
+def animate(
+    path: Path,
+    picture: MovingPicture,
+    wake: TruckWake,
+    actions: Array,
+    *,
+    skip: int = 0,
+    every: int = 1,
+    fps: int = 10,
+    hold: float = 0.0,
+    progress: _Progress = lambda done, total: None,
+) -> int:
+    """Run the plant from its present state to the end of the actions, and write the animation, completely or not at
+    all. Return the number of frames. Raises ConfigError for another file type, or a run without frames; PlantError for
+    an action beyond the bound, or if the flow diverges.
+
+    Args:
+        path: file to write; its name ends in .gif or .webp.
+        picture: draws the plant `wake`.
+        actions: commands for n control periods, (n,), in U_inf W.
+        skip: number of control periods before the first frame.
+        every: number of control periods between frames.
+        fps: number of frames per second; a GIF rounds the time of a frame to 10 ms.
+        hold: additional time in s for which the last frame is shown.
+        progress: called with (control periods done, total).
+    """
+    check_target(path)
+    if not 1 <= fps <= FASTEST:
+        raise ConfigError(f"fps = {fps}: must be between 1 and {FASTEST}")
+    if every < 1 or not 0 <= skip <= len(actions):
+        raise ConfigError(f"every = {every}, skip = {skip}: must be at least 1, and between 0 and {len(actions)} steps")
+    frames = _frames(picture, wake, actions, skip, every, progress)
+    is_gif, each = path.suffix.lower() == ".gif", round(1000 / fps)
+    if is_gif:
+        # All frames have one palette, so that colours neither flicker nor depend on the run.
+        palette = Image.new("P", (1, 1))
+        palette.putpalette(np.rint(255.0 * picture.palette()).astype(np.uint8).tobytes())
+        each = _GIF_TICK * round(1000 / fps / _GIF_TICK)
+    with replacing(path) as temporary:
+        images = []
+        for frame in frames:
+            image = Image.fromarray(frame)
+            images.append(image.quantize(palette=palette, dither=Image.Dither.NONE) if is_gif else image)
+        durations = [each] * (len(images) - 1) + [each + round(1e3 * hold)]
+        settings: dict[str, Any] = {"format": "GIF"} if is_gif else {"format": "WEBP", **_WEBP}
+        images[0].save(temporary, save_all=True, append_images=images[1:], duration=durations, loop=0, **settings)
+    return len(images)
+
+
+def check_target(path: Path) -> None:
+    """Raise ConfigError if the path does not end in .gif or .webp, or is a folder."""
+    if path.suffix.lower() not in _SUFFIXES or path.is_dir():
+        raise ConfigError(f"{path}: must be a file ending in {' or '.join(_SUFFIXES)}")
+
+
+def _frames(
+    picture: MovingPicture, wake: TruckWake, actions: Array, skip: int, every: int, progress: _Progress
+) -> Iterator[Pixels]:
+    for k in range(len(actions) + 1):
+        if k >= skip:
+            picture.record()
+            if (k - skip) % every == 0:
+                yield picture.pixels()
+        if k < len(actions):
+            wake.advance(float(actions[k]))
+            progress(k + 1, len(actions))

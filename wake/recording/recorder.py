@@ -18,10 +18,16 @@ from contract.differences import differences
 from contract.errors import DatasetError, OutputError, StillwakeError
 from contract.recording.dataset import Dataset, Episode, append, read, read_to_append, write
 from contract.side_by_side import spread
-from wake.recording.episode_job import EpisodeJob, EpisodeProgress, NoFeedback, PolicyFactory, check_start, setting_of
-from wake.recording.episode_plan import EpisodePlan
-from wake.recording.parts_folder import PartsFolder
-from wake.recording.round_plan import CalmRound, ControlledRound, Plan
+from wake.recording.episode_job import (
+    EpisodeJob,
+    EpisodeProgress,
+    NoFeedback,
+    PartsFolder,
+    PolicyFactory,
+    check_start,
+    setting_of,
+)
+from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan, Plan
 from wake.truck.truck_wake import TruckWake
 
 _NOT_COMPARED: Final = "versions"

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from contract.arrays import Array, Index, Mask
-from wake.solver.flow import Layout
-from wake.solver.grid import Component, Grid, bilinear
+from wake.solver.grid import Component, Grid, Layout, bilinear
 
 SignedDistance = Callable[[npt.ArrayLike, npt.ArrayLike], Array]
 
@@ -27,7 +26,7 @@ _ON_WALL = 1e-9
 
 class GhostMap(NamedTuple):
     """A linear map to a component's ghosts. The value of ghost k is the sum of weight * value over the entries start[k]
-    .. start[k + 1] - 1; `target` and `source` are flat indices of the component's padded array (`wake.solver.flow`)."""
+    .. start[k + 1] - 1; `target` and `source` are flat indices of the component's padded array (`wake.solver.grid`)."""
 
     target: Index
     start: Index

@@ -5,18 +5,21 @@ term interpolates with equal weights, so that it conserves kinetic energy (Verst
 2003). The term is written in advective form, which equals the flux form on a divergence-free field. The stages of a
 Runge-Kutta step are not projected. The flux form would count their divergence twice and halve the stable step.
 
-Arrays are padded as in `wake.solver.flow`; the pressure beyond the outlet is mirrored with opposite sign. A run (i, j0,
+Arrays are padded as in `wake.solver.grid`; the pressure beyond the outlet is mirrored with opposite sign. A run (i, j0,
 j1) stands for the faces j0 .. j1 - 1 of row i, in unpadded indices. Runs list the faces to compute, so that the loops
 over j have no branch.
 """
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
 
 from contract.arrays import Array, Index
 from wake.solver.boundary import GhostMap
+from wake.solver.grid import Flow
+
+T = TypeVar("T")
 
 
 class Spacing(NamedTuple):
@@ -28,40 +31,11 @@ class Spacing(NamedTuple):
     dyc: Array
 
 
-class Fields(NamedTuple):
-    """The padded views of a `wake.solver.flow.Flow`."""
+class Pair(NamedTuple, Generic[T]):
+    """A value for u and a value for v, such as the rows (i, j0, j1) that cover the open faces."""
 
-    u: Array
-    v: Array
-    p: Array
-
-
-class Rates(NamedTuple):
-    """The accumulated rates of u and v, in the padded shapes of u and v."""
-
-    u: Array
-    v: Array
-
-
-class Runs(NamedTuple):
-    """The rows (i, j0, j1) that cover the open u-faces and the open v-faces."""
-
-    u: Index
-    v: Index
-
-
-class Walls(NamedTuple):
-    """The ghosts of u and of v."""
-
-    u: GhostMap
-    v: GhostMap
-
-
-class Inflow(NamedTuple):
-    """The velocity at the inlet: u (ny,) and v (ny + 1,)."""
-
-    u: Array
-    v: Array
+    u: T
+    v: T
 
 
 class Domain(NamedTuple):
@@ -69,15 +43,17 @@ class Domain(NamedTuple):
 
     Attributes:
         viscosity: 1 / Re.
-        inflow: velocity at the inlet.
+        runs: rows (i, j0, j1) that cover the open faces.
+        walls: ghosts of u and of v.
+        inflow: velocity at the inlet, (ny,) and (ny + 1,).
         slot_column, slot_rows: x-face index of the jets, and the rows of their m faces, (m,).
     """
 
     viscosity: float
     spacing: Spacing
-    runs: Runs
-    walls: Walls
-    inflow: Inflow
+    runs: Pair[Index]
+    walls: Pair[GhostMap]
+    inflow: Pair[Array]
     slot_column: int
     slot_rows: Index
 
@@ -192,14 +168,14 @@ def fill_edges(u: Array, v: Array, inflow_v: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def fill_walls(u: Array, v: Array, walls: Walls) -> None:
+def fill_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
     """Fill the ghosts so that the body has no slip."""
     _fill_ghosts(u.reshape(-1), walls.u)
     _fill_ghosts(v.reshape(-1), walls.v)
 
 
 @njit(cache=True, nogil=True)
-def clear_walls(u: Array, v: Array, walls: Walls) -> None:
+def clear_walls(u: Array, v: Array, walls: Pair[GhostMap]) -> None:
     """Set the ghosts to zero, because they carry no flow in the mass balance."""
     u_flat, v_flat = u.reshape(-1), v.reshape(-1)
     for k in walls.u.target:
@@ -220,8 +196,8 @@ def _shift(field: Array, by: float, runs: Index, pad_i: int, pad_j: int) -> None
 
 @njit(cache=True, nogil=True)
 def advance_stage(
-    flow: Fields,
-    rates: Rates,
+    flow: Flow,
+    rates: Pair[Array],
     a: float,
     step: float,
     slot_velocity: Array,
@@ -252,8 +228,8 @@ def advance_stage(
 
 @njit(cache=True, nogil=True)
 def stages(
-    flow: Fields,
-    rates: Rates,
+    flow: Flow,
+    rates: Pair[Array],
     a: Array,
     step: Array,
     slot_velocity: Array,
@@ -282,7 +258,7 @@ def divergence(b: Array, u: Array, v: Array, dx: Array, dy: Array, runs: Index) 
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
-def correct(flow: Fields, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Runs) -> None:
+def correct(flow: Flow, phi: Array, dt: float, dxc: Array, dyc: Array, runs: Pair[Index]) -> None:
     """Subtract grad phi from the open faces and the outlet, where phi = 0, and add phi / dt to the pressure."""
     u, v, p, u_runs, v_runs = flow.u, flow.v, flow.p, runs.u, runs.v
     one = phi.dtype.type(1.0)

@@ -10,19 +10,26 @@ kinematic, p / (rho U_inf^2); Cp is twice this pressure.
 
 A varying wind is given in the frame of the body, as for a vehicle whose speed through the air varies. A change of the
 wind changes the inflow, and accelerates the whole flow uniformly. So the far pressure does not change.
+
+The convective number of a cell is dt (|u| / dx + |v| / dy). The viscous number is 4 nu dt (1 / dx^2 + 1 / dy^2). The
+stability region of a three-stage Runge-Kutta scheme of order 3 ends at 1.73 on the imaginary axis, at 2.0 to 2.4 with
+the viscosity of this flow, and at 2.51 on the real axis. Runs of the uncontrolled truck are stable with a number of 2.0
+at the front corners and diverge at 2.3. Next to the jets, flow is fast in few cells and for a short time. With full
+reversals over 100 control periods, runs are stable with a number of 4.0 there and diverge at 4.3.
 """
 
 from collections.abc import Callable
+from math import ceil
+from typing import Final
 
 import numpy as np
 
-from contract.arrays import Array, Precision
+from contract.arrays import Array, Mask, Precision
 from contract.errors import PlantError
 from contract.runtime.copies import CopiedWhole
-from wake.solver import kernels, poisson, stability
+from wake.solver import kernels, poisson
 from wake.solver.boundary import Boundary
-from wake.solver.flow import Flow
-from wake.solver.grid import Grid
+from wake.solver.grid import Flow, Grid
 
 # Williamson's RK3 computes q = A q + dt rate, velocity += B q. STAGE_END has the times at which the stages end, as
 # fractions of the step.
@@ -68,22 +75,22 @@ class FlowSolver(CopiedWhole):
             spacing=kernels.Spacing(
                 *(each.astype(precision) for each in (np.append(grid.dx, grid.dx[-1]), dxc, grid.dy, grid.dyc))
             ),
-            runs=kernels.Runs(u=boundary.u_runs, v=boundary.v_runs),
-            walls=kernels.Walls(
+            runs=kernels.Pair(boundary.u_runs, boundary.v_runs),
+            walls=kernels.Pair(
                 *(
                     ghosts._replace(weight=ghosts.weight.astype(precision))
                     for ghosts in (boundary.u_ghosts, boundary.v_ghosts)
                 )
             ),
-            inflow=kernels.Inflow(
-                u=(np.ones(ny) if inflow_u is None else inflow_u).astype(precision),
-                v=(np.zeros(ny + 1) if inflow_v is None else inflow_v).astype(precision),
+            inflow=kernels.Pair(
+                (np.ones(ny) if inflow_u is None else inflow_u).astype(precision),
+                (np.zeros(ny + 1) if inflow_v is None else inflow_v).astype(precision),
             ),
             slot_column=grid.rear,
             slot_rows=np.flatnonzero(self.slot_profile).astype(np.int64),
         )
         self._before = Flow.zeros(grid.shape, precision)
-        self._rates = kernels.Rates(u=np.zeros_like(self._before.u), v=np.zeros_like(self._before.v))
+        self._rates = kernels.Pair(np.zeros_like(self._before.u), np.zeros_like(self._before.v))
         self._b = np.zeros(grid.shape, precision)
         self._phi = np.zeros(grid.shape, precision)
 
@@ -131,8 +138,8 @@ class FlowSolver(CopiedWhole):
             before.faces_u[self.domain.slot_column, rows] = (
                 max(abs(action_from), abs(action_to)) * self.slot_profile[rows]
             )
-            advice = stability.advice(self.grid, before, self.viscosity, dt)
-            raise PlantError(f"the flow diverged within {steps} steps of dt = {dt:.3g}: {advice}")
+            held = advice(self.grid, before, self.viscosity, dt)
+            raise PlantError(f"the flow diverged within {steps} steps of dt = {dt:.3g}: {held}")
 
     def slot_velocity(self, action_from: float, action_to: float, steps: int) -> Array:
         """Return the jets' velocities at the end of each stage of a ramp's steps, (steps, 3, slots' rows)."""
@@ -146,12 +153,12 @@ class FlowSolver(CopiedWhole):
 
     def _step(self, flow: Flow, dt: float, slot_velocity: Array, wind: Array, gained: Array) -> None:
         domain = self.domain
-        fields, walls = kernels.Fields(u=flow.u, v=flow.v, p=flow.p), domain.walls
-        kernels.stages(fields, self._rates, A, dt * B, slot_velocity, wind, gained, domain)
+        walls = domain.walls
+        kernels.stages(flow, self._rates, A, dt * B, slot_velocity, wind, gained, domain)
         kernels.clear_walls(flow.u, flow.v, walls)
         kernels.divergence(self._b, flow.u, flow.v, domain.spacing.dx, domain.spacing.dy, self.boundary.cell_runs)
         self.poisson.solve_into(self._b, self._phi)
-        kernels.correct(fields, self._phi, dt, self.between, domain.spacing.dyc, domain.runs)
+        kernels.correct(flow, self._phi, dt, self.between, domain.spacing.dyc, domain.runs)
         kernels.fill_edges(flow.u, flow.v, domain.inflow.v)
         kernels.fill_walls(flow.u, flow.v, walls)
 
@@ -175,3 +182,49 @@ def gusting(wind: Callable[[float], float] | None, dt: float, step: int) -> tupl
         return _STEADY, _STEADY
     values = np.array([wind(dt * (step + end)) for end in (0.0, *STAGE_END)])
     return values[1:], np.diff(values)
+
+
+CONVECTIVE_LIMIT: Final = 2.0
+JET_LIMIT: Final = 4.0
+VISCOUS_LIMIT: Final = 2.51
+
+_SAFE: Final = 1.7
+"""Largest convective and viscous number of the time step that `advice` recommends."""
+
+
+def advice(grid: Grid, before: Flow, viscosity: float, dt: float) -> str:
+    """Return a message for a time step with which the flow `before` diverged. It states the largest numbers of all
+    cells, and a stable time step."""
+    u, v = np.abs(before.faces_u), np.abs(before.faces_v)
+    along = np.maximum(u[:-1], u[1:]) / grid.dx[:, None]
+    across = np.maximum(v[:, :-1], v[:, 1:]) / grid.dy
+    convective = float(dt * (along + across).max())
+    viscous = float(4.0 * viscosity * dt * (1.0 / grid.dx.min() ** 2 + 1.0 / grid.dy.min() ** 2))
+    held = dt / max(2.0, convective / _SAFE, viscous / _SAFE)
+    return (
+        f"convective number {convective:.2f} before, must be below {CONVECTIVE_LIMIT:g}; viscous number "
+        f"{viscous:.2f}, must be below {VISCOUS_LIMIT:g}: take dt = {held:.2g}"
+    )
+
+
+def check_step(grid: Grid, fluid: Mask, viscosity: float, jet_speed: float, period: float, substeps: int) -> None:
+    """Check that a time step is not too large for this grid, before any flow exists. Raises PlantError with the number
+    that is too large and the sufficient number of substeps. `jet_speed` is the largest jet speed that can be commanded,
+    in U_inf; `period` is the control period in t_c."""
+    dt = period / substeps
+    per_x, per_y = 1.0 / grid.dx[:, None], 1.0 / grid.dy
+    slot = slice(grid.upper - grid.slot_cells, grid.upper)
+    # At the front corners, both velocity components reach about the free-stream speed. A blowing jet turns by 90
+    # degrees within one cell, so both components reach the jet's speed. A sucking jet draws an equal flow along the
+    # base.
+    numbers = (
+        ("convective number of the free stream", np.where(fluid, per_x + per_y, 0.0).max(), CONVECTIVE_LIMIT),
+        ("convective number of the jets", jet_speed * (per_x[grid.rear, 0] + per_y[slot].max()), JET_LIMIT),
+        ("viscous number", 4.0 * viscosity * np.where(fluid, per_x**2 + per_y**2, 0.0).max(), VISCOUS_LIMIT),
+    )
+    name, rate, limit = max(numbers, key=lambda entry: entry[1] / entry[2])
+    if dt * rate > limit:
+        raise PlantError(
+            f"dt = {dt:.3g} ({period:g} t_c in {substeps} substeps): {name} {dt * rate:.2f} on this grid, must be "
+            f"below {limit:g}: take at least {ceil(period * rate / limit)} substeps"
+        )

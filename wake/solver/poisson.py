@@ -30,7 +30,6 @@ from contract.arrays import Array, Precision
 from wake.solver.grid import Grid
 
 Links = npt.NDArray[np.int64]
-Factors = tuple[Array, Array, Array, Array, Links, Array]
 Work = tuple[Array, Array, Array, Array, Array]
 
 _VECTOR: Final = 64
@@ -82,9 +81,6 @@ class HalfSolver:
         # A copy is built with `of`, so that it has its own work arrays and is aligned.
         return HalfSolver.of, (self.q, self.pivot, self.coupling, self.links, self.capacitance)
 
-    def arrays(self) -> Factors:
-        return self.q, self.qt, self.pivot, self.coupling, self.links, self.capacitance
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoissonSolver:
@@ -93,19 +89,13 @@ class PoissonSolver:
     even: HalfSolver
     odd: HalfSolver
 
-    def solve(self, b: Array) -> Array:
-        """Return phi with A' phi = b; b (nx, ny) is integrated over cells and zero in solid cells."""
-        phi = np.empty_like(b)
-        self.solve_into(b, phi)
-        return phi
-
     def solve_into(self, b: Array, phi: Array) -> None:
-        """Solve as `solve` does, into an existing array."""
+        """Set phi so that A' phi = b; b (nx, ny) is integrated over cells and zero in solid cells."""
         # The two halves are not in one compiled function, because its code would be slower.
         even, odd = self.even.work[0], self.odd.work[0]
         _split(b, even, odd)
         for half in (self.even, self.odd):
-            _solve_half(*half.arrays(), *half.work)
+            _solve_half(half.q, half.qt, half.pivot, half.coupling, half.links, half.capacitance, *half.work)
         _join(even, odd, phi)
 
 

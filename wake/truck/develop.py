@@ -1,16 +1,23 @@
-"""The computation of a developed wake, from fluid at rest or from a developed wake on another grid. A start from rest,
-like the shipped one, takes 100 t_c, because the shedding has to grow first."""
+"""The computation of a developed wake, from fluid at rest or from another grid, and of the steady wake. A start from
+rest, like the shipped one, takes 100 t_c, because the shedding has to grow first.
+
+The steady wake is the symmetric flow that results if symmetry suppresses shedding. A symmetric flow remains symmetric
+except for rounding errors, which the shedding instability amplifies. Taking the even part of the flow after every
+control period removes these errors, and the flow settles. The drag of the steady wake is therefore the part of the drag
+that shedding does not cause.
+"""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from contract.arrays import Array
-from wake.solver.flow import Flow
-from wake.solver.grid import Component, Grid
+from contract.errors import PlantError
+from wake.plant.sample import Sample
+from wake.solver.grid import Component, Flow, Grid
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
 
@@ -62,10 +69,17 @@ def interpolated(state: State, source: Grid, target: Grid) -> Flow:
     The padding is zero. The next time step removes the divergence of the velocities."""
     found, result = Flow.of(state.flat, source.shape), Flow.zeros(target.shape)
     for name in _COMPONENTS:
-        at = np.stack(np.meshgrid(*target.axes(name), indexing="ij"), axis=-1)
-        look_up = RegularGridInterpolator(source.axes(name), _values(found, name), bounds_error=False, fill_value=None)
-        _values(result, name)[:] = look_up(at)
+        points = np.stack(np.meshgrid(*target.axes(name), indexing="ij"), axis=-1)
+        _values(result, name)[:] = at_points(found, source, name, points)
     return result
+
+
+def at_points(flow: Flow, grid: Grid, component: Component, points: Array) -> Array:
+    """Interpolate a component of a flow bilinearly to points (..., 2); extrapolate it beyond the outermost values."""
+    look_up = RegularGridInterpolator(
+        grid.axes(component), _values(flow, component), bounds_error=False, fill_value=None
+    )
+    return np.asarray(look_up(points))
 
 
 def moved(
@@ -96,3 +110,132 @@ def moved(
 def _values(flow: Flow, name: Component) -> Array:
     """Return the component's unpadded values, a view."""
     return {"u": flow.faces_u, "v": flow.faces_v, "p": flow.cells_p}[name]
+
+
+TOLERANCE: Final = 1e-6
+"""Rate of change below which a wake counts as steady, in U_inf / t_c for velocity and in 1 / t_c for drag. These rates
+fall by a factor e in 23 t_c, so the forces are then accurate to 1e-5."""
+
+
+_UNEVEN: Final = 1e-9
+"""Largest difference in U_inf between a steady state and its mirror image; a settled state is symmetric bit for bit."""
+_RATE: Final = 1e-2
+"""Largest rate at which the velocities of a steady state may change, in U_inf / t_c. A settled state changes far more
+slowly; the developed wake changes at a rate of about 1."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SteadyWake:
+    """A wake that has settled.
+
+    Attributes:
+        state: the flow, with its clock set to zero; the plant is also in this state.
+        base_Cp: mean Cp over the sensors on the base.
+        recirculation_length: see `recirculation_length`.
+        velocity_rate: largest |du/dt| or |dv/dt| over the last control period, in U_inf / t_c.
+        drag_rate: |dCd/dt| of wall and slots over the last control period, in 1 / t_c.
+        time: duration of the settling from rest, in t_c.
+    """
+
+    state: State
+    sample: Sample
+    base_Cp: float
+    recirculation_length: float
+    velocity_rate: float
+    drag_rate: float
+    time: float
+
+    def figures(self) -> dict[str, float]:
+        """Return the numbers for a results file."""
+        own = ("base_Cp", "recirculation_length", "velocity_rate", "drag_rate", "time")
+        forces = {"Cd": self.sample.Cd, "Cd_slot": self.sample.Cd_slot}
+        return forces | {name: getattr(self, name) for name in own}
+
+
+def settle(
+    wake: TruckWake,
+    tolerance: float = TOLERANCE,
+    longest: float = 600.0,
+    progress: Callable[[float, float], None] = lambda t, rate: None,
+) -> SteadyWake:
+    """Run the symmetric flow from rest, with shut jets, until two rates of change are below `tolerance`: the velocity's
+    rate in U_inf / t_c, and the drag's rate in 1 / t_c. Raises PlantError if the flow is not steady after `longest`
+    t_c. `progress` is called with the time and the larger rate after every control period."""
+    start_from_rest(wake)
+    period = wake.config.control_period
+    before, drag = wake.flow.velocities.copy(), _drag(wake.sample())
+    while wake.t < longest:
+        wake.advance(0.0)
+        keep_even_part(wake.flow)
+        now = _drag(wake.sample())
+        velocity_rate = float(np.abs(wake.flow.velocities - before).max()) / period
+        drag_rate = abs(now - drag) / period
+        before[:], drag = wake.flow.velocities, now
+        progress(wake.t, max(velocity_rate, drag_rate))
+        if max(velocity_rate, drag_rate) < tolerance:
+            break
+    else:
+        raise PlantError(
+            f"the symmetric wake is not steady after {longest:g} t_c: max |du/dt| = {velocity_rate:.2g}, "
+            f"|dCd/dt| = {drag_rate:.2g}, must be below {tolerance:g}"
+        )
+    time = wake.t
+    state = replace(wake.state(), substep=0, action=0.0)
+    sample = wake.reset(state)
+    return SteadyWake(
+        state=state,
+        sample=sample,
+        base_Cp=float(sample.Cp[wake.layout.base].mean()),
+        recirculation_length=recirculation_length(wake.grid, wake.flow),
+        velocity_rate=velocity_rate,
+        drag_rate=drag_rate,
+        time=time,
+    )
+
+
+def check_steady(wake: TruckWake, state: State) -> None:
+    """Check that a state is the steady symmetric wake; the plant advances by one control period. Raises PlantError if
+    the flow changes or is not its own mirror image, or if a jet blows; the message states the difference or the rate,
+    and the remedy."""
+    wake.reset(state)
+    flow = wake.flow
+    uneven = max(float(np.abs(flow.u - flow.u[:, ::-1]).max()), float(np.abs(flow.v + flow.v[:, ::-1]).max()))
+    remedy = "`stillwake develop FILE --steady` computes the steady wake"
+    if uneven > _UNEVEN or state.action != 0.0:
+        raise PlantError(
+            f"not the steady wake: velocities differ from their mirror image by up to {uneven:.2g}, with an action of "
+            f"{state.action:g} in force: {remedy}"
+        )
+    before = flow.velocities.copy()
+    wake.advance(0.0)
+    rate = float(np.abs(flow.velocities - before).max()) / wake.config.control_period
+    if rate > _RATE:
+        raise PlantError(f"not the steady wake: max |du/dt| = {rate:.2g}, must be at most {_RATE:g}: {remedy}")
+
+
+def recirculation_length(grid: Grid, flow: Flow) -> float:
+    """Return the bubble's length in a steady or mean flow, in W: from the base to the last point on the axis y = 0
+    where u turns positive; zero without backward flow on the axis. A bubble that reaches the outlet ends there."""
+    # The axis is a row of faces, so u is stored half a cell below and above the axis.
+    above = grid.shape[1] // 2
+    speed = flow.faces_u[grid.rear :, above - 1 : above + 1].mean(axis=1)
+    x = grid.xf[grid.rear :] - grid.xf[grid.rear]
+    upstream = np.flatnonzero(speed < 0.0)
+    if len(upstream) == 0:
+        return 0.0
+    last = int(upstream[-1])
+    if last == len(x) - 1:
+        return float(x[-1])
+    share = speed[last] / (speed[last] - speed[last + 1])
+    return float(x[last] + share * (x[last + 1] - x[last]))
+
+
+def _drag(sample: Sample) -> float:
+    return sample.Cd + sample.Cd_slot
+
+
+def keep_even_part(flow: Flow) -> None:
+    """Remove the odd part in y from the flow, in place."""
+    flow.u[:] = 0.5 * (flow.u + flow.u[:, ::-1])
+    flow.v[:] = 0.5 * (flow.v - flow.v[:, ::-1])
+    flow.p[:] = 0.5 * (flow.p + flow.p[:, ::-1])

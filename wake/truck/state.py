@@ -57,32 +57,29 @@ def develops(reynolds: float) -> str:
     return f"stillwake develop {start_name(reynolds)} --set flow.reynolds={reynolds:g}"
 
 
-def check_reynolds(origin: Origin, reynolds: float) -> None:
-    """Raise PlantError if a state was computed at a Reynolds number other than the plant's number."""
-    if origin.reynolds != reynolds:
-        raise PlantError(
-            f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
-            f"`{develops(reynolds)}` makes a state for it, to be given with --state"
-        )
-
-
-def check_body(origin: Origin, body: BodyConfig) -> None:
-    """Raise PlantError if a state was computed around a body other than the plant's body."""
+def check_origin(
+    origin: Origin | None, body: BodyConfig, reynolds: float | None = None, shape: tuple[int, int] | None = None
+) -> None:
+    """Raise PlantError if a state was computed around a body other than the plant's body, on a grid whose number of
+    cells is not `shape`, or at another Reynolds number; a number that is None is not compared."""
+    if origin is None:
+        return
     if not origin.is_of(body):
         raise PlantError(
             f"flow state is of a body of length {origin.body_length:g} and leading-edge radius "
             f"{origin.leading_edge_radius:g}, this plant has {body.length:g} and {body.leading_edge_radius:g}: "
             "`stillwake develop` with the same --set body.* makes a state for it, to be given with --state"
         )
-
-
-def check_grid(origin: Origin, shape: tuple[int, int]) -> None:
-    """Raise PlantError if a state was computed on a grid whose number of cells is not `shape`."""
-    if origin.shape != shape:
+    if shape is not None and origin.shape != shape:
         (nx, ny), (mine_x, mine_y) = origin.shape, shape
         raise PlantError(
             f"flow state is of a grid of {nx} x {ny} cells, this grid needs {mine_x} x {mine_y}: `stillwake develop` "
             "with the same --set flow.refinement makes a start for it"
+        )
+    if reynolds is not None and origin.reynolds != reynolds:
+        raise PlantError(
+            f"flow state is of reynolds = {origin.reynolds:g}, this plant has {reynolds:g}: "
+            f"`{develops(reynolds)}` makes a state for it, to be given with --state"
         )
 
 

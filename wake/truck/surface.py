@@ -1,4 +1,8 @@
-"""The sensors and forces as functionals of the flow. Forces are in units of rho U_inf^2 W / 2.
+"""The outline of the body, its jets, and the sensors and forces as functionals of the flow. Forces are in units of rho
+U_inf^2 W / 2.
+
+The body is a rectangle whose front corners may be rounded (paper, figure 1). Two slots at the edges of its base act in
+opposition, one blowing while the other sucks, so that the net mass flow is zero at every instant.
 
 Each measured quantity except the slots' load is a fixed weighted sum of u, v and p, so one sparse product per control
 step gives these quantities. The wall pressure follows from a parabola along the normal. The parabola passes through two
@@ -16,26 +20,54 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from contract.arrays import Array
-from contract.config.body import BodyConfig
+from contract.config.body import TRUCK_BODY, BodyConfig
 from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.sensor_layout import SensorLayout
 from wake.solver.boundary import Boundary
-from wake.solver.flow import Flow, Layout
-from wake.solver.grid import Component, Grid, bilinear
+from wake.solver.grid import Component, Flow, Grid, Layout, bilinear
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SlotLoad:
-    """The force on both slots in units of rho U_inf^2 W / 2, and the mean Cp over each slot, weighted by the jet
-    profile."""
+def signed_distance(x: npt.ArrayLike, y: npt.ArrayLike, body: BodyConfig = TRUCK_BODY) -> Array:
+    """Return the distance to the outline in W, positive in the fluid. The distance is exact outside the body. Inside,
+    it is exact near the outline."""
+    x, y = np.asarray(x, dtype=np.float64), np.abs(np.asarray(y, dtype=np.float64))
+    # One box has only sharp corners, the other box has only rounded corners, like the front of the body.
+    sharp = _box_distance(x, y, body.length, 0.0)
+    rounded = _box_distance(x, y, body.length, body.leading_edge_radius)
+    return np.where(x < 0.5 * body.length, rounded, sharp)
 
-    Cd_pressure: float
-    Cd_viscous: float
-    Cp_upper: float
-    Cp_lower: float
+
+def _box_distance(x: Array, y: Array, length: float, radius: float) -> Array:
+    qx = np.abs(x - 0.5 * length) - (0.5 * length - radius)
+    qy = y - (HALF_WIDTH - radius)
+    outside = np.hypot(np.maximum(qx, 0.0), np.maximum(qy, 0.0))
+    inside = np.minimum(np.maximum(qx, qy), 0.0)
+    return outside + inside - radius
+
+
+MOMENTUM_FACTOR = 1.2 / JET_WIDTH
+"""Integral of u^2 over a slot divided by q^2, for a parabolic jet with flow rate q."""
+
+
+def slot_profile(grid: Grid) -> Array:
+    """Return the velocity on the base's faces per unit action, shape (ny,): a parabola of flow rate +1 in the upper
+    slot and -1 in the lower slot, averaged exactly over each face (paper, section 2.1)."""
+
+    def flow_below(y: Array) -> Array:
+        s = (y - (HALF_WIDTH - JET_WIDTH)) / JET_WIDTH
+        return s**2 * (3.0 - 2.0 * s)
+
+    profile = np.zeros(grid.shape[1])
+    upper = slice(grid.upper - grid.slot_cells, grid.upper)
+    edges = grid.yf[upper.start : upper.stop + 1]
+    profile[upper] = np.diff(flow_below(edges)) / grid.dy[upper]
+    # The lower slot's profile is a mirrored copy, so that the two flow rates cancel bit for bit.
+    profile[grid.lower : grid.lower + grid.slot_cells] = -profile[upper][::-1]
+    return profile
 
 
 class SlotFaces:
@@ -51,29 +83,30 @@ class SlotFaces:
         # Each slot's profile has flow rate 1, so these weights sum to one over each slot.
         self._weight = np.abs(profile) * grid.dy
 
-    def measure(self, flow: Flow) -> SlotLoad:
+    def measure(self, flow: Flow) -> dict[str, float]:
+        """Return the entries of `Measured` for the slots."""
         face, ahead, between = self._faces(flow)
         Cp = 2.0 * (flow.cells_p[self._rear] + between * between - face * face)
         slots = (self._upper, self._lower)
-        return SlotLoad(
-            Cd_pressure=-sum(float(Cp[rows] @ self._dy[rows]) for rows in slots),
-            Cd_viscous=self._stress * sum(float((ahead - face)[rows] @ self._dy[rows]) for rows in slots),
-            Cp_upper=float(Cp[self._upper] @ self._weight[self._upper]),
-            Cp_lower=float(Cp[self._lower] @ self._weight[self._lower]),
-        )
+        return {
+            "Cd_slot_pressure": -sum(float(Cp[rows] @ self._dy[rows]) for rows in slots),
+            "Cd_slot_viscous": self._stress * sum(float((ahead - face)[rows] @ self._dy[rows]) for rows in slots),
+            "Cp_upper": float(Cp[self._upper] @ self._weight[self._upper]),
+            "Cp_lower": float(Cp[self._lower] @ self._weight[self._lower]),
+        }
 
-    def weigh(self, bar: Flow, flow: Flow, weights: SlotLoad) -> None:
-        """Differentiate the sum of the load's values, weighted by `weights`, with respect to the flow; add the result
+    def weigh(self, bar: Flow, flow: Flow, weights: "Measured") -> None:
+        """Differentiate the sum of the slots' values, weighted by `weights`, with respect to the flow; add the result
         to `bar`."""
         face, _, between = self._faces(flow)
         Cp = np.zeros_like(face)
         for rows in (self._upper, self._lower):
-            Cp[rows] -= weights.Cd_pressure * self._dy[rows]
+            Cp[rows] -= weights.Cd_slot_pressure * self._dy[rows]
         Cp[self._upper] += weights.Cp_upper * self._weight[self._upper]
         Cp[self._lower] += weights.Cp_lower * self._weight[self._lower]
         shear = np.zeros_like(face)
         for rows in (self._upper, self._lower):
-            shear[rows] = weights.Cd_viscous * self._stress * self._dy[rows]
+            shear[rows] = weights.Cd_slot_viscous * self._stress * self._dy[rows]
         bar.cells_p[self._rear] += 2.0 * Cp
         bar.faces_u[self._rear] += 2.0 * Cp * (between - 2.0 * face) - shear
         bar.faces_u[self._rear + 1] += 2.0 * Cp * between + shear
@@ -94,12 +127,16 @@ force."""
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
     """The functionals of a flow at one instant: Cp at the sensors, the force (pressure and viscous) on the wall without
-    the slot faces, the load on these faces, and the transverse velocity at the wake probe."""
+    the slot faces, the force on these faces, the mean Cp over each slot, weighted by the jet profile, and the
+    transverse velocity at the wake probe."""
 
     Cp: Array
     Cd: float
     Cl: float
-    slots: SlotLoad
+    Cd_slot_pressure: float
+    Cd_slot_viscous: float
+    Cp_upper: float
+    Cp_lower: float
     Uy_probe: float
 
 
@@ -136,7 +173,7 @@ class Surface:
         values = self._matrix @ flow.flat
         cp, rest = values[: self._sensors], values[self._sensors :]
         return Measured(
-            Cp=cp, Cd=float(rest[0]), Cl=float(rest[1]), slots=self._slots.measure(flow), Uy_probe=float(rest[2])
+            Cp=cp, Cd=float(rest[0]), Cl=float(rest[1]), Uy_probe=float(rest[2]), **self._slots.measure(flow)
         )
 
     def weigh(self, bar: Flow, flow: Flow, weights: Measured) -> None:
@@ -144,7 +181,7 @@ class Surface:
         `bar`."""
         values = np.concatenate([weights.Cp, [weights.Cd, weights.Cl, weights.Uy_probe]])
         bar.flat[:] += values @ self._matrix
-        self._slots.weigh(bar, flow, weights.slots)
+        self._slots.weigh(bar, flow, weights)
 
     def _sample(self, px: float, py: float, component: Component) -> Terms:
         """Return the weights with which the flow's values sum to a component's value at a point in the flow."""

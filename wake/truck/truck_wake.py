@@ -18,13 +18,11 @@ from contract.runtime.copies import CopiedWhole
 from wake.plant.drive import Wind
 from wake.plant.protocol import SteppedPlant
 from wake.plant.sample import Sample
-from wake.solver import boundary, stability
-from wake.solver.flow import Flow
-from wake.solver.grid import box_grid
-from wake.solver.navier_stokes import FlowSolver
-from wake.truck.body import MOMENTUM_FACTOR, signed_distance, slot_profile
-from wake.truck.state import Origin, State, check_body, check_grid, check_reynolds
-from wake.truck.surface import Surface
+from wake.solver import boundary
+from wake.solver.grid import Flow, box_grid
+from wake.solver.navier_stokes import FlowSolver, check_step
+from wake.truck.state import Origin, State, check_origin
+from wake.truck.surface import MOMENTUM_FACTOR, Surface, signed_distance, slot_profile
 
 
 class TruckWake(CopiedWhole, SteppedPlant):
@@ -145,7 +143,6 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     def sample(self) -> Sample:
         measured, a = self.surface.measure(self.flow), self._action
-        slots = measured.slots
         # The integrals of u^3 over a blowing and a sucking slot cancel, so the power of the jets is the work of the
         # pressure alone.
         return Sample(
@@ -153,10 +150,10 @@ class TruckWake(CopiedWhole, SteppedPlant):
             Cp=measured.Cp,
             Cd=measured.Cd,
             Cl=measured.Cl,
-            Cd_slot_pressure=slots.Cd_pressure,
-            Cd_slot_viscous=slots.Cd_viscous,
+            Cd_slot_pressure=measured.Cd_slot_pressure,
+            Cd_slot_viscous=measured.Cd_slot_viscous,
             Cd_momentum=-4.0 * MOMENTUM_FACTOR * a * a,
-            jet_power=a * (slots.Cp_upper - slots.Cp_lower),
+            jet_power=a * (measured.Cp_upper - measured.Cp_lower),
             Uy_probe=measured.Uy_probe,
             action=a,
         )
@@ -172,7 +169,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
         return np.asarray(2.0 * self.flow.cells_p)
 
     def _check_step(self, config: FlowConfig) -> None:
-        stability.check_step(
+        check_step(
             self.grid,
             self.boundary.fluid,
             1.0 / config.reynolds,
@@ -192,9 +189,7 @@ class TruckWake(CopiedWhole, SteppedPlant):
 
     def _check_origin(self, origin: Origin, substep: int) -> None:
         config = self.config
-        check_body(origin, self.body)
-        check_grid(origin, self.grid.shape)
-        check_reynolds(origin, config.reynolds)
+        check_origin(origin, self.body, config.reynolds, self.grid.shape)
         # A state at t = 0 can continue with any control period and any number of substeps.
         clock = (origin.control_period, origin.substeps)
         if substep != 0 and clock not in ((None, None), (config.control_period, config.substeps)):

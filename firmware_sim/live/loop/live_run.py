@@ -24,7 +24,7 @@ from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, SeenState
 from firmware_sim.live.loop.switching import LINGER_S, SwitchedDisturbances
 from firmware_sim.runs.run_log import Row
-from wake.pictures.level_picture import LevelPicture
+from wake.pictures.fields import LevelPicture
 from wake.plant.protocol import LivePlant, LoopPlant
 from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
     # The server's process needs no flow solver, whose import takes seconds.
-    from wake.pictures.level_picture import Levels
+    from wake.pictures.fields import Levels
 
 LIVE_SCHEMA: Final = "stillwake-live/1"
 _FIELD: Final = struct.Struct("<IfHH")
@@ -48,7 +48,7 @@ def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMes
 
 
 class FieldPicture(NamedTuple):
-    """The flow at the start of period k, at time t in t_c; `wake.pictures.level_picture` explains the levels."""
+    """The flow at the start of period k, at time t in t_c; `wake.pictures.fields` explains the levels."""
 
     k: int
     t: float

@@ -21,7 +21,7 @@ from firmware_sim.runs.run_log import COLUMNS, WALL, WITHOUT, RunLog
 from firmware_sim.runs.run_page.run_data import events
 from firmware_sim.runs.series_csv import COLUMN_UNITS
 from wake.pictures.drawing import FIELD_COLOURS, outline
-from wake.pictures.level_picture import TOP
+from wake.pictures.fields import TOP
 
 _NO_UNIT: Final = {"1": "", "name": ""}
 _BODY: Final = (209, 209, 209)

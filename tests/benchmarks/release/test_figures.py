@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.release.loop_tables import campaign
 from benchmarks.release.release_figures import forecast_errors
 from benchmarks.release.release_loop import FIGURES, spread, with_net
+from benchmarks.release.tables import campaign
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 
 RUN = dict.fromkeys(FIGURES, 1.0) | {

@@ -9,7 +9,6 @@ import pytest
 HELD = (
     "wake.openfoam.plant.OpenFoamWake",
     "wake.openfoam.process.IcoFoam",
-    "wake.openfoam.process.BoundaryPipes",
     "ecu.in_c.c_ecu.CEcu",
     "ecu.in_c.host_library.CController",
     "firmware_sim.mcu.board.board_ecu.BoardEcu",

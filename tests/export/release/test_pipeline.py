@@ -35,7 +35,7 @@ from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from tests.untrained_model import untrained
 from train import model_store
-from train.samples.rows import fit_scaling
+from train.networks.samples import fit_scaling
 
 pytestmark = pytest.mark.slow  # every lowering is built and gated
 

@@ -19,7 +19,7 @@ from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs import wake_stills
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_page.report import write_report
-from wake.pictures.level_picture import LevelPicture
+from wake.pictures.fields import LevelPicture
 
 # Whole runs of the loop; the one that is shared has its pictures, since it is made before.
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_pictures")]

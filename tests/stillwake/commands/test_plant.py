@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wake.truck import develop, steady, truck_wake
+from wake.truck import develop, truck_wake
 from wake.truck.state import load_state
 from wake.truck.truck_wake import TruckWake
 
@@ -31,7 +31,7 @@ def test_develop_writes_the_state_it_ends_in(plant, tmp_path, cli, monkeypatch) 
 
 
 def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> None:
-    settled = steady.SteadyWake(
+    settled = develop.SteadyWake(
         state=plant.state(),
         sample=plant.sample(),
         base_Cp=-0.2,
@@ -41,13 +41,13 @@ def test_steady_writes_state_and_figures(plant, tmp_path, cli, monkeypatch) -> N
         time=0.4,
     )
 
-    def settle(wake: TruckWake, progress) -> steady.SteadyWake:
+    def settle(wake: TruckWake, progress) -> develop.SteadyWake:
         assert wake is plant
         progress(0.2, 30.0)
         progress(0.4, 1e-9)
         return settled
 
-    monkeypatch.setattr(steady, "settle", settle)
+    monkeypatch.setattr(develop, "settle", settle)
     outcome = cli("develop", tmp_path / "s.npz", "--steady", "--json", tmp_path / "s.json")
     assert outcome.code == 0
     assert re.search(r"recirculation_length\s+4\.25", outcome.out)

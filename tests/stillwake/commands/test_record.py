@@ -9,8 +9,8 @@ import pytest
 from contract.config.tree import Config
 from contract.recording import dataset
 from wake.recording import recorder
-from wake.recording.round_plan import CalmRound
-from wake.truck import steady
+from wake.recording.plans import CalmRound
+from wake.truck import develop
 from wake.truck.develop import start_from_rest
 from wake.truck.truck_wake import TruckWake
 
@@ -21,9 +21,9 @@ def test_a_steady_wake_that_is_not_there_is_computed_and_kept(cli, tmp_path, mon
         start_from_rest(wake)
         return SimpleNamespace(state=wake.state())
 
-    monkeypatch.setattr(steady, "settle", halves_alike)
+    monkeypatch.setattr(develop, "settle", halves_alike)
     # From rest the flow starts at once: for the rest of the command this is steady enough.
-    monkeypatch.setattr(steady, "_RATE", 1e3)
+    monkeypatch.setattr(develop, "_RATE", 1e3)
     output, state = tmp_path / "a.h5", tmp_path / "steady.npz"
     call = ["record", output, "calm=5", "--from-steady", state, "--episodes", 1, "--set", "flow.refinement=0.4"]
     first, second = cli(*call), cli(*call, "--under", short_release)

@@ -15,7 +15,7 @@ from export.program.controller_program import program_of
 from export.reference.mpc import starting_plan
 from tests.untrained_model import untrained
 from train import model_store
-from train.samples.rows import fit_scaling
+from train.networks.samples import fit_scaling
 
 pytestmark = pytest.mark.slow  # numba compiles the adjoint
 

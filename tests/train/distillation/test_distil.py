@@ -13,9 +13,9 @@ from contract import sensors
 from train.distillation.distil import distil, encode_all
 from train.distillation.evaluate import latent_error, rollout_starts
 from train.distillation.lessons import distil_predictor, teach
-from train.fitting.fit import seeded
+from train.fitting.fit import fit_joint, seeded
 from train.networks.model import Predictor, WakeModel
-from train.samples.rows import fit_scaling, prepare
+from train.networks.samples import fit_scaling, prepare
 
 
 def test_encode_all_is_the_encoder_window_by_window(small_recording, small_config):
@@ -56,8 +56,12 @@ def test_the_student_follows_a_frozen_teacher(small_recording, small_config):
 
 @pytest.mark.proofs  # trains for some seconds; test_distil.py stays
 @pytest.mark.slow
-def test_the_student_rolls_out_as_the_teacher(fitted, small_config):
-    teacher, scaling, rows, test = fitted.model, fitted.scaling, fitted.rows, fitted.unseen
+def test_the_student_rolls_out_as_the_teacher(make_episode, small_config):
+    training = [make_episode("waveform", "train", 600, 1), make_episode("none", "train", 100, 2, forced=False)]
+    scaling = fit_scaling(training)
+    rows = prepare(training, scaling, mirrored=True)
+    test = prepare([make_episode("chirp", "test", 300, 3)], scaling, mirrored=False)
+    teacher = fit_joint(rows, replace(small_config, train=replace(small_config.train, epochs=40.0)))
     config = replace(
         small_config,
         model=replace(small_config.model, slim_dynamics_width=24, slim_decoder_width=16),

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from contract.errors import DatasetError
 from train.distillation.evaluate import evaluate
-from train.samples.rows import Rows
+from train.networks.samples import Rows
 
 WINDOW = 4
 

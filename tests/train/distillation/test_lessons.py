@@ -20,7 +20,7 @@ from export.reference.mpc import gradient
 from train.distillation.distil import encode_all
 from train.distillation.lessons import Lessons, force_slope, plan_slope, predict, teach
 from train.networks.model import Predictor, WakeModel
-from train.samples.rows import Rows, fit_scaling, prepare
+from train.networks.samples import Rows, fit_scaling, prepare
 
 
 @pytest.fixture(scope="module")
@@ -86,9 +86,8 @@ def test_the_slope_is_the_reference_adjoints():
     z = generator.standard_normal((4, 3))
     plans = generator.uniform(-0.07, 0.07, (4, HORIZON))
     actions = torch.tensor(plans / program.scaling.action_std).requires_grad_(True)
-    found = predict(predictor, torch.tensor(z), actions)
-    by_force = force_slope(found.forces[1:], WEIGHTS, program.scaling)
-    slope = plan_slope(found, actions, by_force)
+    _, forces = predict(predictor, torch.tensor(z), actions)
+    slope = plan_slope(forces, actions, force_slope(forces[1:], WEIGHTS, program.scaling))
     expected = gradient(program, z, plans, 0.0)
     # Float64 on both sides; the two differ in the order of sums.
     assert np.allclose(slope.numpy() / program.scaling.action_std, expected, rtol=1e-9, atol=1e-12)
@@ -105,7 +104,8 @@ def test_the_slope_is_differentiable_by_the_weights():
     by_force = torch.ones(HORIZON, 1, 2, dtype=torch.float64)
 
     def first_slope(*, differentiable: bool) -> torch.Tensor:
-        return plan_slope(predict(predictor, latent, actions), actions, by_force, differentiable=differentiable)[0, 0]
+        _, forces = predict(predictor, latent, actions)
+        return plan_slope(forces, actions, by_force, differentiable=differentiable)[0, 0]
 
     (found,) = torch.autograd.grad(first_slope(differentiable=True), weight)
     step, values = 1e-6, []

@@ -1,4 +1,4 @@
-"""Training learns, repeats itself, and goes on after an interruption as if there had been none."""
+"""Training learns, repeats itself, streams, and goes on after an interruption as if there had been none."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,10 +11,9 @@ import torch
 from contract.config.learning import FinishConfig
 from contract.config.tree import Config
 from contract.errors import ConfigError, DatasetError, StillwakeError, TrainingError
-from train.fitting.checkpoint import Checkpoints
 from train.fitting.fit import fit_joint
-from train.fitting.progress import Phase
-from train.fitting.unfinished import Identity
+from train.fitting.unfinished import Checkpoints, Identity, Phase
+from train.networks.model import Encoder
 
 pytestmark = pytest.mark.slow  # networks are trained
 
@@ -51,14 +50,13 @@ def test_a_resumed_fit_equals_an_uninterrupted_one(rows, small_config, tmp_path)
     with pytest.raises(KeyboardInterrupt):
         fit_joint(rows, config, progress=stop_at_ten, checkpoints=kept)
     steps: list[int] = []
-    again = replace(kept, resume=True)
-    resumed = fit_joint(rows, config, progress=lambda *now: steps.append(now[1]), checkpoints=again)
+    resumed = fit_joint(rows, config, progress=lambda *now: steps.append(now[1]), checkpoints=kept)
     assert steps[0] == 10, "it went on from step 9"
     assert_equal(fit_joint(rows, config), resumed)
 
 
 def test_a_checkpoint_of_another_run_is_refused(rows, small_config, tmp_path):
-    kept = Checkpoints(folder=tmp_path, identity=IDENTITY, resume=True)
+    kept = Checkpoints(folder=tmp_path, identity=IDENTITY)
     fit_joint(rows, small_config, checkpoints=kept)
     with pytest.raises(ConfigError, match=r"fit\.pt: made with other settings"):
         fit_joint(rows, small_config, checkpoints=replace(kept, identity=replace(IDENTITY, settings="[]")))
@@ -86,4 +84,17 @@ def test_the_finish_lengthens_the_unroll_and_a_resume_goes_on_inside_it(rows, sm
     kept = Checkpoints(folder=tmp_path, identity=IDENTITY, every=7)
     with pytest.raises(KeyboardInterrupt):
         fit_joint(rows, config, progress=partial(stop_at_ten, of=Phase.FINISH), checkpoints=kept)
-    assert_equal(whole, fit_joint(rows, config, checkpoints=replace(kept, resume=True)))
+    assert_equal(whole, fit_joint(rows, config, checkpoints=kept))
+
+
+def test_the_fit_streams_and_the_finish_does_not(rows, small_config, monkeypatch):
+    def refuse(encoder: Encoder, segments: torch.Tensor) -> torch.Tensor:
+        raise AssertionError(segments.shape)
+
+    config = trained(small_config, epochs=2.0, streamed=True, finish=FinishConfig(epochs=1.0, unroll=8))
+    for name, phases in (("encode_stream", set()), ("encode_segments", {Phase.FIT})):
+        seen: set[Phase] = set()
+        with monkeypatch.context() as patch, pytest.raises(AssertionError):
+            patch.setattr(Encoder, name, refuse)
+            fit_joint(rows, config, progress=lambda phase, *_, to=seen: to.add(phase))
+        assert seen == phases, name

@@ -17,9 +17,8 @@ from contract.errors import ConfigError, DatasetError
 from contract.recording import dataset
 from train import model_store
 from train.fitting import unfinished
-from train.fitting.progress import Phase
-from train.fitting.threads import torch_threads
-from train.fitting.unfinished import Identity, Reached
+from train.fitting.fit import torch_threads
+from train.fitting.unfinished import Identity, Phase, Reached
 from train.pipeline import train_all
 
 CONFIG = Config()

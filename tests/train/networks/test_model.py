@@ -13,10 +13,9 @@ import torch
 from torch import nn
 
 from contract.config.learning import ModelConfig, TrainConfig
-from train.networks.loss import EPSILON, covariance_loss, joint_loss, prediction_loss, variance_loss
-from train.networks.model import WakeModel
+from train.networks.model import EPSILON, WakeModel, covariance_loss, joint_loss, prediction_loss, variance_loss
 from train.networks.recurrence import last_hidden
-from train.samples.sampler import Batch
+from train.networks.samples import Batch
 
 
 def test_names_and_shapes_of_the_weights_are_the_paper_s():

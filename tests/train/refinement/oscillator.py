@@ -5,6 +5,7 @@ import torch
 from torch import Tensor
 
 from contract.differentiable import FlowState, Seen
+from train.refinement.feedback import Feedback
 
 GROWTH, TURN = 1.01, 0.6
 """A period's: the oscillator grows by the first and turns by the second, rad."""
@@ -67,3 +68,13 @@ class Oscillator:
 
 
 START = FlowState(flat=np.array([0.3, -0.2]))
+
+
+def feedback_of(
+    memory: int = 6, units: int = 5, *, seed: int = 0, scales: tuple[float, ...] = (0.3, 0.3, 0.05)
+) -> Feedback:
+    """A feedback for the oscillator's sensors, with weights that a training could have made."""
+    made = Feedback(memory, units, scales, MIDDLES, 0.075, seed)
+    for number, weights in enumerate(made.parameters()):
+        torch.nn.init.normal_(weights, 0.0, 0.3, generator=torch.Generator().manual_seed(10 * seed + number))
+    return made

@@ -10,8 +10,8 @@ from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feat
 from contract.controller.goal import Goal
 from ecu.controller_memory import ControllerMemory
 from tests.train.refinement.oscillator import MIDDLES, START, Oscillator
-from train.fitting.progress import Phase
-from train.refinement.air_speed import DESIGN_SPEED_EVERY, MOST_WRONG, RUN_PERIODS, fit, runs, wrong_speeds
+from train.fitting.unfinished import Phase
+from train.refinement.air_speed import DESIGN_SPEED_EVERY, MOST_WRONG, RUN_PERIODS, fit, run, wrong_speeds
 from train.refinement.feedback import Feedback
 from train.refinement.imitation import watch
 from train.refinement.pipeline import air_speed_of
@@ -37,7 +37,7 @@ def test_the_equations_have_the_features_of_the_ecus_window():
     """The window of an ECU that gets the same pressures, the told speed, and sends the same actions."""
     policy = Feedback(4, 3, (0.3, 0.3, 0.05), MIDDLES, 0.075, 0)
     torch.nn.init.normal_(policy.output, 0.0, 0.5, generator=torch.Generator().manual_seed(0))
-    ((seen, logarithm),) = runs(Oscillator(), policy, [START], SETTINGS, Goal(), seed=1, numbers=[5])
+    seen, logarithm = run(Oscillator(), policy, [START], SETTINGS, Goal(), seed=1, number=5)
     true, told = wrong_speeds(5, 0.7, 1.3, seed=1)
     assert logarithm == pytest.approx(np.log(told[-len(seen) :])) and np.ptp(true) > 0.1
     rows = watch(Oscillator(), policy, START, true, Goal(), told=told).rows.numpy()

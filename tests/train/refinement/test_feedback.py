@@ -7,23 +7,16 @@ import torch
 from contract.controller.goal import OWN, Goal
 from export.program.weights import PriorWeights
 from export.reference.prior import prior_plan
+from tests.train.refinement.oscillator import MIDDLES, feedback_of
 from train.refinement.feedback import Feedback, filters
 
-SCALES, MIDDLES, LIMIT, MEMORY, SPEEDS = (0.4, 0.15, 0.05), (-0.9, -1.1), 0.075, 32, (0.6, 1.0, 1.4)
+SCALES, LIMIT, MEMORY, SPEEDS = (0.4, 0.15, 0.05), 0.075, 32, (0.6, 1.0, 1.4)
 GOALS = (OWN, Goal(0.7, 0.2, 0.5), Goal(0.1, 1.0, 0.0))
-
-
-def feedback_of(memory: int = MEMORY, seed: int = 0) -> Feedback:
-    """With weights that a training could have made."""
-    made = Feedback(memory, 5, SCALES, MIDDLES, LIMIT, seed)
-    for number, layer in enumerate(made.parameters()):
-        torch.nn.init.normal_(layer, 0.0, 0.3, generator=torch.Generator().manual_seed(number))
-    return made
 
 
 @pytest.fixture
 def feedback() -> Feedback:
-    return feedback_of()
+    return feedback_of(MEMORY, scales=SCALES)
 
 
 def test_every_row_is_read_and_the_newest_by_themselves():
@@ -53,7 +46,7 @@ def test_before_it_learns_it_does_nothing_and_then_it_is_odd(feedback):
 
 def test_a_prior_is_taken_up_again_as_it_was():
     for memory in (MEMORY, 6):
-        first, again = feedback_of(memory), Feedback(memory, 5, SCALES, MIDDLES, LIMIT, 2)
+        first, again = feedback_of(memory, scales=SCALES), Feedback(memory, 5, SCALES, MIDDLES, LIMIT, 2)
         again.begin_with(first.as_prior())
         for kept, whole in zip(again.parameters(), first.parameters(), strict=True):
             np.testing.assert_allclose(kept.detach().numpy(), whole.detach().numpy(), atol=1e-12)

@@ -9,20 +9,13 @@ import torch
 from contract.arrays import Array
 from contract.controller.goal import Goal
 from contract.differentiable import FlowState
-from tests.train.refinement.oscillator import MIDDLES, START, Oscillator
+from tests.train.refinement.oscillator import START, Oscillator, feedback_of
 from train.refinement.feedback import Feedback
 from train.refinement.imitation import PERIODS_AT_ONCE, SLOWEST, Demonstration, Watched, demonstration, imitate, watch
 from train.refinement.windows import Stream, StretchReadings, closed_loop
 
 MEMORY, LIMIT, PERIODS = 6, 0.075, 110
 GOAL = Goal(lift=0.2)
-
-
-def feedback(seed: int, units: int = 5) -> Feedback:
-    made = Feedback(MEMORY, units, (0.3, 0.3, 0.05), MIDDLES, LIMIT, seed)
-    for number, weights in enumerate(made.parameters()):
-        torch.nn.init.normal_(weights, 0.0, 0.3, generator=torch.Generator().manual_seed(10 * seed + number))
-    return made
 
 
 def course(speed: float) -> Array:
@@ -41,7 +34,7 @@ def demonstrated(policy: Feedback, speed: float, start: FlowState = START) -> De
 
 @pytest.mark.parametrize(("speed", "told"), [(0.8, 1.0), (0.8, 0.9), (1.3, 1.1)])
 def test_a_demonstration_is_what_a_closed_loop_read_at_the_told_speed(speed: float, told: float):
-    policy, speeds = feedback(1), course(speed)
+    policy, speeds = feedback_of(seed=1), course(speed)
     run = watched(policy, speed, told)
     ratios = np.full(len(run.rows), told)
     assert len(run.rows) == len(speeds) - 1 > PERIODS_AT_ONCE
@@ -70,7 +63,7 @@ def test_a_demonstration_is_what_a_closed_loop_read_at_the_told_speed(speed: flo
 
 
 def test_a_prior_that_is_told_a_wrong_speed_acts_like_one_that_is_told_the_right_speed():
-    student, expert = feedback(1, units=8), feedback(1, units=8)
+    student, expert = feedback_of(seed=1, units=8), feedback_of(seed=1, units=8)
     runs = [watched(expert, 1.4, start=FlowState(flat=np.array(flat))) for flat in ((0.3, -0.2), (-0.1, 0.5))]
     *given, unseen = [
         demonstration(run, expert, GOAL, told=np.full(len(run.rows), 0.9))
@@ -82,8 +75,8 @@ def test_a_prior_that_is_told_a_wrong_speed_acts_like_one_that_is_told_the_right
 
 
 def test_a_prior_takes_over_other_priors_on_each_side_and_stays_the_same_at_the_design_speed():
-    student, slow, fast = feedback(1, units=8), feedback(2), feedback(3)
-    before = feedback(1, units=8)
+    student, slow, fast = feedback_of(seed=1, units=8), feedback_of(seed=2), feedback_of(seed=3)
+    before = feedback_of(seed=1, units=8)
     for expert, speed in ((slow, 0.7), (fast, 1.4)):
         given = [demonstrated(expert, speed, FlowState(flat=np.array(flat))) for flat in ((0.3, -0.2), (-0.1, 0.5))]
         unseen = demonstrated(expert, speed, FlowState(flat=np.array((0.1, 0.3))))

@@ -18,13 +18,11 @@ from contract.errors import ConfigError, DatasetError, StillwakeError
 from contract.sensors import TRUCK
 from tests.each import each
 from tests.train.refinement.oscillator import DRAG, MIDDLES, START, Oscillator
-from train.fitting.checkpoint import Checkpoints
-from train.fitting.progress import Phase, silent
-from train.fitting.unfinished import Identity
+from train.fitting.unfinished import Checkpoints, Identity, Phase, silent
 from train.refinement.feedback import Feedback
 from train.refinement.pipeline import PREDICTOR_RIDGE, SPEEDS_AT_REST, check_pairs, predictor, resting_by_speed
-from train.refinement.refine import Done, Refined, Task, done, refine
-from train.refinement.windows import ROUNDED, Price, Stream, StretchReadings, differentiate
+from train.refinement.refine import Done, Refined, done, refine
+from train.refinement.windows import ROUNDED, Price, Stream, StretchReadings, Task, differentiate
 
 MEMORY, LIMIT = 6, 0.075
 PRICE = Price(lift=0.3, motion=0.2, effort=5.0)
@@ -76,7 +74,8 @@ def test_the_gradient_is_that_of_flow_and_feedback_together(last):
     stream = Stream.begun(START, policy, 0.4)
     stream.goal = goal
     readings = StretchReadings(noise=noise, told=told, lost=lost)
-    stretch = differentiate(Oscillator(), policy, stream, PRICE, readings, speeds=speeds, action_limit=bound)
+    task = Task(feedback=policy, stream=stream, price=PRICE, readings=readings, speeds=speeds, action_limit=bound)
+    stretch = differentiate(Oscillator(), task)
     assert stretch.rows.shape == (int(sum(speeds[1:-1])) + 1, 3)
     commands = cost()[1]
     assert stream.committed == pytest.approx(commands[-1], rel=1e-5)
@@ -104,7 +103,7 @@ def interpolated(at: np.ndarray, values: np.ndarray, where: float) -> np.ndarray
 
 def trained(folder: Path | None = None, stop_at: int = 0) -> Refined:
     identity = Identity(settings="{}", dataset_sha256="")
-    kept = None if folder is None else Checkpoints(folder=folder, identity=identity, resume=True)
+    kept = None if folder is None else Checkpoints(folder=folder, identity=identity)
 
     def stop(phase: Phase, step: int, total: int, terms: Mapping[str, float]) -> None:
         if step == stop_at:

@@ -1,18 +1,51 @@
-"""One door to all methods: what it refuses, and that each keeps to its budget."""
+"""The selection methods, and the ridge student's error against numpy's least squares and in closed form."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor, nn
 
 from contract import sensors
-from contract.errors import ConfigError
+from contract.errors import ConfigError, DatasetError
 from contract.sensor_layout import SensorLayout
 from train.networks.model import Encoder, WakeModel
-from train.samples.rows import Rows
+from train.networks.samples import Rows
 from train.selection import methods
-from train.selection.ridge_student import RidgeStudent, ridge_student
+from train.selection.methods import RIDGE, RidgeStudent, ridge_student, sample
+
+WINDOW = 32
+
+
+class Listener(nn.Module):
+    """Latents are weighted sums of some columns at some ages: z = sum of w x, over (column, age, w) of each latent."""
+
+    def __init__(self, *latents: tuple[tuple[str, int, float], ...]) -> None:
+        super().__init__()
+        self.window = WINDOW
+        self.weight = torch.zeros(len(latents), WINDOW, sensors.COUNT + 1)
+        for number, terms in enumerate(latents):
+            for name, age, weight in terms:
+                column = sensors.COUNT if name == "action" else sensors.NAMES.index(name)
+                self.weight[number, WINDOW - 1 - age, column] = weight
+
+    def encode_segments(self, segments: Tensor) -> Tensor:
+        windows = segments.unfold(1, WINDOW, 1)  # (S, W, F, L)
+        return torch.einsum("swfl,zlf->swz", windows, self.weight)
+
+
+def listener(*latents: tuple[tuple[str, int, float], ...]) -> Any:
+    """A teacher with all that the methods read of an encoder."""
+    return Listener(*latents)
+
+
+def noise_rows(*lengths: int) -> Rows:
+    """Episodes of white noise of unit variance in all columns."""
+    total = sum(lengths)
+    inputs = torch.randn(total, sensors.COUNT + 1, generator=torch.Generator().manual_seed(0))
+    return Rows(inputs=inputs, actions=torch.zeros(total), forces=torch.zeros(total, 2), lengths=lengths)
 
 
 @pytest.fixture
@@ -37,10 +70,10 @@ HEARD = ("lower_35", "base_0", "upper_12")
 
 
 @pytest.fixture(scope="module")
-def student(listener, noise_rows) -> RidgeStudent:
+def student() -> RidgeStudent:
     """Of a teacher with two latents, which depends on three sensors; the first the most."""
     teacher = listener((("lower_35", 0, 2.0), ("base_0", 12, 1.0)), (("base_0", 4, -1.0), ("upper_12", 8, 0.7)))
-    return ridge_student(teacher, noise_rows((3000,)), seed=0)
+    return ridge_student(teacher, noise_rows(3000), seed=0)
 
 
 def test_greedy_finds_the_sensors_the_latents_are_made_of_the_weightiest_first(student):
@@ -117,3 +150,58 @@ def test_the_choice_is_symmetric_and_grows_from_the_rear_corners():
     for base, symmetric, message in (((3, 4, 5), False, "have no mirror images"), ((), True, "have no base")):
         with pytest.raises(ConfigError, match=f"'hand': these sensors {message}"):
             methods.select_by_hand(2, SensorLayout.of(names, places, base=base, symmetric=symmetric))
+
+
+def test_the_error_is_that_of_numpy_s_least_squares():
+    teacher = listener((("upper_03", 0, 1.0), ("action", 4, 0.5)), (("base_2", 8, 1.0), ("lower_10", 3, 1.0)))
+    rows = noise_rows(500, 300)
+    rows.inputs[:, 20] += 2.0  # an offset, which the student's intercept must take up
+    student = ridge_student(teacher, rows, seed=3)
+    (x, z), (judged_x, judged_z) = sample(teacher, rows, seed=3)
+    chosen = [3, 20, 82]
+    columns = np.concatenate([np.arange(8) + 8 * index for index in (*chosen, sensors.COUNT)])
+    x, judged_x = x[:, columns], judged_x[:, columns]
+    mean_x, mean_z = x.mean(axis=0), z.mean(axis=0)
+    # Ridge as ordinary least squares on rows of sqrt(n lambda) I added below.
+    below = np.sqrt(len(x) * RIDGE) * np.eye(len(columns))
+    weights = np.linalg.lstsq(
+        np.vstack([x - mean_x, below]), np.vstack([z - mean_z, np.zeros((len(columns), 2))]), rcond=None
+    )[0]
+    left = judged_z - mean_z - (judged_x - mean_x) @ weights
+    expected = np.square(left).sum() / np.square(judged_z - mean_z).sum()
+    assert 0.2 < expected < 0.9
+    assert student.error(chosen) == pytest.approx(expected, rel=1e-9)
+
+
+def test_noise_is_priced_as_known_in_closed_form():
+    # Noise on the sensors is priced as if it had been drawn.
+    teacher = listener((("upper_07", 12, 1.0), ("base_2", 12, 0.5)))
+    clean = noise_rows(6000)
+    unit = torch.full((90,), 1.0)
+    unit[7] = 4.0
+    rows = replace(clean, unit=unit)
+    student = ridge_student(teacher, rows, seed=0, sensor_noise=0.5)
+    chosen = (7, 82)
+    # One sensor, one lag, unit variance: the best weight leaves noise / (1 + noise) of its power.
+    left = (1.0 * 4.0 / (1 + 4.0) + 0.25 * 0.25 / (1 + 0.25)) / 1.25
+    assert student.error(chosen) == pytest.approx(left, rel=0.05)
+    assert ridge_student(teacher, rows, seed=0).error(chosen) < 0.01
+
+
+def test_fitted_and_judged_windows_are_others_and_none_crosses_an_episode_s_end():
+    rows = noise_rows(60, 50)
+    rows.inputs[:, 0] = torch.arange(110.0)
+    (x, _), (judged_x, _) = sample(listener((("action", 0, 1.0),)), rows, seed=1)
+    newest, judged = set(x[:, 0].astype(int)), set(judged_x[:, 0].astype(int))
+    assert not newest & judged
+    assert newest | judged == {*range(31, 60), *range(91, 110)}
+
+
+def test_too_few_windows_and_a_teacher_without_opinion_are_refused():
+    teacher = listener((("upper_07", 0, 1.0),))
+    with pytest.raises(DatasetError, match="5 windows, too few to fit and judge a student: must be at least 6"):
+        ridge_student(teacher, noise_rows(36), seed=0)
+    still = noise_rows(60)
+    still = Rows(inputs=torch.zeros_like(still.inputs), actions=still.actions, forces=still.forces, lengths=(60,))
+    with pytest.raises(DatasetError, match="the same in all windows"):
+        ridge_student(teacher, still, seed=0)

@@ -7,9 +7,8 @@ from torch import Tensor, nn
 
 from contract import sensors
 from train.networks.model import WakeModel
-from train.samples.rows import Rows
-from train.selection.ranking import Ranking
-from train.selection.shap_ranking import ShapRanker, rank
+from train.networks.samples import Rows
+from train.selection.shap_ranking import Ranking, ShapRanker, rank
 
 
 class Linear(nn.Module):

@@ -17,26 +17,18 @@ from scipy.interpolate import LinearNDInterpolator
 from contract import sensors
 from contract.errors import PlantError
 from contract.geometry import DOMAIN_X, JET_WIDTH, LEADING_EDGE_RADIUS, LENGTH
-from wake.openfoam import foam_files, state, wall
+from tests.wake.openfoam.conftest import field
+from wake.openfoam import case, foam_files, state
+from wake.openfoam.case import pressure_points, sensor_weights
 from wake.openfoam.measurements import Follower, Instruments, Readings, read_all
 from wake.openfoam.plant import CellInterpolation
-from wake.openfoam.wall import pressure_points, sensor_weights
-
-HEADER = b'FoamFile\n{\n    format      binary;\n    arch        "LSB;label=32;scalar=64";\n}\n'
-
-
-def _field(values: list[float], kind: str, count: int) -> bytes:
-    data = struct.pack(f"<{len(values)}d", *values)
-    return (
-        HEADER + f"internalField   nonuniform List<{kind}> \n{count}\n(".encode() + data + b")\n;\nboundaryField\n{}\n"
-    )
 
 
 def test_fields_are_read_as_written(tmp_path):
-    assert foam_files.parse_cells(_field([1.5, -2.0, 1e-300], "scalar", 3), "p").tolist() == [1.5, -2.0, 1e-300]
-    assert foam_files.parse_cells(_field([1.0, 2, 3, 4, 5, 6], "vector", 2), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert foam_files.parse_cells(field([1.5, -2.0, 1e-300]), "p").tolist() == [1.5, -2.0, 1e-300]
+    assert foam_files.parse_cells(field([[1, 2, 3], [4, 5, 6]]), "U").tolist() == [[1, 2, 3], [4, 5, 6]]
     for content, what in (
-        (_field([1.0, 2.0], "scalar", 3)[:-24], "p: holds 1[0-9] of 24 bytes"),
+        (field([1.0, 2.0, 3.0])[:-32], "p: holds 1[0-9] of 24 bytes"),
         (b"format ascii;\ninternalField   nonuniform List<scalar>\n1\n(1\n)", "must hold a binary list"),
     ):
         with pytest.raises(PlantError, match=what):
@@ -91,7 +83,7 @@ def test_the_pressures_that_accelerate_the_stream_are_taken_out(coarse_mesh):
 
 
 def test_a_scaled_field_is_scaled_in_all_cells_and_on_all_patches():
-    inside = _field([1.0, 2, 3, 4, 5, 6], "vector", 2)
+    inside = field([[1, 2, 3], [4, 5, 6]])
     patches = b"{\ninlet { type fixedValue; value uniform (1 0 0); }\nouter { value nonuniform List<scalar> \n2\n("
     patches += struct.pack("<2d", 7.0, 8.0) + b"); }\nsides { type slip; value uniform 3; }\n}"
     changed = foam_files.scaled(inside.replace(b"{}", patches), 0.5)
@@ -136,7 +128,7 @@ def test_missing_and_diverged_measurements_are_named(coarse_mesh, tmp_path):
 
 def test_a_state_survives_its_file_and_others_are_refused(tmp_path, monkeypatch):
     rng = np.random.default_rng(1)
-    cells = {"U": _field([1.0, 2, 3], "vector", 1), "p": _field([4.0], "scalar", 1)}
+    cells = {"U": field([[1, 2, 3]]), "p": field([4.0])}
     kept = state.FoamState(
         files={**cells, "phi": b"\x00\xff", "U_0": b"", "phi_0": b"1"},
         dt=0.01,
@@ -184,8 +176,8 @@ def test_a_linear_pressure_is_read_exactly_on_its_side(probes):
 
 
 def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
-    wall.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=40, action=0.0)
-    for jet in wall.JETS:
+    case.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=40, action=0.0)
+    for jet in case.JETS:
         data = tmp_path / "constant" / "boundaryData" / jet
         instants = sorted(float(item.name) for item in data.iterdir() if item.name not in ("0", "points"))
         steps = 0.01 * np.arange(1, 41)
@@ -193,16 +185,16 @@ def test_jet_files_name_every_step_and_lead_to_one_pipe(coarse_mesh, tmp_path):
         # Never before the step's end, or the file would be read a step early.
         assert (np.array(instants) > steps).all()
         assert {(data / item.name).resolve() for item in data.iterdir() if item.is_symlink()} == {
-            wall.pipe(tmp_path, jet).parent
+            case.pipe(tmp_path, jet).parent
         }
-        assert wall.pipe(tmp_path, jet).is_fifo()
+        assert case.pipe(tmp_path, jet).is_fifo()
         assert re.match(r"2\n\(\n\(0 0 0\)\n\(0 0 0\)\n\)\n", (data / "0" / "U").read_text().replace("-0", "0"))
 
 
 def test_jets_are_parabolas_averaged_over_each_face(coarse_mesh):
     action = 0.06
     for jet, sign, bottom in (("jetUpper", 1.0, 0.45), ("jetLower", -1.0, -0.5)):
-        speed = wall.patch_velocity(coarse_mesh, jet, action, stream=1.3)
+        speed = case.patch_velocity(coarse_mesh, jet, action, stream=1.3)
         edges = coarse_mesh.points[coarse_mesh.patches[jet]][:, :, 1]
         assert speed[:, 1] == pytest.approx(0.0, abs=0)
         for (a, b), u in zip(edges, speed[:, 0], strict=True):

@@ -10,9 +10,8 @@ import pytest
 
 from contract.config.plant import FlowConfig, OpenFoamConfig
 from contract.errors import PlantError
-from wake.openfoam.develop import developed
 from wake.openfoam.plant import OpenFoamWake
-from wake.openfoam.state import FoamState
+from wake.openfoam.state import FoamState, developed
 from wake.plant.sample import Sample
 from wake.truck.state import developed_state
 from wake.truck.truck_wake import TruckWake

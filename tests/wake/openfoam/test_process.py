@@ -10,18 +10,21 @@ import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 from contract.config.plant import FlowConfig
 from contract.errors import PlantError
-from wake.openfoam import wall
+from tests.wake.openfoam.conftest import field
+from wake.openfoam import case
+from wake.openfoam.case import pressure_points
 from wake.openfoam.measurements import Readings
+from wake.openfoam.mesh import Mesh
 from wake.openfoam.plant import OpenFoamWake
-from wake.openfoam.process import BoundaryPipes, IcoFoam
+from wake.openfoam.process import IcoFoam
 from wake.openfoam.state import FoamState
-from wake.openfoam.wall import pressure_points
 
 READER = """
 import sys, time
@@ -36,14 +39,15 @@ exec(after)
 
 
 @pytest.fixture
-def case(coarse_mesh, tmp_path) -> Path:
-    wall.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=10, action=0.0)
+def folder(coarse_mesh, tmp_path) -> Path:
+    case.write_pipes(tmp_path, coarse_mesh, dt=0.01, steps=10, action=0.0)
     return tmp_path
 
 
-def _reader(case: Path, steps: int, after: str) -> IcoFoam:
-    pipes = [str(wall.pipe(case, patch)) for patch in wall.DRIVEN]
-    return IcoFoam(case, (sys.executable, "-c", READER, *pipes, str(steps), after))
+def _reader(folder: Path, mesh: Mesh, steps: int, after: str) -> IcoFoam:
+    pipes = [str(case.pipe(folder, patch)) for patch in case.DRIVEN]
+    command = (sys.executable, "-c", READER, *pipes, str(steps), after)
+    return IcoFoam(folder, mesh, patience_s=30.0, command=command)
 
 
 def _gone(pid: int) -> bool:
@@ -62,17 +66,16 @@ def _wait_gone(pid: int) -> bool:
 
 def test_a_missing_program_is_one_line(tmp_path):
     with pytest.raises(PlantError, match="install the Debian package `openfoam`") as caught:
-        IcoFoam(tmp_path, ("icoFoam-that-is-not-there",))
+        IcoFoam(tmp_path, command=("icoFoam-that-is-not-there",))
     assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
 
 
-def test_steps_reach_the_program_inlet_first(case, coarse_mesh):
-    end = "raise SystemExit(0)"
-    with _reader(case, 2, end) as child, BoundaryPipes(case, coarse_mesh, child, patience_s=30.0) as pipes:
-        pipes.send(0.05)
-        pipes.send(-0.02, stream=1.2)
+def test_steps_reach_the_program_inlet_first(folder, coarse_mesh):
+    with _reader(folder, coarse_mesh, 2, "raise SystemExit(0)") as child:
+        child.send(0.05)
+        child.send(-0.02, stream=1.2)
         assert child.wait(30.0)
-    lines = (case / "log.icoFoam").read_text().splitlines()[:6]
+    lines = (folder / "log.icoFoam").read_text().splitlines()[:6]
     assert [Path(line.split()[0]).parent.name for line in lines] == ["inlet", "jetUpper", "jetLower"] * 2
     # Two equal faces a slot here: each carries half the flow over half the width.
     speeds = [{round(float(number), 9) for number in re.findall(r"'\(([-\d.]+)'", line)} for line in lines]
@@ -88,12 +91,12 @@ def test_steps_reach_the_program_inlet_first(case, coarse_mesh):
         ("time.sleep(600)", r"has not finished a time step in 0\.5 s"),
     ],
 )
-def test_a_program_that_fails_is_one_error_with_its_last_words(case, coarse_mesh, after, what):
-    with _reader(case, 1, after) as child, BoundaryPipes(case, coarse_mesh, child, patience_s=30.0) as pipes:
-        pipes.send(0.0)
-        pipes._patience_s = 0.5 if "sleep" in after else 30.0
+def test_a_program_that_fails_is_one_error_with_its_last_words(folder, coarse_mesh, after, what):
+    with _reader(folder, coarse_mesh, 1, after) as child:
+        child.send(0.0)
+        child._patience_s = 0.5 if "sleep" in after else 30.0
         with pytest.raises(PlantError, match=f"{what}.*something went wrong") as caught:
-            pipes.wait()
+            child.wait_for_step()
         assert "\n" not in str(caught.value)
     assert not child.running
 
@@ -103,7 +106,7 @@ def test_a_program_that_does_not_listen_is_ended_by_force(tmp_path, monkeypatch)
     deaf = (
         "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(600)"
     )
-    child = IcoFoam(tmp_path, (sys.executable, "-c", deaf))
+    child = IcoFoam(tmp_path, command=(sys.executable, "-c", deaf))
     while "deaf" not in (tmp_path / "log.icoFoam").read_text():
         assert child.running
         time.sleep(0.01)
@@ -115,7 +118,7 @@ PARENT = """
 import sys, time
 from pathlib import Path
 from wake.openfoam.process import IcoFoam
-with IcoFoam(Path(sys.argv[1]), ("sleep", "600")) as child:
+with IcoFoam(Path(sys.argv[1]), command=("sleep", "600")) as child:
     print(child._child.pid, flush=True)
     time.sleep(600)
 """
@@ -137,22 +140,6 @@ def test_no_orphan_is_left_behind_by_kill_9(tmp_path):
     assert _wait_gone(pid)
 
 
-class Stand:
-    """Stands for icoFoam, and for the pipes to its jets."""
-
-    def __init__(self, *_: object) -> None:
-        pass
-
-    def nothing(self, *_: object) -> None:
-        pass
-
-    stop = close = wait = send = nothing
-
-
-class Pipes(Stand):
-    pass
-
-
 def test_divergence_in_the_last_step_is_refused_by_that_step_even_if_nobody_samples(coarse_mesh, tmp_path, monkeypatch):
     probes, steps = len(pressure_points(coarse_mesh)), iter((1.0, 1.0, np.nan))
 
@@ -160,11 +147,11 @@ def test_divergence_in_the_last_step_is_refused_by_that_step_even_if_nobody_samp
         return Readings(forces=np.ones((3, 3, 3)), pressures=np.full(probes, pressure), wake=np.ones(3))
 
     follower = SimpleNamespace(read=lambda: readings(next(steps)))
-    for name, stands in (("IcoFoam", Stand), ("BoundaryPipes", Pipes), ("Follower", lambda _: follower)):
+    for name, stands in (("IcoFoam", MagicMock()), ("Follower", lambda _: follower)):
         monkeypatch.setattr(f"wake.openfoam.plant.{name}", stands)
     monkeypatch.setattr("wake.openfoam.plant.require_installed", lambda: None)
     cells = len(coarse_mesh.cells)
-    files = {"U": field(np.ones((cells, 3)), "vector"), "p": field(np.ones(cells), "scalar")}
+    files = {"U": field(np.ones((cells, 3))), "p": field(np.ones(cells))}
     start = FoamState(files=files, dt=0.1, readings=readings(1.0), action=0.0, substep=0)
     with OpenFoamWake(tmp_path / "case", start, FlowConfig(substeps=2), 0.5, duration=0.4) as plant:
         plant.advance(0.05)
@@ -172,8 +159,3 @@ def test_divergence_in_the_last_step_is_refused_by_that_step_even_if_nobody_samp
         assert plant.sample().t == pytest.approx(0.3)
         with pytest.raises(PlantError, match=r"the flow diverged at t = 0\.40: take more time steps"):
             plant.advance_to(2, 0.0)
-
-
-def field(values: np.ndarray, kind: str) -> bytes:
-    head = f'arch "LSB;label=32;scalar=64";\ninternalField nonuniform List<{kind}>\n{len(values)}\n('
-    return head.encode() + values.tobytes() + b")\n;\n"

@@ -15,8 +15,7 @@ from contract.errors import ConfigError, PlantError
 from tests.each import each
 from wake.plant.drive import PROFILES, Drive, Gust, Wind, find_drive
 from wake.solver import boundary
-from wake.solver.flow import Flow
-from wake.solver.grid import from_faces
+from wake.solver.grid import Flow, from_faces
 from wake.solver.navier_stokes import FlowSolver
 from wake.truck.truck_wake import TruckWake
 

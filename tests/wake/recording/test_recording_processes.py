@@ -18,8 +18,8 @@ from contract.recording.dataset import Dataset, read
 from contract.release.bundle import load
 from ecu.bundle_policy import BundlePolicy
 from tests.wake.recording.killing import equal
+from wake.recording.plans import ControlledRound
 from wake.recording.recorder import record_round
-from wake.recording.round_plan import ControlledRound
 
 pytestmark = pytest.mark.processes
 

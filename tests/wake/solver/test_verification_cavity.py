@@ -15,8 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from contract.arrays import Array
 from wake.solver import boundary
-from wake.solver.flow import Flow
-from wake.solver.grid import from_faces
+from wake.solver.grid import Flow, from_faces
 from wake.solver.navier_stokes import FlowSolver
 
 # Height, and velocity along the lid on the vertical centreline: Ghia et al., Botella and Peyret.

@@ -14,8 +14,7 @@ from scipy.special import jn_zeros, jv
 
 from contract.arrays import Array
 from wake.solver import boundary
-from wake.solver.flow import Flow
-from wake.solver.grid import Grid, from_faces
+from wake.solver.grid import Flow, Grid, from_faces
 from wake.solver.navier_stokes import FlowSolver
 
 ROOT = float(jn_zeros(1, 1)[0])

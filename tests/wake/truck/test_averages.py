@@ -8,10 +8,9 @@ import pytest
 
 from contract.errors import PlantError
 from contract.geometry import LENGTH
-from wake.solver.flow import Flow
-from wake.solver.grid import Grid, truck_grid
+from wake.solver.grid import Flow, Grid, truck_grid
 from wake.truck.averages import over_cycles, over_last_cycles
-from wake.truck.steady import recirculation_length
+from wake.truck.develop import recirculation_length
 
 DT = 0.2
 

@@ -6,9 +6,8 @@ import pytest
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.geometry import HALF_WIDTH, JET_WIDTH, LENGTH
-from wake.solver.flow import Flow
-from wake.truck.body import signed_distance
-from wake.truck.surface import Measured
+from wake.solver.grid import Flow
+from wake.truck.surface import Measured, signed_distance
 from wake.truck.truck_wake import TruckWake
 
 BODY = BodyConfig(length=2.0, leading_edge_radius=0.5, sensors_per_side=3, sensors_on_base=1)
@@ -40,16 +39,16 @@ def test_pressures_have_their_known_integrals(shared_wake):
         # half a cell before them.
         area = wake.body.length - 2 * (1 - np.pi / 4) * wake.body.leading_edge_radius**2
         along = _measure(wake, 0.0, 1.0, 0.0)
-        assert along.Cd + along.slots.Cd_pressure == pytest.approx(-2 * area, rel=along_x)
+        assert along.Cd + along.Cd_slot_pressure == pytest.approx(-2 * area, rel=along_x)
         assert _measure(wake, 0.0, 0.0, 1.0).Cl == pytest.approx(-2 * area, rel=along_y)
     # Uniform pressure pushes only through the left out slots.
     measured = _measure(shared_wake, 1.0)
     slots = 2 * 2 * JET_WIDTH
     assert measured.Cd == pytest.approx(slots, abs=1e-4)  # the arc's quadrature
-    assert measured.slots.Cd_pressure == pytest.approx(-slots, abs=1e-12)
-    assert measured.slots.Cd_viscous == 0.0
+    assert measured.Cd_slot_pressure == pytest.approx(-slots, abs=1e-12)
+    assert measured.Cd_slot_viscous == 0.0
     assert measured.Cl == pytest.approx(0.0, abs=1e-12)
-    assert (measured.slots.Cp_upper, measured.slots.Cp_lower) == pytest.approx((2.0, 2.0), abs=1e-12)
+    assert (measured.Cp_upper, measured.Cp_lower) == pytest.approx((2.0, 2.0), abs=1e-12)
 
 
 def test_pressure_falls_towards_a_slot_as_the_flow_quickens(shared_wake):
@@ -58,12 +57,12 @@ def test_pressure_falls_towards_a_slot_as_the_flow_quickens(shared_wake):
     flow = Flow.zeros(grid.shape)
     flow.faces_u[:] = (at_face + slope * (grid.xf - LENGTH))[:, None]
     flow.cells_p[:] = (total - (at_face + slope * (grid.xc - LENGTH)) ** 2)[:, None]
-    slots = shared_wake.surface.measure(flow).slots
+    slots = shared_wake.surface.measure(flow)
     Cp = 2 * (total - at_face**2)
     assert (slots.Cp_upper, slots.Cp_lower) == pytest.approx((Cp, Cp), rel=1e-12)
-    assert slots.Cd_pressure == pytest.approx(-Cp * 2 * JET_WIDTH, rel=1e-12)
+    assert slots.Cd_slot_pressure == pytest.approx(-Cp * 2 * JET_WIDTH, rel=1e-12)
     # A normal stress of 2 nu du/dx on two slots; a force coefficient is twice the kinematic force.
-    assert slots.Cd_viscous == pytest.approx(2 * 2 * nu * slope * 2 * JET_WIDTH, rel=1e-9)
+    assert slots.Cd_slot_viscous == pytest.approx(2 * 2 * nu * slope * 2 * JET_WIDTH, rel=1e-9)
 
 
 def test_wall_shear_of_a_known_layer(shared_wake):

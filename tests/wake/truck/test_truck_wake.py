@@ -1,15 +1,23 @@
+"""The plant: ramps, copies and threads, what it refuses, and other bodies in the same solver."""
+
 import copy
+import dataclasses
 import pickle
+import re
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from contract.config.body import BodyConfig
 from contract.config.operating_point import OperatingPoint
+from contract.config.plant import FlowConfig
+from contract.errors import PlantError
 from wake.plant.drive import Drive
 from wake.solver import poisson
-from wake.truck.state import developed_state
+from wake.truck.state import Origin, developed_state, load_state, save_state
 from wake.truck.truck_wake import TruckWake
 
 
@@ -67,3 +75,118 @@ def test_the_number_of_threads_changes_no_bit_and_is_left_alone(coarse):
         found += pool.map(ended_at, [0.03] * 2)
     assert threadpool_info() == before
     assert len(set(found)) == 1
+
+
+@pytest.mark.slow
+def test_divergence_names_the_step_its_number_and_a_step_that_holds(wake):
+    before = wake.flow.flat.copy()
+    with pytest.raises(PlantError, match=r"diverged .* dt = 0\.05: convective number") as caught:
+        wake.solver.run(wake.flow, dt=0.05, steps=40, action_from=0.0, action_to=0.0)
+    number, advised = map(float, re.findall(r"convective number ([\d.]+) .* take dt = ([\d.]+)", str(caught.value))[0])
+    # A free stream of 1.05 past cells of 0.0125 by 0.0125 at the front corners.
+    assert number == pytest.approx(0.05 * 2 * 1.05 / 0.0125, rel=0.2)
+    assert np.array_equal(wake.flow.flat, before)
+    wake.solver.run(wake.flow, dt=advised, steps=round(1.0 / advised), action_from=0.0, action_to=0.0)
+
+
+@pytest.mark.slow  # builds flows
+def test_a_step_too_long_is_refused_with_one_that_is_not(coarse):
+    for changes, named in (
+        ({"action_limit": 0.2}, "convective number of the jets"),
+        ({"reynolds": 20.0}, "viscous number"),
+        ({"control_period": 1.0}, "convective number of the free stream"),
+    ):
+        config = dataclasses.replace(coarse.flow, **changes)
+        with pytest.raises(PlantError, match=named) as caught:
+            TruckWake(config)
+        (substeps,) = re.findall(r"at least (\d+) substeps", str(caught.value))
+        TruckWake(dataclasses.replace(config, substeps=int(substeps)))
+
+
+def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(wake):
+    (nx, ny), state, before = wake.grid.shape, developed_state(), wake.flow.flat.copy()
+    broken = state.flat.copy()
+    broken[5] = np.nan
+    other_clock = Origin(shape=(nx, ny), reynolds=500.0, control_period=0.2, substeps=60)
+    cases: list[tuple[dict[str, Any], str]] = [
+        # The same number of cells; a transposed buffer would even have the right size for a square.
+        ({"origin": Origin(shape=(ny, nx), reynolds=500.0)}, f"{ny} x {nx} cells, this grid needs {nx} x {ny}"),
+        ({"flat": broken}, "not finite"),
+        ({"origin": Origin(shape=(nx, ny), reynolds=400.0)}, "reynolds = 400, this plant has 500"),
+        ({"origin": other_clock, "substep": 45}, r"60 substeps in 0\.2 t_c, this plant has 30 in 0\.2"),
+        ({"action": 0.08}, "action 0.08: must be within"),
+    ]
+    for changes, message in cases:
+        with pytest.raises(PlantError, match=message):
+            wake.reset(dataclasses.replace(state, **changes))
+        assert np.array_equal(wake.flow.flat, before), message
+    # A start at t = 0 may be continued with another step.
+    assert wake.reset(dataclasses.replace(state, origin=other_clock, substep=0)).t == 0.0
+    for action in (float("nan"), 0.0751):
+        with pytest.raises(PlantError, match="within"):
+            wake.advance(action)
+
+
+def test_what_is_no_state_file_is_one_clear_error(wake, tmp_path):
+    path = tmp_path / "state.npz"
+    with pytest.raises(PlantError, match="without its origin cannot be written"):
+        save_state(path, dataclasses.replace(wake.state(), origin=None))
+    path.write_bytes(b"PK\x03\x04 nonsense")
+    for wrong in (path, tmp_path / "none.npz"):
+        with pytest.raises(PlantError, match="not a flow state"):
+            load_state(wrong)
+    save_state(path, wake.state())
+    with np.load(path) as data:
+        content = {key: data[key] for key in data.files}
+    np.savez(path, **(content | {"schema": "stillwake-flow/1"}))
+    with pytest.raises(PlantError, match=r"schema stillwake-flow/1, this version reads 'stillwake-flow/2'"):
+        load_state(path)
+
+
+SQUARE = BodyConfig(length=1.0, leading_edge_radius=0.0, sensors_per_side=6, sensors_on_base=4)
+
+
+@pytest.fixture(scope="module")
+def square_plant() -> TruckWake:
+    return TruckWake(FlowConfig(reynolds=100.0, substeps=12, refinement=0.4), body=SQUARE)
+
+
+@pytest.fixture
+def square(square_plant) -> TruckWake:
+    """At rest in uniform flow."""
+    square_plant.reset(dataclasses.replace(square_plant.state(), flat=square_plant.solver.start().flat, substep=0))
+    return square_plant
+
+
+def test_the_trucks_first_steps_are_those_from_before_other_bodies(wake):
+    for action in (0.02, 0.07, -0.05):
+        sample = wake.advance(action)
+    # The last bit depends on the processor's linear algebra.
+    assert sample.Cd == pytest.approx(0.9973759647024201, rel=1e-12)
+    assert sample.Cl == pytest.approx(2.106641897948373, rel=1e-12)
+    assert sample.Uy_probe == pytest.approx(-0.5623716000360626, rel=1e-12)
+
+
+def test_a_symmetric_flow_stays_symmetric_but_for_rounding(square):
+    square.solver.run(square.flow, dt=1e-3, steps=50, action_from=0.0, action_to=0.0)
+    sample = square.advance(0.0)
+    u, v, p = square.flow.u, square.flow.v, square.flow.p
+    assert np.abs(u - u[:, ::-1]).max() < 1e-12
+    assert np.abs(v + v[:, ::-1]).max() < 1e-12
+    assert np.abs(p - p[:, ::-1]).max() < 1e-11
+    assert square.layout.mirror is not None
+    assert sample.Cp == pytest.approx(sample.Cp[square.layout.mirror], abs=1e-12)
+    assert sample.Cl == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_state_of_another_body_is_refused_by_name(square, wake, tmp_path):
+    with pytest.raises(
+        PlantError, match=r"body of length 7\.647 and leading-edge radius 0\.118, this plant has 1 and 0"
+    ):
+        square.reset(developed_state())
+    save_state(tmp_path / "square.npz", square.state())
+    loaded = load_state(tmp_path / "square.npz")
+    assert loaded.origin is not None and loaded.origin.is_of(SQUARE)
+    with pytest.raises(PlantError, match="of a body of length 1 and leading-edge radius 0"):
+        wake.reset(loaded)
+    square.reset(loaded)

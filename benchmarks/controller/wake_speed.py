@@ -22,7 +22,7 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from benchmarks.common.command_line import JsonFile, console, report, track
-from benchmarks.wake import tables
+from benchmarks.controller import tables
 from contract.arrays import Array
 from contract.config.plant import FlowConfig
 from contract.results import versions

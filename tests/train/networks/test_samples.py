@@ -14,8 +14,7 @@ import torch
 from contract import sensors
 from contract.errors import DatasetError
 from contract.recording.dataset import Episode
-from train.samples.rows import Rows, fit_scaling, prepare
-from train.samples.sampler import SegmentSampler, add_sensor_noise
+from train.networks.samples import Rows, SegmentSampler, add_sensor_noise, fit_scaling, prepare
 
 
 def test_rows_are_standardised_with_the_action_before_them(rows):

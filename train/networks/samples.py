@@ -4,6 +4,8 @@ Row k of an episode is the encoder's input at t_k: (Cp_k, a_{k-1}), one column p
 row also has the forces (Cd_k, Cl_k), and the input of the dynamics: a_k, the action commanded at t_k. A window that
 ends at k consists of rows k-L+1 .. k; it never crosses an episode's boundary. The scaling is fitted to training
 episodes and, if used, their mirror images.
+
+Batches for training are contiguous segments of rows, chosen randomly from seed and step.
 """
 
 from collections.abc import Iterator, Sequence
@@ -113,6 +115,15 @@ class Rows:
             start, stop = stop, stop + length
             yield slice(start, stop)
 
+    def first_rows(self, window: int) -> Index:
+        """Return the index of the first row of every full window."""
+        return np.concatenate([np.arange(span.start, span.stop - window + 1) for span in self.spans()])
+
+    def windows_at(self, firsts: Index, window: int) -> Tensor:
+        """Return the n windows that begin at the given n rows, (n, L, F)."""
+        start = torch.as_tensor(firsts, device=self.inputs.device)
+        return self.inputs[start[:, None] + torch.arange(window, device=start.device)]
+
     def with_sensors(self, chosen: Index) -> "Rows":
         """Return the rows with the columns of the chosen sensors, in the given order, and the action."""
         columns = torch.as_tensor(np.append(chosen, self.sensors), device=self.inputs.device)
@@ -169,3 +180,79 @@ def prepare(episodes: Sequence[Episode], scaling: Scaling, *, mirrored: bool, la
 
 def _joined(parts: Sequence[Array]) -> Tensor:
     return torch.from_numpy(np.concatenate(parts).astype(np.float32))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Batch:
+    """A batch of S segments. A segment has W windows of L rows; the windows end at the segment's last W rows. `actions`
+    (S, W) and `forces` (S, W, 2) are values at these ends. `ends` (S, W) are the ends' indices among all rows. `inputs`
+    are the encoder rows (S, W + L - 1, F) of F features."""
+
+    inputs: Tensor
+    actions: Tensor
+    forces: Tensor
+    ends: Tensor
+
+
+class SegmentSampler:
+    """A source of batches of contiguous segments. The batch of a step depends only on the seed and the step. A sample
+    is a window and the `ahead` windows that follow it. Segments hold `segment` consecutive samples, so one segment has
+    W = segment + ahead windows. Each pass covers every episode with shuffled segments from a random offset."""
+
+    def __init__(self, rows: Rows, *, window: int, ahead: int, segment: int, batch_size: int, seed: int) -> None:
+        """Prepare the sampler. Raises DatasetError if an episode is too short for one segment."""
+        self.rows = rows
+        self.segment = segment
+        self._window, self._windows, self._seed = window, segment + ahead, seed
+        needed = window - 1 + self._windows
+        for number, length in enumerate(rows.lengths):
+            if length < needed:
+                raise DatasetError(
+                    f"episode {rows.name_of(number)} has {length} steps, too short: a window of {window}, "
+                    f"{ahead} steps ahead and segments of {segment} need {needed}"
+                )
+        self.samples = sum(length - needed + segment for length in rows.lengths)
+        self._segments = max(1, batch_size // segment)
+        self._batches = -(-self.samples // (self._segments * segment))
+        self._cached: tuple[int, Index] = (-1, np.empty(0, dtype=np.intp))
+
+    def steps(self, epochs: float) -> int:
+        """Return the number of batches in `epochs` passes over all samples, at least 1."""
+        return max(1, round(epochs * self.samples / (self._segments * self.segment)))
+
+    def first_rows(self, step: int) -> Index:
+        """Return the index of the first row of each segment in the batch, (S,)."""
+        epoch, position = divmod(step, self._batches)
+        if self._cached[0] != epoch:
+            self._cached = (epoch, self._shuffled(epoch))
+        order = self._cached[1]
+        wanted = np.arange(position * self._segments, (position + 1) * self._segments)
+        return order[wanted % len(order)]
+
+    def batch(self, step: int) -> Batch:
+        """Return the batch of a step."""
+        rows = self.rows
+        first = torch.as_tensor(self.first_rows(step), device=rows.inputs.device)[:, None]
+        span = first + torch.arange(self._window - 1 + self._windows, device=first.device)
+        ends = span[:, self._window - 1 :]
+        return Batch(inputs=rows.inputs[span], actions=rows.actions[ends], forces=rows.forces[ends], ends=ends)
+
+    def _shuffled(self, epoch: int) -> Index:
+        generator = np.random.default_rng((self._seed, epoch))
+        firsts = []
+        for span in self.rows.spans():
+            last = span.stop - span.start - (self._window - 1 + self._windows)
+            phase = generator.integers(self.segment)
+            # Both ends are clipped to the episode, so that every pass covers every sample.
+            tiles = np.arange(-phase, last + self.segment, self.segment).clip(0, last)
+            firsts.append(span.start + np.unique(tiles))
+        return generator.permutation(np.concatenate(firsts))
+
+
+def add_sensor_noise(batch: Batch, deviation: Tensor) -> Batch:
+    """Add white noise with standard deviations (N,) to the N sensors of a batch, from torch's generator; a deviation of
+    zero adds no noise."""
+    if not bool(deviation.any()):
+        return batch
+    noise = torch.randn(*batch.inputs.shape[:2], len(deviation), device=batch.inputs.device) * deviation
+    return replace(batch, inputs=torch.cat([batch.inputs[..., :-1] + noise, batch.inputs[..., -1:]], dim=-1))

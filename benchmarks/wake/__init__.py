@@ -1,1 +1,0 @@
-"""Measurements of the plant, and tables of their results."""

@@ -1,0 +1,153 @@
+"""Rounds of recording, under a controller and from the steady wake: what acts, and continuing without a seam."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contract.config.plant import FlowConfig
+from contract.config.tree import Config
+from contract.errors import DatasetError, StillwakeError
+from contract.recording.dataset import Dataset, read
+from contract.release.bundle import load
+from ecu.bundle_policy import BundlePolicy
+from tests.wake.recording.killing import Killed, equal
+from wake.recording import recorder
+from wake.recording.episode_job import NoFeedback, Policy
+from wake.recording.plans import CalmRound, ControlledRound, EpisodePlan
+from wake.recording.recorder import record_round
+from wake.solver.grid import truck_grid
+from wake.truck.state import Origin, State, save_state
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("cheap_plant")]  # records episodes under a controller
+
+LIMIT = FlowConfig().action_limit
+STEADY = State(
+    flat=np.array([0.3, -0.1]), substep=0, action=0.0, origin=Origin(shape=truck_grid().shape, reynolds=500.0)
+)
+"""A state of the cheap plant in place of the steady wake."""
+
+
+class Integrator:
+    """Its command depends on all that it has ever seen."""
+
+    gain = 0.02
+
+    def start(self) -> np.ndarray:
+        return np.zeros(2)
+
+    def step(self, memory: np.ndarray, Cp: np.ndarray, action: float) -> tuple[float, np.ndarray]:
+        memory = 0.95 * memory + (Cp[17], action)
+        return self.gain * float(memory[0] + memory[1]), memory
+
+
+class Eager(Integrator):
+    gain = 10.0
+
+
+def a_round(**changes: Any) -> ControlledRound:
+    return ControlledRound(**{"episodes": 2, "steps": 8, "bundle": "none", "bundle_digest": "0" * 64, **changes})
+
+
+def recorded(
+    output: Path,
+    wanted: ControlledRound | CalmRound | None = None,
+    policy: Callable[[], Policy] = Integrator,
+    **arguments: Any,
+) -> Dataset:
+    wanted = a_round() if wanted is None else wanted
+    record_round(output, wanted, Config(), policy, **{"block_steps": 3, **arguments})
+    return read(output)
+
+
+def test_what_acts_is_command_and_exploration_cut_to_the_limit(tmp_path, oscillator):
+    for policy in (Integrator, Eager):
+        wanted = a_round(episodes=1, steps=40)
+        actions = recorded(tmp_path / f"{policy.gain}.h5", wanted, policy).episodes[0].series["action"]
+        plan, plant, sums, expected = wanted.plans(1)[0], oscillator(), np.zeros(2), []
+        for _ in range(plan.lead):
+            plant.advance(0.0)
+        for noise in plan.signal(Config()):
+            sample = plant.sample()
+            sums = 0.95 * sums + (sample.Cp[17], sample.action)
+            expected.append(min(max(policy.gain * sums.sum() + noise, -LIMIT), LIMIT))
+            plant.advance(expected[-1])
+        assert actions.tolist() == expected
+    # The last one saturates, and never beyond the limit.
+    assert np.abs(actions).max() == LIMIT and np.mean(np.abs(actions) == LIMIT) > 0.5
+
+
+def test_parts_of_another_controller_and_data_of_another_flow_are_refused(tmp_path):
+    output = tmp_path / "a.h5"
+    recorder.record(output, [EpisodePlan(forcing="none", steps=2, seed=0)], Config())
+    other = Config(flow=FlowConfig(substeps=40))
+    with pytest.raises(DatasetError, match=r"none_0 was recorded with flow\.substeps = 30, .* have 40"):
+        record_round(output, a_round(), other, Integrator)
+
+    def kill_after_a_block(name: str, done: int, total: int) -> None:
+        if done:
+            raise Killed
+
+    with pytest.raises(Killed):
+        recorded(output, progress=kill_after_a_block)
+    with pytest.raises(StillwakeError, match=r"unfinished recording with other settings \(plans\)"):
+        recorded(output, a_round(bundle_digest="1" * 64))
+
+
+def test_calls_add_rounds_of_both_kinds_that_repeat_nothing(tmp_path, oscillator):
+    output, steady = tmp_path / "a.h5", tmp_path / "steady.npz"
+    save_state(steady, STEADY)
+    recorder.record(output, [EpisodePlan(forcing="training", steps=7, seed=5)], Config())
+    begun, one, two = read(output), recorded(output), recorded(output)
+    names = ["training_5", "controlled_1_0", "controlled_1_1", "controlled_2_0", "controlled_2_1"]
+    assert [episode.name for episode in two.episodes] == names
+    assert equal(Dataset(episodes=two.episodes[:1]), begun)
+    assert equal(Dataset(episodes=two.episodes[:3]), one)
+    actions = np.array([episode.series["action"] for episode in two.episodes[1:]])
+    assert len(np.unique(actions, axis=0)) == 4
+    facts = {"forcing_signal": "controlled", "round": 2, "episode": 1, "bundle": "none", "exploration": 0.15}
+    assert facts.items() <= two.episodes[-1].provenance.items()
+    # Calm episodes begin in the file and are driven by the signal.
+    wanted = CalmRound(episodes=2, steps=7)
+    calm = recorded(output, wanted, NoFeedback, start=steady).episodes[5:]
+    assert [episode.name for episode in calm] == ["calm_3_0", "calm_3_1"]
+    for plan, episode in zip(wanted.plans(3), calm, strict=True):
+        plant, expected = oscillator(), []
+        plant.reset(STEADY)
+        for action in plan.signal(Config()):
+            expected.append(plant.sample().Cd)
+            plant.advance(action)
+        assert np.array_equal(episode.series["action"], plan.signal(Config()))
+        # Stored in 16 bits.
+        assert episode.series["Cd"] == pytest.approx(expected, abs=2**-15)
+        assert episode.initial_action == 0.0
+        assert (episode.provenance["amplitude"], episode.provenance["start"]) == (plan.level, "steady.npz")
+
+
+def test_a_stopped_recording_continues_without_a_seam(tmp_path, short_release):
+    # The controller's window takes four steps to fill: its plan is stopped as it goes on, too.
+    wanted = a_round(steps=12)
+    arguments: dict[str, Any] = {"policy": partial(BundlePolicy, load(short_release)), "block_steps": 3}
+    whole = recorded(tmp_path / "whole.h5", wanted, **arguments)
+    calls = 0
+
+    def stop(name: str, steps: int, total: int) -> None:
+        nonlocal calls
+        calls += 1
+        # The first two calls announce the episodes.
+        if calls > 2:
+            calls = 0
+            raise Killed
+
+    stopped = tmp_path / "stopped.h5"
+    stops = 0
+    while not stopped.exists():
+        try:
+            recorded(stopped, wanted, progress=stop, **arguments)
+        except Killed:
+            stops += 1
+    assert stops >= 6
+    assert equal(read(stopped), whole)
