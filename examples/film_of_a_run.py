@@ -25,8 +25,7 @@ from matplotlib.patches import Polygon
 from contract.arrays import Array
 from contract.config.loading import load_config
 from contract.errors import ConfigError, StillwakeError
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import RunLog, load
+from firmware_sim.runs.run_log import RunFolder, RunLog, load
 from wake.pictures.animation import animate, check_target
 from wake.pictures.drawing import jet_arrow, outline
 from wake.pictures.fields import Raster, View

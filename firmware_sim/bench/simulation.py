@@ -1,11 +1,12 @@
-"""One run of the closed loop in virtual time, without files. The arguments are checked when the run is created; then
-the loop runs on a wake.
+"""One run of the closed loop in virtual time, and the lengths of its parts, without files. The arguments are checked
+when the run is created; then the loop runs on a wake.
 
 Equal arguments and an equal wake give the same run bit for bit on any machine, except for measured wall-clock times.
 """
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from datetime import date
 from typing import Final
 
@@ -29,7 +30,6 @@ from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.driven import driving, without_control
-from firmware_sim.bench.spans import Spans
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.bench.wiring import Observer, wire
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
@@ -39,6 +39,53 @@ from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
 """Number of control steps on zeros before the run, as at an ECU's boot: ONNX Runtime allocates memory at first."""
+SHEDDING_TIME: Final = 5.0
+"""Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
+_LONGEST: Final = 1e6
+"""Longest span in t_c, about a day of the run's time."""
+CYCLES: Final = 2
+"""Smallest number of shedding cycles in an averaged span, so that the span contains a whole cycle in any phase."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spans:
+    """Lengths of a run's spans in t_c. Raises StillwakeError if a span is negative, not finite or longer than 10^6 t_c,
+    or, with `averages`, too short for averages.
+
+    Attributes:
+        lead_in: time without control, in which the controller's window fills.
+        settle: time after the request for control that the averages under control leave out.
+    """
+
+    lead_in: float
+    controlled: float
+    settle: float
+    averages: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("lead_in", "controlled", "settle"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= _LONGEST:
+                option = name.replace("_", "-")
+                raise StillwakeError(f"--{option} = {value}: must be a number of t_c in 0..{_LONGEST:g}")
+        if not self.averages:
+            return
+        least = CYCLES * SHEDDING_TIME
+        remedy = f"must be at least {least:g} t_c, {CYCLES} shedding cycles, for averages; without them: --no-averages"
+        if self.lead_in < least:
+            raise StillwakeError(f"--lead-in = {self.lead_in:g}: {remedy}")
+        if round(left := self.controlled - self.settle, 9) < least:
+            spans = f"--controlled = {self.controlled:g} less --settle = {self.settle:g}"
+            raise StillwakeError(f"{spans} leaves {left:g} t_c: {remedy}")
+
+    def periods(self, control_period: float) -> tuple[int, int]:
+        """Return the numbers of periods without control and of all periods. Raises StillwakeError if one is zero."""
+        lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
+        for name, count in (("lead-in", lead_in), ("controlled", controlled)):
+            if count < 1:
+                span = f"--{name} = {getattr(self, name.replace('-', '_')):g}"
+                raise StillwakeError(f"{span}: shorter than a control period of {control_period:g}")
+        return lead_in, lead_in + controlled
 
 
 class Simulation:

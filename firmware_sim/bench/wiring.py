@@ -18,7 +18,7 @@ from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbing import PORT_NAMES
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
-from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors, WaitingTimes
+from firmware_sim.runs.run_log import BusTraffic, NodeErrors, WaitingTimes
 from wake.plant.protocol import LoopPlant
 from wake.plant.sample import Sample
 

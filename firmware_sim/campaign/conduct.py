@@ -12,10 +12,9 @@ from contract.errors import StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from contract.side_by_side import dask_client, spread
-from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
+from firmware_sim.bench.simulation import Spans
+from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder, RunOutcome
 from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
-from firmware_sim.campaign.outcome import RunOutcome
 from firmware_sim.campaign.running import (
     RunTask,
     check_run,

@@ -21,9 +21,8 @@ from firmware_sim.bench.disturbances import Disturbances, GustyWind, OtherBody, 
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.driven import uncontrolled
 from firmware_sim.bench.invariants import Invariants
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.outcome import COURSE, MOST_KEPT, KeptCourse, MeanFigures, RunOutcome, RunService
+from firmware_sim.bench.simulation import Simulation, Spans
+from firmware_sim.campaign.folder import COURSE, MOST_KEPT, KeptCourse, MeanFigures, RunOutcome, RunService
 from firmware_sim.campaign.scenario import Scenario
 from firmware_sim.runs.control import control
 from firmware_sim.runs.run_log import RunLog

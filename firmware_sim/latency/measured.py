@@ -1,16 +1,19 @@
-"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, and a one-line verdict."""
+"""The evaluation of one run: quantiles of every stage and of the idle loop, misses, a one-line verdict, and a budget
+with limits from a TOML file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, make_dataclass
 from functools import cached_property
 from math import isfinite
+from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contract.arrays import Array
-from contract.errors import StillwakeError
+from contract.errors import ConfigError, StillwakeError
+from contract.typed import read_toml, typed
 from firmware_sim.latency.idle_loop import IdleStage, lateness
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Periods, Stage, Times, joined
@@ -19,6 +22,8 @@ LEFT_CONTROL: Final = 5
 """Number of consecutive periods without a plan at which control counts as lost. Two lost frames cause fewer."""
 NEEDED_FOR_P99_9: Final = 1_000
 """Smallest number of values for which the nearest-rank 99.9th percentile may differ from the maximum."""
+COUNTS: Final = ("misses", "misses_ours")
+"""Counts over a whole run that a budget may limit: missed commands, and their excess over the idle loop's misses."""
 
 
 class Quantiles(NamedTuple):
@@ -152,3 +157,63 @@ class MeasuredRun:
 def _ms(quantiles: Quantiles) -> dict[str, Any]:
     values = zip(Quantiles._fields, quantiles[:-1], strict=False)
     return {f"{name}_ms": value if value is not None and isfinite(value) else None for name, value in values}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageLimits:
+    """Upper limits of the latency figures of one stage, in ms; None for no limit."""
+
+    p50_ms: float | None = None
+    p99_ms: float | None = None
+    p99_9_ms: float | None = None
+    max_ms: float | None = None
+
+
+_Form: Final[Any] = make_dataclass(
+    "_Form",
+    [
+        *((name, int | None, field(default=None)) for name in COUNTS),
+        *((stage.value, StageLimits, field(default=StageLimits())) for stage in Stage),
+    ],
+)
+
+
+class KeptLimit(NamedTuple):
+    """The limit of a figure and its measured value, which is None if the stage did not occur."""
+
+    name: str
+    allowed: float
+    measured: float | None
+
+    @property
+    def is_kept(self) -> bool:
+        return self.measured is not None and self.measured <= self.allowed
+
+
+def read_budget(path: Path) -> dict[str, float]:
+    """Read the limits of figures such as `all.p99_ms`. Raises ConfigError for a wrong or missing limit."""
+    tree = read_toml(path, "budget")
+    try:
+        form = typed(tree, _Form)
+    except ConfigError as error:
+        raise ConfigError(f"budget {path}: {error}") from error
+    of_stages = {f"{stage}.{name}": most for stage in Stage for name, most in vars(getattr(form, stage)).items()}
+    limits = {name: getattr(form, name) for name in COUNTS} | of_stages
+    budget = {name: most for name, most in limits.items() if most is not None}
+    for name, most in budget.items():
+        if name in COUNTS and most < 0:
+            raise ConfigError(f"budget {path}: {name} = {most}: must be at least 0")
+        if name in of_stages and not (isfinite(most) and most > 0.0):
+            raise ConfigError(f"budget {path}: {name} = {most}: must be a positive number of ms")
+    if not budget:
+        raise ConfigError(f"budget {path}: has no limit; write a limit, for example misses_ours = 0")
+    return budget
+
+
+def verdicts(
+    budget: Mapping[str, float], counts: Mapping[str, int], latencies: Mapping[Stage, Quantiles]
+) -> list[KeptLimit]:
+    measured: dict[str, float | None] = dict(counts)
+    for stage, found in latencies.items():
+        measured |= {f"{stage}.{name}_ms": value for name, value in found._asdict().items()}
+    return [KeptLimit(name, allowed, measured[name]) for name, allowed in budget.items()]

@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from firmware_sim.latency.budget import KeptLimit
-from firmware_sim.latency.measured import NEEDED_FOR_P99_9, MeasuredRun, Quantiles
+from firmware_sim.latency.measured import NEEDED_FOR_P99_9, KeptLimit, MeasuredRun, Quantiles
 from firmware_sim.latency.stages import Stage
 
 _WIDTH: Final = 9.0

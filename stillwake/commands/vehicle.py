@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from firmware_sim.bench.real_time.pressures import Pressures
     from firmware_sim.bench.real_time.running import Course
-    from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
+    from firmware_sim.bench.real_time.vehicle_loop import VehicleFigures
     from wake.plant.drive import Drive
 
 NO_COMMANDS: Final = 3

@@ -16,8 +16,7 @@ from contract import sensors
 from contract.config.tree import Config
 from ecu.ecu import Ecu
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.run_log import WALL, RunLog

@@ -17,8 +17,7 @@ from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 from contract.release import bundle
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.runs.run_log import COLUMNS, WALL, WITHOUT, RunLog
 from tests.can_bridge.wire.described import DBC

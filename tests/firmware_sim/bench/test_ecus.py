@@ -21,10 +21,9 @@ from ecu.in_c.compiler import zig_compiler
 from ecu.in_c.host_library import CController
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.ecus import MCU, C, check_ecu, loop_ecu
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.runs.run_log import RunLog
-from firmware_sim.runs.run_tables import service_rows
+from firmware_sim.runs.summary import service_rows
 from tests.ecu.in_c.exported import CONFIG, Exported
 from tests.firmware_sim.bench.harness import LiveOscillator
 

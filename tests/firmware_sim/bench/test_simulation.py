@@ -16,7 +16,7 @@ from contract.errors import ConfigError, PlantError, StillwakeError
 from firmware_sim.bench.disturbances import parse_disturbance
 from firmware_sim.bench.disturbing import LOOK_NS, NodeFaults
 from firmware_sim.bench.sensor_faults import GLOBAL_DEVIATION
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Spans
 from tests.firmware_sim.bench.harness import NAMES, LiveOscillator, Oscillator, Run
 
 CONFIG = Config()

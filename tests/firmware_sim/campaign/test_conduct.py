@@ -9,7 +9,7 @@ from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError, StillwakeError
 from contract.release import bundle
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.campaign.conduct import Campaign, conduct
 from firmware_sim.campaign.folder import CampaignFolder
 from firmware_sim.campaign.running import RunTask, seed_of, settings_of

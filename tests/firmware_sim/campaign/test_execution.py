@@ -8,7 +8,7 @@ from contract import side_by_side
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from contract.release import bundle
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.campaign import conduct as conducting
 from firmware_sim.campaign.conduct import Campaign, conduct
 from firmware_sim.campaign.folder import CampaignFolder

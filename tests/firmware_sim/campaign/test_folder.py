@@ -3,8 +3,7 @@
 import pytest
 
 from contract.errors import OutputError, StillwakeError
-from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
-from firmware_sim.campaign.outcome import RunOutcome
+from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder, RunOutcome
 from tests.firmware_sim.campaign.conftest import phase_of
 
 LABEL = {"schema": CAMPAIGN_SCHEMA, "seed": 1, "settings": {"a": [1, 2]}}

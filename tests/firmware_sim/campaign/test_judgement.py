@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_sim.campaign.folder import KeptCourse, MeanFigures
 from firmware_sim.campaign.judgement import Use, use_of
-from firmware_sim.campaign.outcome import KeptCourse, MeanFigures
 from firmware_sim.campaign.scenario import Criteria
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 

@@ -10,7 +10,7 @@ from contract.config.body import BodyConfig
 from contract.config.tree import Config
 from contract.release import bundle
 from contract.release.checks import Bundle
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import running
 from firmware_sim.campaign.running import RunTask, flow_disturbances, run_task

@@ -11,10 +11,8 @@ from can_bridge.wire.messages import Mode
 from contract.arrays import Array
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import InjectedFault
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import WALL
-from firmware_sim.runs.run_page.comparison import write_comparison
-from firmware_sim.runs.run_page.report import write_report
+from firmware_sim.runs.run_log import WALL, RunFolder
+from firmware_sim.runs.run_page.report import write_comparison, write_report
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder, WakeStills
 from tests.browser import PHONE, Visit, chromium, visit
 from tests.firmware_sim.runs.conftest import shedding_log

@@ -19,8 +19,14 @@ from ecu.ecu import Ecu
 from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.inbox import Inbox
 from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
-from firmware_sim.bench.real_time.vehicle_counts import LONGEST_NS, RESOLUTION_NS, Durations
-from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT, VehicleLoop
+from firmware_sim.bench.real_time.vehicle_loop import (
+    FAREWELL,
+    LONGEST_NS,
+    RESOLUTION_NS,
+    UNSENT_LIMIT,
+    Durations,
+    VehicleLoop,
+)
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.each import each
 from tests.examples import examples

@@ -9,7 +9,7 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.errors import StillwakeError
 from firmware_sim.runs.metadata import InjectedFault
 from firmware_sim.runs.run_page import run_data as listing
-from firmware_sim.runs.run_page.comparison import differing, figure_rows, names_of
+from firmware_sim.runs.run_page.report import differing, figure_rows, names_of
 from firmware_sim.runs.run_page.run_data import MOST_EVENTS, disturbed, events
 
 

@@ -12,7 +12,7 @@ from PIL import Image
 from can_bridge.wire.messages import Mode, Reason
 from contract.errors import StillwakeError
 from firmware_sim.runs import run_log
-from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import RunFolder
 from firmware_sim.runs.run_page.report import write_picture, write_report
 
 pytestmark = pytest.mark.slow  # draws a page for each case
