@@ -30,8 +30,9 @@ from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.disturbing import Disturbing
 from firmware_sim.bench.driven import driving, without_control
+from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.virtual_loop import check_bit_rates
-from firmware_sim.bench.wiring import Observer, wire
+from firmware_sim.bench.wiring import wire
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
 from firmware_sim.runs.run_log import Row, RunLog
 from wake.plant.drive import Drive
@@ -152,7 +153,7 @@ class Simulation:
         wake: LoopPlant,
         *,
         capture: Callable[[Frame], None] = lambda frame: None,
-        observer: Observer | None = None,
+        observer: Invariants | None = None,
         origin: RunOrigin | None = None,
         ready: Callable[[int], None] = lambda total: None,
         requesting: Callable[[], None] = lambda: None,

@@ -16,11 +16,11 @@ from contract.arrays import Array
 from contract.config.tree import Config
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbing import PORT_NAMES
+from firmware_sim.bench.invariants import Invariants
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.run_log import BusTraffic, NodeErrors, WaitingTimes
 from wake.plant.protocol import LoopPlant
-from wake.plant.sample import Sample
 
 
 class Disturbs(Protocol):
@@ -44,27 +44,13 @@ class Disturbs(Protocol):
         """Start the port faults on this bus. Returns a function that adds a node's faults to the node's port."""
 
 
-class Observer(Protocol):
-    """An object whose methods the loop calls in the order of time. It sees the nodes' frames and the plant, but no
-    state of the nodes, and must not change anything in the loop."""
-
-    def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
-        """Process a frame that the node's software sent or received now. Faults act between software and bus."""
-
-    def period(self, sample: Sample, *, requested: bool) -> None:
-        """Process an ended control period: the sample at its start, and whether the vehicle requested control in it."""
-
-    def finished(self, sample: Sample) -> None:
-        """Process the sample at the end of the run."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class WatchedBus:
     """A node's port whose frames an observer sees."""
 
     port: Bus
     node: str
-    observer: Observer
+    observer: Invariants
     clock: Callable[[], int]
 
     def send(self, frame: Frame) -> None:
@@ -105,7 +91,7 @@ def wire(
     authentication: Authentication | None = None,
     capture: Callable[[Frame], None] = lambda frame: None,
     observe: Callable[[Transmission], None] = lambda transmission: None,
-    observer: Observer | None = None,
+    observer: Invariants | None = None,
 ) -> Wired:
     """Assemble a loop. Raises ConfigError if the wake lacks a sensor, or settings of the bus contradict each other.
 

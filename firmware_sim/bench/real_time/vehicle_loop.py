@@ -1,5 +1,5 @@
-"""A vehicle in real time: at every sampling instant it sends the pressures, and its jets follow the latest command. Its
-counts need memory that does not grow with the length of the run.
+"""A vehicle in real time: at every sampling instant it sends the pressures, and its jets follow the latest command. The
+pressures are from a recording or a live wake. The memory of its counts does not grow with the length of the run.
 
 Period k begins at the absolute instant t_k. A frame that arrived before t_k belongs to period k - 1, even if this
 process woke late. The jets' driver, `VehicleNode`, makes the same checks as in virtual time, because the checks count
@@ -10,8 +10,9 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import cycle
 from math import ceil, isfinite, nan, sqrt
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,15 @@ from can_bridge.bus.heard import Heard
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Mode
+from contract.arrays import Array
 from contract.config.tree import Config
-from contract.errors import BusError
+from contract.errors import BusError, DatasetError
+from contract.recording.dataset import Dataset
+from contract.sensor_layout import SensorLayout
 from ecu.real_time import clock
 from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.inbox import Inbox
 from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
-from firmware_sim.bench.real_time.pressures import Pressures
 from firmware_sim.bench.vehicle_node import VehicleNode
 
 UNSENT_LIMIT: Final = 50
@@ -38,6 +41,49 @@ LONGEST_FAREWELL: Final = 10
 RESOLUTION_NS: Final = 10_000
 LONGEST_NS: Final = 2_000_000_000
 """Longest time in ns that is counted exactly; a longer time is counted as this time."""
+
+
+class Pressures(Protocol):
+    """A source of pressures in real time; its `description` states whether the pressures respond to the jets."""
+
+    layout: SensorLayout
+    description: str
+
+    def sampled(self) -> Array | None:
+        """Return Cp, shape (sensors,), at the present sampling instant; None if the flow has not reached it yet."""
+
+    def drive(self, action: float) -> None:
+        """Ramp the jets to `action`, in U_inf W, from this sampling instant to the next."""
+
+
+class Replay:
+    """Recorded pressures, one row per period. They do not respond to the jets; after the last row the recording starts
+    again, and the pressures jump. Raises DatasetError if the episode does not exist.
+
+    Args:
+        episode: name of the episode; if None, the first episode without a controller, preferably without jets.
+    """
+
+    def __init__(self, dataset: Dataset, episode: str | None = None) -> None:
+        known = {item.name: item for item in dataset.episodes}
+        if episode is None:
+            chosen = min(known.values(), key=lambda one: (one.role == "controlled", bool(one.series["action"].any())))
+        elif episode in known:
+            chosen = known[episode]
+        else:
+            raise DatasetError(f"episode {episode!r}: the data set has {', '.join(known)}")
+        self.layout, self._rows = dataset.layout, cycle(np.asarray(chosen.series["Cp"], dtype=np.float64))
+        self.description = (
+            f"open loop: recorded episode {chosen.name}, {len(chosen)} periods; the pressures do not respond to the "
+            "jets, and an ECU in control may find them IMPLAUSIBLE or NOT_HELPING"
+        )
+
+    def sampled(self) -> Array:
+        """Return the recorded row of this period."""
+        return next(self._rows)
+
+    def drive(self, action: float) -> None:
+        """Ignore the action: a recording does not respond."""
 
 
 class Durations:

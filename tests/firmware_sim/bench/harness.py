@@ -2,18 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from math import cos
 from typing import Any
 
 import numpy as np
 
 from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
+from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
 from contract import sensors
 from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from ecu.ecu import Ecu
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.simulation import Simulation, Spans
@@ -27,6 +29,7 @@ NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 BIT_NS = 2000
 """At 500 kbit/s."""
 INTERMISSION_NS = 3 * BIT_NS
+Wrapped = dict[str, Callable[[Bus], Bus]]
 WARM = 6
 """Periods with a request until the window of four is full and both ends trust each other."""
 
@@ -86,23 +89,26 @@ class LiveOscillator(Oscillator):
         self.config = replace(self.config, reynolds=reynolds)
 
 
-class Harness:
-    """Everything around one loop."""
+def swinging() -> RecordingController:
+    """A controller none of whose actions comes twice."""
+    steps = count()
+    return RecordingController(lambda i: 0.03 * cos(next(steps)))
 
-    def __init__(
-        self, bundle, config: Config, controller, wrapped: dict[str, Callable[[Bus], Bus]], corrupts: Corrupts | None
-    ) -> None:
-        self.config = config
+
+class Harness:
+    """Everything around one loop; `wrapped` may put something around a node's port."""
+
+    def __init__(self, compute_ms: float, *, plan_ahead=False, wrapped: Wrapped | None = None, **ecu_settings) -> None:
+        ecu = EcuConfig(compute_time_ms=compute_ms, plan_ahead=plan_ahead, **ecu_settings)
+        self.config = config = Config(ecu=ecu)
         self.plant = Oscillator(config.flow.substeps)
-        self.ecu = Ecu(bundle, controller, config)
+        self.ecu = Ecu(make_bundle(), swinging(), config)
         self.captured: list[Frame] = []
-        self.bus = bus = SimulatedBus(config.bus, self.captured.append, corrupts=corrupts)
-        self.ports = {name: bus.port(name) for name in wrapped}
-        at_vehicle, at_ecu = (wrapped[name](self.ports[name]) for name in ("vehicle", "ecu"))
-        ticks = iter(range(10**6))
-        around: dict[str, Any] = {"ecu_health": self.ports["ecu"].health, "clock": lambda: 0.001 * next(ticks)}
-        node = VehicleNode(NAMES, config)
-        self.loop = VirtualLoop(self.plant, node, self.ecu, bus, at_vehicle, at_ecu, config, **around)
+        self.bus = bus = SimulatedBus(config.bus, self.captured.append)
+        self.ports = {name: bus.port(name) for name in ("vehicle", "ecu")}
+        at_vehicle, at_ecu = (wrapped[name](port) if wrapped else port for name, port in self.ports.items())
+        node, health = VehicleNode(NAMES, config), self.ports["ecu"].health
+        self.loop = VirtualLoop(self.plant, node, self.ecu, bus, at_vehicle, at_ecu, config, ecu_health=health)
 
     def run(self, periods: int) -> list:
         # Raised once: a request that stands at power-on is none.
@@ -137,7 +143,7 @@ class Waves(RecordingController):
     description = "waves"
 
     def __init__(self) -> None:
-        steps = iter(range(10**6))
+        steps = count()
         super().__init__(lambda i: 0.075 * cos(next(steps) / 7))
 
     def warm_up(self, steps: int) -> None:
@@ -147,12 +153,11 @@ class Waves(RecordingController):
 class Run:
     """A whole run on an oscillator with disturbances, and what was seen of it."""
 
-    def __init__(self, *texts: str, seed: int = 0, config: Config | None = None, plant: Any = None) -> None:
-        config = Config() if config is None else config
+    def __init__(self, *texts: str, plant: Any = None) -> None:
+        config, disturbances = Config(), Disturbances.parse(texts)
         self.plant = LiveOscillator(config) if plant is None else plant
         self.frames: list[Frame] = []
-        around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), "seed": seed}
-        run = Simulation(make_bundle(), config, spans=SPANS, **around)
+        run = Simulation(make_bundle(), config, spans=SPANS, controller=Waves(), disturbances=disturbances)
         self.log: RunLog = run.run(self.plant, capture=self.frames.append)
         self.acted = [one.acted for one in self.log.metadata.faults]
         self.pressures: list[Any] = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
