@@ -1,4 +1,6 @@
-"""The outcome of a run, and the folder of a campaign: label, initial states and outcomes of its runs, and its report.
+"""The folder of a campaign: its label, the initial states and outcomes of its runs, and its report.
+
+Initial states are the wake at several shedding phases, so that no result depends on a single phase.
 
 campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
 starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz if scenario NAME has its own plant
@@ -6,10 +8,11 @@ runs/NAME.phase0.json   the outcome of a finished run
 table.csv, figures/, report.html
 """
 
+import hashlib
 import json
 import shutil
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,8 +20,13 @@ import numpy as np
 
 from contract.arrays import Array
 from contract.atomic import check_writable, replacing
-from contract.errors import ConfigError, OutputError
+from contract.config.body import TRUCK_BODY
+from contract.config.tree import Config
+from contract.errors import ConfigError, OutputError, PlantError
 from contract.typed import typed
+from wake.truck.develop import develop
+from wake.truck.state import State, check_body, check_reynolds, developed_state, load_state, save_state
+from wake.truck.truck_wake import TruckWake
 
 CAMPAIGN_SCHEMA: Final = "stillwake-campaign/1"
 _RUN_SCHEMA: Final = "stillwake-campaign-run/1"
@@ -176,3 +184,60 @@ def _read(path: Path, schema: str) -> dict[str, Any] | None:
 def _plain(label: Mapping[str, Any]) -> Any:
     """Return the label as it would be read back after it was written as JSON."""
     return json.loads(json.dumps(label))
+
+
+def phases_apart(phases: int, config: Config) -> list[int]:
+    """Return the numbers of control periods from the developed wake to the starting phases, spread over a cycle."""
+    cycle = 1.0 / config.forcing.base_frequency
+    return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
+
+
+def starting_states(
+    folder: CampaignFolder,
+    config: Config,
+    phases: int,
+    scenario: str = "",
+    progress: Callable[[float, float], None] = lambda t, total: None,
+) -> tuple[State, ...]:
+    """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder or
+    computed. For a body other than the truck this takes minutes, and `progress` is called with (time, total time) in
+    t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own. Raises PlantError if
+    there is no developed wake for the settings."""
+    kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
+    whole = [state for state in kept if state is not None]
+    if len(whole) == phases:
+        return tuple(whole)
+    wake = TruckWake(config.flow, body=config.body)
+    if config.body == TRUCK_BODY:
+        wake.reset(replace(developed_state(), substep=0, action=0.0))
+    else:
+        develop(wake, progress=progress)
+    states, done = [], 0
+    for wanted in phases_apart(phases, config):
+        for _ in range(wanted - done):
+            wake.advance(0.0)
+        done = wanted
+        states.append(replace(wake.state(), substep=0, action=0.0))
+    return tuple(states)
+
+
+def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str = "") -> None:
+    """Write the states of all starting phases to the files that `starting_states` reads."""
+    for number, state in enumerate(states):
+        save_state(folder.start(number, scenario), state)
+
+
+def digest_of(state: State) -> str:
+    return hashlib.sha256(state.flat.tobytes()).hexdigest()
+
+
+def _kept(file: Path, config: Config) -> State | None:
+    """Return the state in the file; None if the file is missing or belongs to an earlier body of the scenario."""
+    try:
+        state = load_state(file)
+        if state.origin is not None:
+            check_body(state.origin, config.body)
+            check_reynolds(state.origin, config.flow.reynolds)
+    except PlantError:
+        return None
+    return state

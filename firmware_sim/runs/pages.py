@@ -45,14 +45,10 @@ def templates(package: str) -> Environment:
     )
 
 
-def render(template: str, package: str = "firmware_sim.runs", **values: object) -> str:
-    """Return a template's page with these values. Texts among the values are escaped; a missing value is an error."""
-    return templates(package).get_template(template).render(values)
-
-
 def write(target: Path, template: str, package: str = "firmware_sim.runs", **values: object) -> Path:
-    """Write the page that `render` returns, completely or not at all. Raises StillwakeError on failure."""
-    page = render(template, package, **values)
+    """Write a template's page with these values, completely or not at all. Texts among the values are escaped; a
+    missing value is an error. Raises StillwakeError on failure."""
+    page = templates(package).get_template(template).render(values)
     with replacing(target) as temporary:
         temporary.write_text(page, encoding="utf-8", errors="backslashreplace")
     return target

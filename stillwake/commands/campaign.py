@@ -110,8 +110,7 @@ def _planned(
     from contract.config.body import layout_of
     from ecu.fit import check_flow, check_sensors
     from firmware_sim.bench.simulation import Spans
-    from firmware_sim.campaign.conduct import Campaign
-    from firmware_sim.campaign.running import MARGIN_PERIODS
+    from firmware_sim.campaign.conduct import MARGIN_PERIODS, Campaign
     from firmware_sim.campaign.scenario import Place, selected, whole_plan
 
     check_flow(release, config.flow)

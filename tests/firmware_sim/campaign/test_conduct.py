@@ -10,9 +10,8 @@ from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError, StillwakeError
 from contract.release import bundle
 from firmware_sim.bench.simulation import Spans
-from firmware_sim.campaign.conduct import Campaign, conduct
+from firmware_sim.campaign.conduct import Campaign, RunTask, conduct, seed_of, settings_of
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.running import RunTask, seed_of, settings_of
 from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.campaign.conftest import Worker, scenario_of
 

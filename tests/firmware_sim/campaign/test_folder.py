@@ -9,9 +9,15 @@ from contract.config.body import BodyConfig
 from contract.config.plant import ForcingConfig
 from contract.config.tree import Config
 from contract.errors import OutputError, StillwakeError
-from firmware_sim.campaign import starts
-from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder, RunOutcome
-from firmware_sim.campaign.starts import digest_of, keep_states, phases_apart, starting_states
+from firmware_sim.campaign.folder import (
+    CAMPAIGN_SCHEMA,
+    CampaignFolder,
+    RunOutcome,
+    digest_of,
+    keep_states,
+    phases_apart,
+    starting_states,
+)
 from tests.firmware_sim.campaign.conftest import phase_of
 from wake.truck.state import State, developed_state
 from wake.truck.truck_wake import TruckWake
@@ -87,7 +93,7 @@ def test_another_bodys_wake_is_developed_once_and_a_start_of_the_trucks_is_not_t
         developed.append(wake.body)
         wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
 
-    monkeypatch.setattr(starts, "develop", at_rest)
+    monkeypatch.setattr("firmware_sim.campaign.folder.develop", at_rest)
     made = starting_states(folder, config, 1, "box")
     keep_states(folder, made, "box")
     again = starting_states(folder, config, 1, "box")

@@ -16,10 +16,8 @@ from contract.release.checks import Bundle
 from firmware_sim.bench.simulation import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.campaign import conduct as conducting
-from firmware_sim.campaign import running
-from firmware_sim.campaign.conduct import Campaign, conduct
+from firmware_sim.campaign.conduct import Campaign, RunTask, conduct, flow_disturbances, run_task
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.running import RunTask, flow_disturbances, run_task
 from tests.firmware_sim.campaign.conftest import scenario_of
 from wake.truck.develop import start_from_rest
 from wake.truck.state import State
@@ -74,7 +72,7 @@ def test_what_is_raised_in_a_run_is_its_outcome(release, task_of, coarse, monkey
     def diverged(*_arguments: object):
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr(running, "_under_control", diverged)
+    monkeypatch.setattr(conducting, "_under_control", diverged)
     outcome = ran(task_of(), release, coarse.start)
     assert outcome.failure == "ZeroDivisionError: by nothing"
     assert outcome.figures is None
