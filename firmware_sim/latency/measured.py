@@ -159,21 +159,15 @@ def _ms(quantiles: Quantiles) -> dict[str, Any]:
     return {f"{name}_ms": value if value is not None and isfinite(value) else None for name, value in values}
 
 
-@dataclass(frozen=True, kw_only=True)
-class StageLimits:
-    """Upper limits of the latency figures of one stage, in ms; None for no limit."""
-
-    p50_ms: float | None = None
-    p99_ms: float | None = None
-    p99_9_ms: float | None = None
-    max_ms: float | None = None
-
-
+_StageForm: Final[Any] = make_dataclass(
+    "_StageForm", [(f"{name}_ms", float | None, field(default=None)) for name in Quantiles._fields[:-1]]
+)
+"""The upper limits of the latency figures of one stage, in ms; None for no limit."""
 _Form: Final[Any] = make_dataclass(
     "_Form",
     [
         *((name, int | None, field(default=None)) for name in COUNTS),
-        *((stage.value, StageLimits, field(default=StageLimits())) for stage in Stage),
+        *((stage.value, _StageForm, field(default_factory=_StageForm)) for stage in Stage),
     ],
 )
 

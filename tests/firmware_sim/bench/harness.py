@@ -12,7 +12,7 @@ from can_bridge.bus.interface import Bus
 from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
 from contract import sensors
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
@@ -22,7 +22,9 @@ from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.run_log import WALL, RunLog
+from tests.can_bridge.wire.described import DBC
 from tests.ecu.conftest import RecordingController, make_bundle
+from wake.plant.drive import Drive
 from wake.plant.sample import Sample
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
@@ -153,16 +155,20 @@ class Waves(RecordingController):
 class Run:
     """A whole run on an oscillator with disturbances, and what was seen of it."""
 
-    def __init__(self, *texts: str, plant: Any = None) -> None:
-        config, disturbances = Config(), Disturbances.parse(texts)
+    def __init__(self, *texts: str, plant: Any = None, drive: Drive | None = None) -> None:
+        config = Config()
+        around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), "drive": drive}
         self.plant = LiveOscillator(config) if plant is None else plant
         self.frames: list[Frame] = []
-        run = Simulation(make_bundle(), config, spans=SPANS, controller=Waves(), disturbances=disturbances)
+        run = Simulation(make_bundle(), config, spans=SPANS, **around)
         self.log: RunLog = run.run(self.plant, capture=self.frames.append)
         self.acted = [one.acted for one in self.log.metadata.faults]
         self.pressures: list[Any] = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
         self.commands: list[Any] = [codec.parse_jet_command(frame.data) for frame in self.of(JET_COMMAND)]
         self.statuses: list[Any] = [codec.parse_ecu_status(frame.data) for frame in self.of(ECU_STATUS)]
+        speed = DBC.get_message_by_name("VehicleSpeed")
+        self.speeds: list[Any] = [speed.decode(one.data, decode_choices=False) for one in self.of(VEHICLE_SPEED)]
+        """As cantools reads them."""
         self.read = np.array([pressure.pressure_pa for pressure in self.pressures])
         """(n, 4) Pa, as the vehicle sent them."""
         self.wall = self.log.series[WALL] * config.operating_point.dynamic_pressure

@@ -25,7 +25,7 @@ TEXTS = (
     *("speed_late=0.5", "speed_frozen@1..2", "no_speed@0..2", "density:density=1.05,stated=true"),
     "ecu:drop:probability=0.3@1..",
 )
-"""As they are written back. `test_simulation.py` and `test_driven.py` show what each of them does."""
+"""As they are written back. `test_simulation.py` shows what each of them does."""
 
 SECONDS = st.floats(0, 1e6).filter(lambda s: s == 0 or s > 1e-45)
 
