@@ -17,7 +17,6 @@ from contract.config import loading
 from contract.config.body import BodyConfig
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.controller.interface import RunnableController
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
@@ -123,17 +122,6 @@ def run_task(task: RunTask, bundle: Bundle, start: State) -> RunOutcome:
         return RunOutcome(key="", failure=f"{type(error).__name__}: {error}")
 
 
-def check_run(
-    scenario: Scenario, config: Config, bundle: Bundle, timing: Spans, controller: RunnableController
-) -> None:
-    """Raise ConfigError with the scenario's name if no run of the scenario is possible."""
-    try:
-        disturbances = Disturbances.parse(scenario.disturb)
-        Simulation(bundle, config, spans=timing, controller=controller, disturbances=disturbances)
-    except StillwakeError as error:
-        raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
-
-
 def flow_disturbances(texts: Iterable[str]) -> tuple[str, ...]:
     """Return the texts of the disturbances that act on the flow; these act in the runs without control as well."""
     disturbances = Disturbances.parse(texts)
@@ -221,7 +209,12 @@ class Campaign:
             )
         controller = OnnxController.of(self.bundle)
         for scenario in self.scenarios:
-            check_run(scenario, settings_of(scenario, self.config), self.bundle, self.timing, controller)
+            config = settings_of(scenario, self.config)
+            try:
+                disturbances = Disturbances.parse(scenario.disturb)
+                Simulation(self.bundle, config, spans=self.timing, controller=controller, disturbances=disturbances)
+            except StillwakeError as error:
+                raise ConfigError(f"scenario {scenario.name!r}: {error}") from error
 
     def label(self) -> dict[str, Any]:
         """Return the data that identify this campaign, as plain JSON. The data do not include the scenarios."""

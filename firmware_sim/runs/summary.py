@@ -134,13 +134,9 @@ def headline(log: RunLog) -> str:
     short = None
     if not isinstance(means, NoAverages) and (count := min(means.before.cycles, means.under.cycles)) < ENOUGH_CYCLES:
         short = f"Too short to judge by: cycles averaged {count}, at least {ENOUGH_CYCLES} are needed."
-    return " ".join(part for part in (warning, injected(log), without, text, short) if part is not None)
-
-
-def injected(log: RunLog) -> str | None:
-    """State the disturbances in a sentence; None for an undisturbed run."""
-    texts = "; ".join(one.text for one in log.metadata.faults)
-    return f"Disturbed ({texts})." if texts else None
+    faults = "; ".join(one.text for one in log.metadata.faults)
+    disturbed = f"Disturbed ({faults})." if faults else None
+    return " ".join(part for part in (warning, disturbed, without, text, short) if part is not None)
 
 
 def _judged(log: RunLog, found: Averages) -> str:

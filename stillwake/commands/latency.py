@@ -76,8 +76,7 @@ def latency(
 
     Exit status 3: the latency budget is exceeded, or the ECU left control.
     """
-    from firmware_sim.latency.measured import read_budget, verdicts
-    from firmware_sim.latency.report import PAGE, write_report
+    from firmware_sim.latency.measured import PAGE, read_budget, verdicts, write_report
 
     limits = None if budget is None else read_budget(budget)
     check_output(output, overwrite=overwrite, folder=True, mark=PAGE)
@@ -221,7 +220,7 @@ def _subjects(
 
 
 def _print(run: "MeasuredRun", verdicts: "Sequence[KeptLimit]") -> None:
-    from firmware_sim.latency.report import BUDGET_HEAD, HEAD, budget_rows, notes, stage_rows
+    from firmware_sim.latency.measured import BUDGET_HEAD, HEAD, budget_rows, notes, stage_rows
 
     console.print(f"{run.name}: {run.verdict}", style="yellow" if run.is_too_noisy else "")
     for note in notes(run):
