@@ -1,6 +1,5 @@
 """A plant of two numbers, one loop in virtual time around it, and whole runs of that with what was seen of them."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
 from math import cos
@@ -8,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated.medium import SimulatedBus
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
@@ -17,10 +14,10 @@ from contract import sensors
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from ecu.ecu import Ecu
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation, Spans
-from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.bench.virtual_loop import VirtualLoop
+from firmware_sim.bench.disturbing import Disturbing
+from firmware_sim.bench.simulation import Simulation, Spans, wire
 from firmware_sim.runs.run_log import WALL, RunLog
 from tests.can_bridge.wire.described import DBC
 from tests.ecu.conftest import RecordingController, make_bundle
@@ -31,7 +28,6 @@ NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 BIT_NS = 2000
 """At 500 kbit/s."""
 INTERMISSION_NS = 3 * BIT_NS
-Wrapped = dict[str, Callable[[Bus], Bus]]
 WARM = 6
 """Periods with a request until the window of four is full and both ends trust each other."""
 
@@ -98,19 +94,17 @@ def swinging() -> RecordingController:
 
 
 class Harness:
-    """Everything around one loop; `wrapped` may put something around a node's port."""
+    """A loop with these disturbances, period by period, and everything around it."""
 
-    def __init__(self, compute_ms: float, *, plan_ahead=False, wrapped: Wrapped | None = None, **ecu_settings) -> None:
+    def __init__(self, compute_ms: float, *texts: str, plan_ahead: bool = False, **ecu_settings: int) -> None:
         ecu = EcuConfig(compute_time_ms=compute_ms, plan_ahead=plan_ahead, **ecu_settings)
         self.config = config = Config(ecu=ecu)
-        self.plant = Oscillator(config.flow.substeps)
-        self.ecu = Ecu(make_bundle(), swinging(), config)
+        self.plant, self.ecu = LiveOscillator(config), Ecu(make_bundle(), swinging(), config)
         self.captured: list[Frame] = []
-        self.bus = bus = SimulatedBus(config.bus, self.captured.append)
-        self.ports = {name: bus.port(name) for name in ("vehicle", "ecu")}
-        at_vehicle, at_ecu = (wrapped[name](port) if wrapped else port for name, port in self.ports.items())
-        node, health = VehicleNode(NAMES, config), self.ports["ecu"].health
-        self.loop = VirtualLoop(self.plant, node, self.ecu, bus, at_vehicle, at_ecu, config, ecu_health=health)
+        self.disturbing = Disturbing(Disturbances.parse(texts), config, NAMES, seed=1)
+        in_loop = LoopEcu(ecu=self.ecu, kind="python", computed_by="a test")
+        wired = wire(self.plant, NAMES, config, in_loop, self.disturbing, capture=self.captured.append)
+        self.bus, self.loop = wired.bus, wired.loop
 
     def run(self, periods: int) -> list:
         # Raised once: a request that stands at power-on is none.

@@ -2,14 +2,11 @@
 
 from contextlib import suppress
 from dataclasses import asdict, replace
-from functools import partial
 from math import ceil, isnan
 
 import numpy as np
 import pytest
 
-from can_bridge.bus.faults.fault import FaultyBus, wrap
-from can_bridge.bus.faults.frame_faults import Drop, FlipBits
 from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
@@ -119,32 +116,26 @@ def test_pressures_that_wait_for_the_bus_make_the_step_late_and_no_miss():
     assert h.loop.totals().lost == 0
 
 
-def faulty(fault, compute_ms: float = 8.0, **settings) -> tuple[Harness, list[FaultyBus]]:
-    """A loop with a fault in the pressures that the vehicle sends and in the ECU's commands; and both ports."""
-    ports = list[FaultyBus]()
-
-    def around(bus, spec, seed: int) -> FaultyBus:
-        ports.append(wrap(bus, [fault(**settings, frame_ids=(spec.frame_id,))], lambda: 0, seed=seed))
-        return ports[-1]
-
-    wrapped = {"vehicle": partial(around, spec=PRESSURE, seed=1), "ecu": partial(around, spec=JET_COMMAND, seed=2)}
-    return Harness(compute_ms, wrapped=wrapped), ports
+def faulty(fault: str, compute_ms: float = 8.0) -> Harness:
+    """A loop with a fault in the pressures that the vehicle sends and in the ECU's commands."""
+    pressures, commands = PRESSURE.frame_id, JET_COMMAND.frame_id
+    return Harness(compute_ms, f"vehicle:{fault},frame_ids={pressures}", f"ecu:{fault},frame_ids={commands}")
 
 
 def test_frames_that_are_dropped_are_lost_and_damaged_ones_rejected_by_their_receiver():
-    for fault, counted in ((Drop, "lost"), (FlipBits, "rejected")):
-        h, ports = faulty(fault, probability=0.15)
+    for fault, counted in (("drop", "lost"), ("flip_bits", "rejected")):
+        h = faulty(f"{fault}:probability=0.15")
         rows = h.run(60)
-        pressures, commands = (port.injectors[0].acted for port in ports)
+        pressures, commands = (one.acted for one in h.disturbing.injected())
         assert min(pressures, commands) > 3
         assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": 0, counted: pressures + commands}
-        assert h.ecu.status().crc_errors == (pressures if fault is FlipBits else 0)
+        assert h.ecu.status().crc_errors == (pressures if counted == "rejected" else 0)
         # A period whose command was dropped has no age, and the jets hold.
         assert sum(isnan(row.age_ms) for row in rows) >= commands
     # Those that come while the ECU is busy are checked too: it steps in every other period, the last included.
-    h, ports = faulty(FlipBits, compute_ms=25.0, probability=0.2)
+    h = faulty("flip_bits:probability=0.3", compute_ms=25.0)
     h.run(61)
-    assert h.ecu.status().crc_errors == ports[0].injectors[0].acted > 8
+    assert h.ecu.status().crc_errors == h.disturbing.injected()[0].acted > 8
 
 
 @each("counters_apart", [0, 1, 3, 128])
