@@ -96,7 +96,7 @@ def swinging() -> RecordingController:
 class Harness:
     """A loop with these disturbances, period by period, and everything around it."""
 
-    def __init__(self, compute_ms: float, *texts: str, plan_ahead: bool = False, **ecu_settings: int) -> None:
+    def __init__(self, compute_ms: float, *texts: str, plan_ahead: bool = False, **ecu_settings: Any) -> None:
         ecu = EcuConfig(compute_time_ms=compute_ms, plan_ahead=plan_ahead, **ecu_settings)
         self.config = config = Config(ecu=ecu)
         self.plant, self.ecu = LiveOscillator(config), Ecu(make_bundle(), swinging(), config)
@@ -152,7 +152,7 @@ class Run:
     def __init__(self, *texts: str, plant: Any = None, drive: Drive | None = None) -> None:
         config = Config()
         around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), "drive": drive}
-        self.plant = LiveOscillator(config) if plant is None else plant
+        self.plant: Any = LiveOscillator(config) if plant is None else plant
         self.frames: list[Frame] = []
         run = Simulation(make_bundle(), config, spans=SPANS, **around)
         self.log: RunLog = run.run(self.plant, capture=self.frames.append)
