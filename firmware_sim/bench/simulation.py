@@ -43,6 +43,15 @@ from firmware_sim.runs.run_log import BusTraffic, NodeErrors, Row, RunLog, Waiti
 from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
+WARM_UP_PLANS: Final = 3
+"""Number of control steps on zeros before the run, as at an ECU's boot: ONNX Runtime allocates memory at first."""
+SHEDDING_TIME: Final = 5.0
+"""Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
+_LONGEST: Final = 1e6
+"""Longest span in t_c, about a day of the run's time."""
+CYCLES: Final = 2
+"""Smallest number of shedding cycles in an averaged span, so that the span contains a whole cycle in any phase."""
+
 
 class Disturbs(Protocol):
     """The disturbances that act on the parts of a loop, implemented by `firmware_sim.bench.disturbing.Disturbing`."""
@@ -156,16 +165,6 @@ def wire(
         step_ns=ecu.step_ns,
     )
     return Wired(bus=bus, ports=ports, node=node, loop=loop, waits=waits)
-
-
-WARM_UP_PLANS: Final = 3
-"""Number of control steps on zeros before the run, as at an ECU's boot: ONNX Runtime allocates memory at first."""
-SHEDDING_TIME: Final = 5.0
-"""Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
-_LONGEST: Final = 1e6
-"""Longest span in t_c, about a day of the run's time."""
-CYCLES: Final = 2
-"""Smallest number of shedding cycles in an averaged span, so that the span contains a whole cycle in any phase."""
 
 
 @dataclass(frozen=True, kw_only=True)

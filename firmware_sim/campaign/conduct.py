@@ -71,7 +71,7 @@ class RunTask:
         """Key under which the initial states of the run's plant are stored."""
         return plant_of(self.config)
 
-    def key(self, bundle_digest: str, start_digest: str, version: str) -> str:
+    def key(self, bundle_digest: str, start_digest: str, program_version: str) -> str:
         """Return the hash of everything that the run depends on, in hex."""
         deciding: dict[str, Any] = {
             "disturb": list(self.disturb),
@@ -81,7 +81,7 @@ class RunTask:
             "timing": [self.timing.lead_in, self.timing.controlled, self.timing.settle],
             "bundle": bundle_digest,
             "start": start_digest,
-            "version": version,
+            "version": program_version,
         }
         return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
 
