@@ -138,14 +138,7 @@ class Disturbing:
         self._frozen: dict[int, float] = {}
         self._ports: NodeFaults | None = None
         self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
-
-    @property
-    def corrupts(self) -> Corrupts | None:
-        return self._wire("send")
-
-    @property
-    def mishears(self) -> Corrupts | None:
-        return self._wire("receive")
+        self.corrupts, self.mishears = self._wire("send"), self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
         self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)

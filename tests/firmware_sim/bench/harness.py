@@ -21,9 +21,9 @@ from firmware_sim.bench.simulation import Simulation, Spans, wire
 from firmware_sim.runs.run_log import WALL, RunLog
 from tests.can_bridge.wire.described import DBC
 from tests.ecu.conftest import RecordingController, make_bundle
-from wake.plant.drive import Drive
 from wake.plant.sample import Sample
 
+DEFAULT = Config()
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 BIT_NS = 2000
 """At 500 kbit/s."""
@@ -149,13 +149,12 @@ class Waves(RecordingController):
 class Run:
     """A whole run on an oscillator with disturbances, and what was seen of it."""
 
-    def __init__(self, *texts: str, plant: Any = None, drive: Drive | None = None) -> None:
-        config = Config()
-        around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), "drive": drive}
+    def __init__(self, *texts: str, config: Config = DEFAULT, plant: Any = None, observer: Any = None, **more: Any):
+        around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), **more}
         self.plant: Any = LiveOscillator(config) if plant is None else plant
         self.frames: list[Frame] = []
         run = Simulation(make_bundle(), config, spans=SPANS, **around)
-        self.log: RunLog = run.run(self.plant, capture=self.frames.append)
+        self.log: RunLog = run.run(self.plant, capture=self.frames.append, observer=observer)
         self.acted = [one.acted for one in self.log.metadata.faults]
         self.pressures: list[Any] = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
         self.commands: list[Any] = [codec.parse_jet_command(frame.data) for frame in self.of(JET_COMMAND)]
