@@ -16,7 +16,7 @@ from contract.release import bundle
 from contract.shipped import BUNDLE
 from examples.film_of_a_run import story_of, write_film
 from firmware_sim.runs import run_log
-from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import RunFolder
 from firmware_sim.runs.run_page.report import write_picture
 
 DOCS: Final = Path(__file__).resolve().parent

@@ -15,9 +15,8 @@ from playwright.sync_api import Browser
 
 from contract.errors import StillwakeError
 from docs.page_pictures import Scheme, chromium, note, write
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_page.comparison import write_comparison
-from firmware_sim.runs.run_page.report import write_report
+from firmware_sim.runs.run_log import RunFolder
+from firmware_sim.runs.run_page.report import write_comparison, write_report
 
 DOCS: Final = Path(__file__).resolve().parent
 RUN: Final = DOCS / "pictures" / "run_page.webp"

@@ -25,8 +25,7 @@ from matplotlib.patches import Polygon
 from contract.arrays import Array
 from contract.config.loading import load_config
 from contract.errors import ConfigError, StillwakeError
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import RunLog, load
+from firmware_sim.runs.run_log import RunFolder, RunLog, load
 from wake.pictures.drawing import animate, check_target, jet_arrow, outline
 from wake.pictures.fields import Raster, View
 from wake.plant.protocol import Drawable

@@ -4,7 +4,7 @@ of bus."""
 from typing import Any, Final
 
 from benchmarks.common.documents import table
-from firmware_sim.latency.report import LABELS
+from firmware_sim.latency.measured import LABELS
 from firmware_sim.latency.stages import Stage
 
 HEADLINES: Final = {

@@ -38,8 +38,7 @@ from ecu.in_c.c_structs import differing
 from ecu.in_c.compiler import zig_compiler
 from ecu.stepped import CalibratedEcu, LoopEcu
 from firmware_sim.bench.ecus import MCU, C, loop_ecu
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.mcu.build import COMMON
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary

@@ -25,11 +25,10 @@ from contract.errors import StillwakeError
 from contract.release import bundle as bundles
 from contract.shipped import BUNDLE
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.starts import phases_apart
+from firmware_sim.bench.simulation import Simulation, Spans
+from firmware_sim.campaign.folder import phases_apart
 from firmware_sim.runs.control import trouble
-from firmware_sim.runs.drive_totals import drive_totals
+from firmware_sim.runs.statistics import drive_totals
 from stillwake.parts.differentiable_wake import mesh_of
 from wake.plant.drive import PROFILES, find_drive
 from wake.plants import own_wake

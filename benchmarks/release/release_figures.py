@@ -25,8 +25,7 @@ from contract.config.loading import load_config
 from contract.controller.interface import ControlStep, RunnableController
 from contract.runtime.onnx_session import OnnxController
 from firmware_sim.bench.closed_loop import run_closed_loop
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import Row, RunLog
+from firmware_sim.runs.run_log import Row, RunFolder, RunLog
 from stillwake.console.options import Trust
 from stillwake.console.progress import progress
 from stillwake.parts.releases import open_release

@@ -25,10 +25,8 @@ from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.results import versions
 from contract.shipped import BUNDLE
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.starts import keep_states, phases_apart, starting_states
+from firmware_sim.bench.simulation import Simulation, Spans
+from firmware_sim.campaign.folder import CampaignFolder, keep_states, phases_apart, starting_states
 from firmware_sim.runs.run_log import RunLog
 from firmware_sim.runs.summary import summary
 from wake.truck.state import load_state

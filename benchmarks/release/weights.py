@@ -26,8 +26,8 @@ from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT
 from contract.release import bundle as bundles
 from contract.shipped import BUNDLE
 from ecu.calibrating import release_calibration
-from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.starts import phases_apart
+from firmware_sim.bench.simulation import Spans
+from firmware_sim.campaign.folder import phases_apart
 from firmware_sim.runs.summary import summary
 from stillwake.parts.differentiable_wake import mesh_of
 from wake.plants import own_wake

@@ -49,8 +49,7 @@ from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import ECU_STATUS
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.runs.run_log import RunLog
 
 FAULTS = ("dead:sensor=base_9@2.5..", "vehicle:drop:probability=0.5@3.8..")

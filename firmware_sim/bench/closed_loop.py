@@ -11,13 +11,11 @@ from contract.atomic import replacing
 from contract.config.tree import Config
 from contract.release.checks import Bundle
 from firmware_sim.bench.disturbances import Disturbance, Disturbances
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.control import mode_names
 from firmware_sim.runs.metadata import RunOrigin
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import Row, RunLog
+from firmware_sim.runs.run_log import Row, RunFolder, RunLog
 from firmware_sim.runs.summary import whole_summary
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder
 from wake.pictures.drawing import vorticity_figure
@@ -50,7 +48,7 @@ def run_closed_loop(
     `Simulation.run`.
 
     Args:
-        output: run folder (`firmware_sim.runs.run_folder`), created if it does not exist. An earlier run in this folder
+        output: run folder (`firmware_sim.runs.run_log`), created if it does not exist. An earlier run in this folder
             is replaced when the new run is complete.
         plant: context manager that this function enters to get the wake; if None, the shipped wake in the built-in
             solver. With a drive, the flow's time steps (`config.flow`) must be short enough for the drive's speeds.

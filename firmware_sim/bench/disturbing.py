@@ -1,4 +1,5 @@
-"""The state of disturbances during a run, and their effects on the bus, ports, transducers, flow, vehicle and ECU."""
+"""The state of disturbances during a run, and their effects on the bus, ports, transducers, flow, vehicle and ECU. A
+flow whose inflow follows a vehicle's varying speed, with control and, for comparison, without control."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,8 +26,10 @@ from firmware_sim.bench.sensor_faults import SensorDisturbance
 from firmware_sim.bench.vehicle_node import VehicleNode
 from firmware_sim.bench.virtual_loop import VirtualLoop
 from firmware_sim.runs.metadata import InjectedFault
-from wake.plant.drive import Gust
-from wake.plant.protocol import Disturbable, Plant
+from firmware_sim.runs.run_log import WITHOUT
+from wake.plant.drive import Drive, Gust
+from wake.plant.protocol import Disturbable, Drivable, Plant
+from wake.plant.sample import Sample
 
 S = TypeVar("S", bound=Span)
 
@@ -135,14 +138,7 @@ class Disturbing:
         self._frozen: dict[int, float] = {}
         self._ports: NodeFaults | None = None
         self._flow: tuple[Disturbable, float] | None = None  # plant and its own Reynolds number
-
-    @property
-    def corrupts(self) -> Corrupts | None:
-        return self._wire("send")
-
-    @property
-    def mishears(self) -> Corrupts | None:
-        return self._wire("receive")
+        self.corrupts, self.mishears = self._wire("send"), self._wire("receive")
 
     def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
         self._ports = NodeFaults(list(self._in_ports.values()), bus, self._seed, self._before)
@@ -284,3 +280,42 @@ class Disturbing:
             if one.is_active(now_ns):
                 self._acted[place] += 1
                 yield place, one
+
+
+@contextmanager
+def driving(plant: Plant, drive: Drive, config: Config) -> Iterator[Drivable]:
+    """Make the plant's inflow follow the drive from now on, while the block runs. The wake is scaled to the first
+    speed, and adapts to it in the time without control. Raises ConfigError if the plant cannot change its speed."""
+    if not isinstance(plant, Drivable):
+        raise ConfigError(f"drive {drive.name}: this plant has a constant speed (`wake.plant.protocol.Drivable`)")
+    wind, first = plant.wind, drive.speeds[0] / config.operating_point.speed
+    plant.wind = drive.wind(config.operating_point, plant.t)
+    try:
+        if first != 1.0:
+            plant.scale(first)
+        yield plant
+    finally:
+        plant.wind = wind
+
+
+def uncontrolled(plant: Plant, disturbing: Disturbing, config: Config, periods: int) -> Iterator[Sample]:
+    """Run control periods with the jets shut, and yield the sample at the start of each period. Only the disturbances
+    of the flow act. Raises PlantError if the flow diverges."""
+    with disturbing.in_flow(plant):
+        for k in range(periods):
+            disturbing.set_flow(k * config.period_ns)
+            sample = plant.sample()
+            plant.advance_to(config.flow.substeps, 0.0)
+            yield sample
+
+
+def without_control(
+    plant: Drivable, disturbing: Disturbing, config: Config, periods: int, progress: Callable[[int, int], None]
+) -> dict[str, Array]:
+    """Compute the series `WITHOUT` with shut jets; restore the state. `progress` gets (periods done, all periods)."""
+    start, rows = plant.state(), np.empty((periods, len(WITHOUT)))
+    for k, sample in enumerate(uncontrolled(plant, disturbing, config, periods)):
+        rows[k] = sample.Cd, sample.Cd_net, sample.Cl
+        progress(k + 1, periods)
+    plant.reset(start)
+    return dict(zip(WITHOUT, rows.T, strict=True))

@@ -189,7 +189,8 @@ class Jets:
 
 
 class Invariants:
-    """An observer that records violations of the invariants.
+    """An observer that records violations of the invariants. It sees the nodes' frames and the plant, but no state of
+    the nodes. Its methods are called in the order of time.
 
     Args:
         hidden_ns: time in ns by which the pressures of a command may be older than the ECU can detect; see `of`.
@@ -235,6 +236,7 @@ class Invariants:
         return cls(config, hidden_ns=round(hidden_s * NS), jets_follow=jets_follow)
 
     def frame(self, frame: Frame, *, node: str, sent: bool, now_ns: int) -> None:
+        """Check a frame that the node's software sent or received now. Faults act between software and bus."""
         if node == "vehicle":
             if sent and self._pressure.spec.names(frame):
                 self._sampled[profile_of(self._pressure.spec).counter_of(frame.data)] = self._period, now_ns
@@ -248,6 +250,7 @@ class Invariants:
             self._low_heard |= not pressure.enable_request
 
     def period(self, sample: Sample, *, requested: bool) -> None:
+        """End a control period: the sample at its start, and whether the vehicle requested control in it."""
         self.finished(sample)
         frames, self._arrived = self._arrived, []
         self._jets.heard([self._read(frame) for frame in frames], requested=requested)

@@ -1,20 +1,26 @@
-"""One run of the closed loop in virtual time, without files. The arguments are checked when the run is created; then
-the loop runs on a wake.
+"""One run of the closed loop in virtual time, without files. The arguments are checked when the run is created; then a
+loop with bus, vehicle, ECU and disturbances is set up on a wake at time 0, and runs.
 
 Equal arguments and an equal wake give the same run bit for bit on any machine, except for measured wall-clock times.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from datetime import date
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from can_bridge.bus.faults.text import text_of
-from can_bridge.secoc.node import authentication_in_virtual_time
-from can_bridge.timing.background import background
+from can_bridge.bus.interface import Bus
+from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus, Transmission
+from can_bridge.bus.simulated.port import SimulatedPort
+from can_bridge.secoc.node import Authentication, authentication_in_virtual_time
+from can_bridge.timing.background import background, send_background
 from can_bridge.wire.frame import Frame
+from can_bridge.wire.message_sets import message_set
+from contract.arrays import Array
 from contract.config.body import layout_of
 from contract.config.tree import Config
 from contract.config.vehicle import SIMULATED
@@ -27,18 +33,178 @@ from ecu.ecu import Ecu
 from ecu.fit import check_sensors
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.disturbing import Disturbing
-from firmware_sim.bench.driven import driving, without_control
-from firmware_sim.bench.spans import Spans
-from firmware_sim.bench.virtual_loop import check_bit_rates
-from firmware_sim.bench.wiring import Observer, wire
+from firmware_sim.bench.disturbing import PORT_NAMES, Disturbing, driving, without_control
+from firmware_sim.bench.invariants import Invariants
+from firmware_sim.bench.vehicle_node import VehicleNode
+from firmware_sim.bench.virtual_loop import VirtualLoop, check_bit_rates
 from firmware_sim.runs.metadata import RunEcu, RunMetadata, RunOrigin
-from firmware_sim.runs.run_log import Row, RunLog
+from firmware_sim.runs.run_log import BusTraffic, NodeErrors, Row, RunLog, WaitingTimes
 from wake.plant.drive import Drive
 from wake.plant.protocol import LoopPlant
 
 WARM_UP_PLANS: Final = 3
 """Number of control steps on zeros before the run, as at an ECU's boot: ONNX Runtime allocates memory at first."""
+SHEDDING_TIME: Final = 5.0
+"""Length in t_c of a shedding cycle of the truck's wake, from its Strouhal number of 0.2."""
+_LONGEST: Final = 1e6
+"""Longest span in t_c, about a day of the run's time."""
+CYCLES: Final = 2
+"""Smallest number of shedding cycles in an averaged span, so that the span contains a whole cycle in any phase."""
+
+
+class Disturbs(Protocol):
+    """The disturbances that act on the parts of a loop, implemented by `firmware_sim.bench.disturbing.Disturbing`."""
+
+    @property
+    def corrupts(self) -> Corrupts | None:
+        """Function that makes the bit errors that all nodes see; None without such errors."""
+
+    @property
+    def mishears(self) -> Corrupts | None:
+        """Function that makes the bit errors that only one receiver sees; None without such errors."""
+
+    def readings(self, cp: Array, now_ns: int) -> Array:
+        """Return the transducers' readings, shape (S,), for the wall pressures Cp at the S sensors, shape (S,)."""
+
+    def ecu_clock(self, now_ns: int) -> int:
+        """Return the time on the ECU's clock at a time of the run."""
+
+    def connect(self, bus: SimulatedBus) -> Callable[[str, Bus], Bus]:
+        """Start the port faults on this bus. Returns a function that adds a node's faults to the node's port."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WatchedBus:
+    """A node's port whose frames an observer sees."""
+
+    port: Bus
+    node: str
+    observer: Invariants
+    clock: Callable[[], int]
+
+    def send(self, frame: Frame) -> None:
+        self.observer.frame(frame, node=self.node, sent=True, now_ns=self.clock())
+        self.port.send(frame)
+
+    def receive_all(self) -> list[Frame]:
+        frames = self.port.receive_all()
+        for frame in frames:
+            self.observer.frame(frame, node=self.node, sent=False, now_ns=self.clock())
+        return frames
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wired:
+    """A loop that is ready for its first period; `ports` has the bus's ports by node name, without fault wrappers."""
+
+    bus: SimulatedBus
+    ports: dict[str, SimulatedPort]
+    node: VehicleNode
+    loop: VirtualLoop
+    waits: WaitingTimes
+
+    def traffic(self) -> BusTraffic:
+        return self.waits.traffic(self.bus.activity(), self.errors())
+
+    def errors(self) -> dict[str, NodeErrors]:
+        return {name: NodeErrors.of(port.health(), port.refused) for name, port in self.ports.items()}
+
+
+def wire(
+    wake: LoopPlant,
+    sensors: Sequence[str],
+    config: Config,
+    ecu: LoopEcu,
+    disturbs: Disturbs,
+    *,
+    authentication: Authentication | None = None,
+    capture: Callable[[Frame], None] = lambda frame: None,
+    observe: Callable[[Transmission], None] = lambda transmission: None,
+    observer: Invariants | None = None,
+) -> Wired:
+    """Assemble a loop. Raises ConfigError if the wake lacks a sensor, or settings of the bus contradict each other.
+
+    Args:
+        wake: a plant at the start of a control period.
+        sensors: sensors of the bundle, in the order of the Pressure message.
+        capture: called with every frame on the bus, stamped with the end of its transmission.
+        observe: called with a `Transmission` for each of these frames.
+    """
+    messages = message_set(config.bus)
+    others = background(config.bus).messages
+    waits = WaitingTimes(messages=messages)
+
+    def seen(transmission: Transmission) -> None:
+        waits(transmission)
+        observe(transmission)
+
+    bus = SimulatedBus(config.bus, capture, observe=seen, corrupts=disturbs.corrupts, mishears=disturbs.mishears)
+    ports = {name: bus.port(name) for name in (*PORT_NAMES.values(), "background")[: 3 if others else 2]}
+    if others:
+        send_background(bus, ports["background"], others, config.bus.background.seed)
+    node = VehicleNode(sensors, config, wake.layout, authentication, read=disturbs.readings)
+    around = disturbs.connect(bus)
+
+    def port_of(node: str) -> Bus:
+        port = around(node, ports[PORT_NAMES[node]])
+        if observer is None:
+            return port
+        return WatchedBus(port=port, node=node, observer=observer, clock=lambda: bus.now_ns)
+
+    loop = VirtualLoop(
+        wake,
+        node,
+        ecu.ecu,
+        bus,
+        port_of("vehicle"),
+        port_of("ecu"),
+        config,
+        ecu_health=ports["ECU"].health,
+        ecu_clock=disturbs.ecu_clock,
+        step_ns=ecu.step_ns,
+    )
+    return Wired(bus=bus, ports=ports, node=node, loop=loop, waits=waits)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spans:
+    """Lengths of a run's spans in t_c. Raises StillwakeError if a span is negative, not finite or longer than 10^6 t_c,
+    or, with `averages`, too short for averages.
+
+    Attributes:
+        lead_in: time without control, in which the controller's window fills.
+        settle: time after the request for control that the averages under control leave out.
+    """
+
+    lead_in: float
+    controlled: float
+    settle: float
+    averages: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("lead_in", "controlled", "settle"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= _LONGEST:
+                option = name.replace("_", "-")
+                raise StillwakeError(f"--{option} = {value}: must be a number of t_c in 0..{_LONGEST:g}")
+        if not self.averages:
+            return
+        least = CYCLES * SHEDDING_TIME
+        remedy = f"must be at least {least:g} t_c, {CYCLES} shedding cycles, for averages; without them: --no-averages"
+        if self.lead_in < least:
+            raise StillwakeError(f"--lead-in = {self.lead_in:g}: {remedy}")
+        if round(left := self.controlled - self.settle, 9) < least:
+            spans = f"--controlled = {self.controlled:g} less --settle = {self.settle:g}"
+            raise StillwakeError(f"{spans} leaves {left:g} t_c: {remedy}")
+
+    def periods(self, control_period: float) -> tuple[int, int]:
+        """Return the numbers of periods without control and of all periods. Raises StillwakeError if one is zero."""
+        lead_in, controlled = (round(span / control_period) for span in (self.lead_in, self.controlled))
+        for name, count in (("lead-in", lead_in), ("controlled", controlled)):
+            if count < 1:
+                span = f"--{name} = {getattr(self, name.replace('-', '_')):g}"
+                raise StillwakeError(f"{span}: shorter than a control period of {control_period:g}")
+        return lead_in, lead_in + controlled
 
 
 class Simulation:
@@ -105,7 +271,7 @@ class Simulation:
         wake: LoopPlant,
         *,
         capture: Callable[[Frame], None] = lambda frame: None,
-        observer: Observer | None = None,
+        observer: Invariants | None = None,
         origin: RunOrigin | None = None,
         ready: Callable[[int], None] = lambda total: None,
         requesting: Callable[[], None] = lambda: None,

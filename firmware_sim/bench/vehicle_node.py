@@ -15,6 +15,7 @@ The limit of missed commands is (m, k)-firm, like the ECU's limit of missed pres
 detect that its commands are lost.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -32,7 +33,6 @@ from can_bridge.wire.message_specs import DENSITY_RESOLUTION_KG_PER_M3, SPEED_RE
 from can_bridge.wire.messages import JetCommand, Mode, Pressure, VehicleSpeed
 from contract.arrays import Array
 from contract.config.tree import Config
-from contract.config.vehicle import VehicleConfig
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from ecu.controller_memory import DelayLine
@@ -87,40 +87,6 @@ class EchoTracker:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandLosses:
-    """A count of missed commands while the ECU is in control. It latches at `limit` missed periods within `window`.
-
-    Attributes:
-        missed: whether the command was missed, for each of the latest periods with the ECU in control, oldest first, at
-            most `window` periods. Empty while the ECU is not in control.
-    """
-
-    window: int
-    limit: int
-    missed: tuple[bool, ...] = ()
-    is_latched: bool = False
-
-    @classmethod
-    def of(cls, config: VehicleConfig) -> "CommandLosses":
-        return cls(window=config.loss_window, limit=config.loss_limit)
-
-    def heard(self, mode: Mode) -> "CommandLosses":
-        """Count a period in which a command in this mode arrived."""
-        return replace(self, missed=() if mode in (Mode.OFF, Mode.FAULT) else (*self.missed, False)[-self.window :])
-
-    def lost(self) -> "CommandLosses":
-        """Count a period without a usable command."""
-        if not self.missed:
-            return self
-        missed = (*self.missed, True)[-self.window :]
-        return replace(self, missed=missed, is_latched=self.is_latched or sum(missed) >= self.limit)
-
-    def cleared(self) -> "CommandLosses":
-        """Clear the count and its latch, because the vehicle does not request control."""
-        return replace(self, missed=(), is_latched=False)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Actuation:
     """Result of the jets' driver for one control period.
 
@@ -153,6 +119,7 @@ class VehicleNode:
         stated_speed, stated_density: values that the vehicle sends, in m/s and kg/m3; None, or a value outside the
             signal's range, is sent as unknown.
         sends_speed: whether the vehicle sends VehicleSpeed frames.
+        has_given_up: whether too many commands were missed. It stays true until the vehicle no longer wants control.
     """
 
     def __init__(
@@ -181,8 +148,10 @@ class VehicleNode:
         self._freshness = Freshness() if authentication is None else authentication.freshness
         self._speed_freshness = self._freshness  # each message has its own freshness value
         self._verifier = VerifierState() if authentication is None else authentication.verifier(self._receiver.spec)
-        self._losses = CommandLosses.of(config.vehicle)
-        self._misses = 0
+        # Whether the command was missed, for each of the latest periods with the ECU in control.
+        self._missed: deque[bool] = deque(maxlen=config.vehicle.loss_window)
+        self.has_given_up = False
+        self._misses = 0  # consecutive periods without a valid command
         self._requested = False  # request in the latest Pressure frame
         self._action = 0.0  # action commanded last, U_inf W
         self._next_period = False  # whether the latest command is for the next period
@@ -201,19 +170,20 @@ class VehicleNode:
         A pressure beyond the transducer's range saturates and is marked invalid; NaN is sent as 0. After the vehicle
         has given up control, its frames request no control until `enable_request` has been False once.
         """
-        losses = self._losses if enable_request else self._losses.cleared()
-        requested = enable_request and not losses.is_latched
+        if not enable_request:
+            self._missed.clear()
+            self.has_given_up = False
+        self._requested = enable_request and not self.has_given_up
         pressure_pa = self._read(cp[self._columns], now_ns) * self.operating_point.dynamic_pressure
         limit = self._messages.pressure_limit_pa
         message = Pressure(
             pressure_pa=tuple(float(value) for value in np.nan_to_num(np.clip(pressure_pa, -limit, limit), nan=0.0)),
             valid=tuple(bool(value) for value in np.abs(pressure_pa) <= limit),
-            enable_request=requested,
+            enable_request=self._requested,
             age_ns=age_ns,
         )
         frame = self._sender.frame(self._messages.pressure.emit(message), now_ns=now_ns)
         self.frames_sent += 1
-        self._losses, self._requested = losses, requested
         self._echo = self._echo.sent(profile_of(self._sender.spec).counter_of(frame.data), now_ns)
         frame = secured(frame, spec=self._sender.spec, key=self._key, freshness=self._freshness)
         self._freshness = self._freshness.next()
@@ -255,9 +225,7 @@ class VehicleNode:
             self._echo = self._echo.interrupted() if echoed is None else self._echo.received(echoed)
             self._action = self._driven(command)
             self._next_period = command.next_period
-        self._losses = (
-            self._losses.lost() if command is None or self._is_too_old(command) else self._losses.heard(command.mode)
-        )
+        self._count(command)
         if self.has_given_up or not self._requested:
             self._action = before = 0.0
         if not self._next_period and self._action != 0.0:
@@ -271,6 +239,17 @@ class VehicleNode:
             sampled_ns=None if command is None else self._echo.sampled_ns,
             next_period=self._next_period,
         )
+
+    def _count(self, command: JetCommand | None) -> None:
+        """Count whether a usable command was missed, while the ECU is in control."""
+        if command is None or self._is_too_old(command):
+            if self._missed:
+                self._missed.append(True)
+                self.has_given_up |= sum(self._missed) >= self._config.vehicle.loss_limit
+        elif command.mode in (Mode.OFF, Mode.FAULT):
+            self._missed.clear()
+        else:
+            self._missed.append(False)
 
     def _driven(self, command: JetCommand) -> float:
         if not _drives(command) or self._is_too_old(command):
@@ -299,11 +278,6 @@ class VehicleNode:
         if self.stuck_at is not None:
             return self.stuck_at
         return self._commanded.pushed(self._action if self._requested else 0.0).in_force
-
-    @property
-    def has_given_up(self) -> bool:
-        """Whether too many commands were missing. It stays true until the vehicle no longer wants control."""
-        return self._losses.is_latched
 
     @property
     def accepted_freshness(self) -> tuple[int, int]:

@@ -64,7 +64,6 @@ class VirtualLoop(NeverCopied):
         plant: the flow, at the start of a control period.
         bus: the bus, at time 0; the loop advances its time.
         at_vehicle, at_ecu: the nodes' ports of this bus, or wrappers around these ports.
-        clock: wall clock in s, which measures the ECU's step; the loop's results do not depend on this clock.
         ecu_clock: function from a time of the run to the time on the ECU's clock, in ns.
         step_ns: returns the computing time of the ECU's latest step in ns; by default `ecu.compute_time_ms`.
 
@@ -86,13 +85,12 @@ class VirtualLoop(NeverCopied):
         config: Config,
         *,
         ecu_health: Callable[[], BusHealth] = lambda: HEALTHY,
-        clock: Callable[[], float] = time.perf_counter,
         ecu_clock: Callable[[int], int] = lambda now_ns: now_ns,
         step_ns: Callable[[], int] | None = None,
     ) -> None:
         self._plant, self._node, self._ecu, self._bus = plant, node, ecu, bus
         self._at_vehicle, self._at_ecu, self._ecu_health = at_vehicle, at_ecu, ecu_health
-        self._clock, self._ecu_clock = clock, ecu_clock
+        self._ecu_clock = ecu_clock
         self._power_on = ecu.state
         self._boots = self._booted_ns = 0
         messages = message_set(config.bus)
@@ -174,9 +172,9 @@ class VirtualLoop(NeverCopied):
         """Step the ECU unless it boots or computes; return the step's wall-clock time in ms, NaN without a step."""
         if now_ns < max(self._busy_until_ns, self._booted_ns):
             return math.nan
-        began = self._clock()
+        began = time.perf_counter()
         answers = self._ecu.step(self._ecu_clock(now_ns), self._inbox, self._ecu_health())
-        elapsed = self._clock() - began
+        elapsed = time.perf_counter() - began
         self._inbox = []
         takes_ns = self._step_ns()
         if self._ecu.trace.forces is not None:

@@ -1,4 +1,6 @@
-"""The folder of a campaign: its label, the initial states and results of its runs, and its report.
+"""The folder of a campaign: its label, the initial states and outcomes of its runs, and its report.
+
+Initial states are the wake at several shedding phases, so that no result depends on a single phase.
 
 campaign.json           the label: settings, seed, spans and bundle; a call with a different label is refused
 starts/phase_0.npz      initial flow state of the runs; NAME.phase_0.npz if scenario NAME has its own plant
@@ -6,20 +8,107 @@ runs/NAME.phase0.json   the outcome of a finished run
 table.csv, figures/, report.html
 """
 
+import hashlib
 import json
 import shutil
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
+from contract.arrays import Array
 from contract.atomic import check_writable, replacing
-from contract.errors import ConfigError, OutputError
+from contract.config.body import TRUCK_BODY
+from contract.config.tree import Config
+from contract.errors import ConfigError, OutputError, PlantError
 from contract.typed import typed
-from firmware_sim.campaign.outcome import RunOutcome
+from wake.truck.develop import develop
+from wake.truck.state import State, check_origin, developed_state, load_state, save_state
+from wake.truck.truck_wake import TruckWake
 
 CAMPAIGN_SCHEMA: Final = "stillwake-campaign/1"
 _RUN_SCHEMA: Final = "stillwake-campaign-run/1"
+COURSE: Final = ("t", "Cd", "Cl", "action")
+"""Names of the stored series, which have one value per control period."""
+DECIMALS: Final = 6
+"""Number of decimals of the stored series. The last decimal is a tenth of the resolution of actions on the bus."""
+MOST_KEPT: Final = 20
+"""Largest number of violations that are stored as text; all violations are counted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeptCourse:
+    """The stored series of a run, with the names in `COURSE`, and the time of the request for control."""
+
+    t: list[float]
+    Cd: list[float]
+    Cl: list[float]
+    action: list[float]
+    enabled_t: float
+
+    @classmethod
+    def of(cls, series: Mapping[str, Array], enabled_t: float) -> "KeptCourse":
+        kept = {name: [round(float(value), DECIMALS) for value in series[name]] for name in COURSE}
+        return cls(**kept, enabled_t=round(enabled_t, DECIMALS))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanFigures:
+    """Means over the averaged periods; `Sample` defines the coefficients."""
+
+    Cd: float
+    abs_Cl: float
+    mean_Cl: float
+    rms_action: float
+
+    @classmethod
+    def over(cls, course: KeptCourse, from_t: float) -> "MeanFigures":
+        """Average over the samples from `from_t` on. With and without control this is the same part of a cycle."""
+        kept = np.array(course.t) >= from_t - 1e-9  # allows for rounding in sums of spans
+        cd, cl, action = (np.array(getattr(course, name))[kept] for name in ("Cd", "Cl", "action"))
+        return cls(
+            Cd=float(cd.mean()),
+            abs_Cl=float(np.abs(cl).mean()),
+            mean_Cl=float(cl.mean()),
+            rms_action=float(np.sqrt((action**2).mean())),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunService:
+    """Counts of the ECU and the bus in a run under control.
+
+    Attributes:
+        requested: number of periods with a request for control after the controller's window was filled.
+        in_control: number of the requested periods in which the controller planned.
+        latches: number of times that the ECU latched a fault.
+        reasons: number of control periods without control, for each reason that the ECU gave.
+        frames_sent, frames_lost, frames_rejected: counts of pressure frames and commands.
+    """
+
+    requested: int
+    in_control: int
+    latches: int
+    reasons: dict[str, int] = field(default_factory=dict)
+    frames_sent: int
+    frames_lost: int
+    frames_rejected: int
+    violations: int = 0
+    broken: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOutcome:
+    """The outcome of one run. `key` is the hash of everything that the run depends on. If the run did not finish,
+    `failure` is the reason, and the other fields are None. A run without control has no `service` (None)."""
+
+    key: str
+    figures: MeanFigures | None = None
+    course: KeptCourse | None = None
+    service: RunService | None = None
+    failure: str = ""
 
 
 class CampaignFolder:
@@ -95,3 +184,58 @@ def _read(path: Path, schema: str) -> dict[str, Any] | None:
 def _plain(label: Mapping[str, Any]) -> Any:
     """Return the label as it would be read back after it was written as JSON."""
     return json.loads(json.dumps(label))
+
+
+def phases_apart(phases: int, config: Config) -> list[int]:
+    """Return the numbers of control periods from the developed wake to the starting phases, spread over a cycle."""
+    cycle = 1.0 / config.forcing.base_frequency
+    return [round(number * cycle / phases / config.flow.control_period) for number in range(phases)]
+
+
+def starting_states(
+    folder: CampaignFolder,
+    config: Config,
+    phases: int,
+    scenario: str = "",
+    progress: Callable[[float, float], None] = lambda t, total: None,
+) -> tuple[State, ...]:
+    """Return the flow states of all starting phases, at time zero with the jets shut. They are read from the folder or
+    computed. For a body other than the truck this takes minutes, and `progress` is called with (time, total time) in
+    t_c. `scenario` is empty for the common plant of the scenarios that have no plant of their own. Raises PlantError if
+    there is no developed wake for the settings."""
+    kept = [_kept(folder.start(number, scenario), config) for number in range(phases)]
+    whole = [state for state in kept if state is not None]
+    if len(whole) == phases:
+        return tuple(whole)
+    wake = TruckWake(config.flow, body=config.body)
+    if config.body == TRUCK_BODY:
+        wake.reset(replace(developed_state(), substep=0, action=0.0))
+    else:
+        develop(wake, progress=progress)
+    states, done = [], 0
+    for wanted in phases_apart(phases, config):
+        for _ in range(wanted - done):
+            wake.advance(0.0)
+        done = wanted
+        states.append(replace(wake.state(), substep=0, action=0.0))
+    return tuple(states)
+
+
+def keep_states(folder: CampaignFolder, states: Sequence[State], scenario: str = "") -> None:
+    """Write the states of all starting phases to the files that `starting_states` reads."""
+    for number, state in enumerate(states):
+        save_state(folder.start(number, scenario), state)
+
+
+def digest_of(state: State) -> str:
+    return hashlib.sha256(state.flat.tobytes()).hexdigest()
+
+
+def _kept(file: Path, config: Config) -> State | None:
+    """Return the state in the file; None if the file is missing or belongs to an earlier body of the scenario."""
+    try:
+        state = load_state(file)
+        check_origin(state.origin, config.body, config.flow.reynolds)
+    except PlantError:
+        return None
+    return state

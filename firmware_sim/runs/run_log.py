@@ -1,25 +1,27 @@
-"""The log of a closed-loop run: one row per control period, and the totals of the bus."""
+"""A closed-loop run: its log with one row per control period, the traffic on its bus, and the files of its folder."""
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from can_bridge.bus.interface import BusHealth
+from can_bridge.bus.simulated.medium import BusActivity, Transmission
+from can_bridge.wire.message_sets import MessageSet
 from can_bridge.wire.messages import Mode, Reason
 from contract import sensors
 from contract.arrays import Array
-from contract.atomic import replacing
+from contract.atomic import check_writable, replacing
 from contract.errors import ConfigError, StillwakeError
 from contract.ledger import LEDGER_FIELDS
 from contract.npz import read_npz
 from contract.release import strict_json
 from contract.sensor_layout import SensorLayout
 from contract.typed import typed
-from firmware_sim.runs.bus_traffic import BusTraffic
 from firmware_sim.runs.metadata import RunMetadata
 from wake.plant.sample import Sample
 
@@ -80,6 +82,59 @@ class BusTotals:
     sent: int
     lost: int
     rejected: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeErrors:
+    """The state of a node's CAN controller at the end of the run: the name of a `can_bridge.bus.interface.BusState`,
+    error counters, and the numbers of bus-offs and of frames that the controller could not send."""
+
+    state: str
+    tx_errors: int
+    rx_errors: int
+    bus_off: int
+    refused: int
+
+    @classmethod
+    def of(cls, health: BusHealth, refused: int) -> "NodeErrors":
+        return cls(**{**asdict(health), "state": health.state.name}, refused=refused)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusTraffic:
+    """All traffic on the bus, including other nodes' frames.
+
+    Attributes:
+        load: share of the time in which the bus was not free, 0 to 1.
+        error_frames: number of attempts to send that were destroyed by an error, or that no node acknowledged.
+        longest_wait_ms: longest time from the send queue to the successful transmission, by name of our message.
+    """
+
+    load: float
+    frames: int
+    error_frames: int
+    longest_wait_ms: Mapping[str, float]
+    nodes: Mapping[str, NodeErrors]
+
+
+@dataclass(kw_only=True)
+class WaitingTimes:
+    """An observer of the simulated bus that records the longest wait of a frame, for each message of a set."""
+
+    messages: MessageSet
+    _longest_ns: dict[int, int] = field(default_factory=dict)
+
+    def __call__(self, seen: Transmission) -> None:
+        if seen.frame.is_extended:
+            return
+        frame_id, waited_ns = seen.frame.frame_id, seen.begin_ns - seen.queued_ns
+        self._longest_ns[frame_id] = max(waited_ns, self._longest_ns.get(frame_id, 0))
+
+    def traffic(self, activity: BusActivity, nodes: Mapping[str, NodeErrors]) -> BusTraffic:
+        sent = (spec for spec in self.messages.specs if spec.frame_id in self._longest_ns)
+        longest = {spec.name: self._longest_ns[spec.frame_id] / 1e6 for spec in sent}
+        counts = {name: getattr(activity, name) for name in ("load", "frames", "error_frames")}
+        return BusTraffic(**counts, longest_wait_ms=longest, nodes=dict(nodes))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,3 +234,32 @@ def _check(log: RunLog) -> None:
     for name, kind in (("mode", Mode), ("reason", Reason)):
         if not set(log.series[name].tolist()) <= {float(one) for one in kind}:
             raise ValueError(f"{name!r} must hold values of {kind.__name__}")
+
+
+class RunFolder:
+    """The files that `stillwake run` writes.
+
+    Attributes:
+        series, summary: files of `run_log.RunLog` and of `summary.whole_summary` as JSON.
+        frames: log of every frame on the bus, in the format of candump.
+        uncontrolled_picture, controlled_picture: vorticity at the end of the lead-in and of the run.
+        wake: file of `wake_stills.WakeStills`; missing in folders of earlier versions.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.series, self.wake = path / "series.npz", path / "wake.npz"
+        self.frames, self.summary, self.report = path / "frames.log", path / "summary.json", path / "report.html"
+        self.uncontrolled_picture = path / "vorticity_uncontrolled.png"
+        self.controlled_picture = path / "vorticity_controlled.png"
+
+    def check_free(self, *, overwrite: bool) -> None:
+        """Check the folder. Raises StillwakeError if the folder cannot be written, contains other files, or contains a
+        run and `overwrite` is False. A folder with only an OpenFOAM case's developed state is accepted."""
+        check_writable(self.path, folder=True)
+        there = {item.name for item in self.path.iterdir()} if self.path.is_dir() else set()
+        holds_a_run = {self.series.name, self.summary.name} & there
+        if there - {"openfoam"} and not holds_a_run:
+            raise StillwakeError(f"{self.path}: holds files that no run wrote; name another folder")
+        if not overwrite and holds_a_run:
+            raise StillwakeError(f"{self.path} holds a run: give another folder, or --overwrite to replace it")

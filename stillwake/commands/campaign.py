@@ -68,7 +68,7 @@ def campaign(
     without drag reduction is no failure.
     """
     from firmware_sim.campaign.folder import CampaignFolder
-    from firmware_sim.campaign.matrix_words import listing
+    from firmware_sim.campaign.judgement import listing
 
     if output is None and not list_them:
         raise StillwakeError("name the folder to write, or give --list to see the test plan")
@@ -109,11 +109,9 @@ def _planned(
     """Return the requested campaign after its checks; every error in the request is raised before the first run."""
     from contract.config.body import layout_of
     from ecu.fit import check_flow, check_sensors
-    from firmware_sim.bench.spans import Spans
-    from firmware_sim.campaign.conduct import Campaign
-    from firmware_sim.campaign.plan_file import whole_plan
-    from firmware_sim.campaign.running import MARGIN_PERIODS
-    from firmware_sim.campaign.scenario import Place, selected
+    from firmware_sim.bench.simulation import Spans
+    from firmware_sim.campaign.conduct import MARGIN_PERIODS, Campaign
+    from firmware_sim.campaign.scenario import Place, selected, whole_plan
 
     check_flow(release, config.flow)
     layout = layout_of(config.body)
@@ -160,7 +158,7 @@ def _conducted(planned: "Campaign", folder: "CampaignFolder", spread: Mapping[st
 
 def _print(result: "Result") -> None:
     """Print the table of the scenarios, then the headline, because a terminal shows the end of the output."""
-    from firmware_sim.campaign.matrix_words import MATRIX_HEADS, cells, headline
+    from firmware_sim.campaign.judgement import MATRIX_HEADS, cells, headline
 
     table = Table(*MATRIX_HEADS)
     for row in result.rows:

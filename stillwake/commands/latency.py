@@ -27,8 +27,7 @@ from stillwake.parts.c_release import library_folder
 from stillwake.parts.releases import locate, open_release
 
 if TYPE_CHECKING:
-    from firmware_sim.latency.budget import KeptLimit
-    from firmware_sim.latency.measured import MeasuredRun
+    from firmware_sim.latency.measured import KeptLimit, MeasuredRun
 
 _NOT_PASSED: Final = 3
 """Exit status of a complete run in which the latency budget was exceeded, or the ECU left control."""
@@ -77,8 +76,7 @@ def latency(
 
     Exit status 3: the latency budget is exceeded, or the ECU left control.
     """
-    from firmware_sim.latency.budget import read_budget, verdicts
-    from firmware_sim.latency.report import PAGE, write_report
+    from firmware_sim.latency.measured import PAGE, read_budget, verdicts, write_report
 
     limits = None if budget is None else read_budget(budget)
     check_output(output, overwrite=overwrite, folder=True, mark=PAGE)
@@ -182,7 +180,7 @@ def vehicle_command(subject: Subject, chosen: Path, *, periods: int, lead_in: fl
 
 def figures(runs: "Sequence[MeasuredRun]") -> dict[str, Any]:
     """Return the figures of a results file: counts over all runs, and each run's figures by its controller's name."""
-    from firmware_sim.latency.budget import COUNTS
+    from firmware_sim.latency.measured import COUNTS
 
     own = {run.name: run.figures() for run in runs}
     totals = {name: sum(run[name] for run in own.values()) for name in ("periods", *COUNTS)}
@@ -222,7 +220,7 @@ def _subjects(
 
 
 def _print(run: "MeasuredRun", verdicts: "Sequence[KeptLimit]") -> None:
-    from firmware_sim.latency.report import BUDGET_HEAD, HEAD, budget_rows, notes, stage_rows
+    from firmware_sim.latency.measured import BUDGET_HEAD, HEAD, budget_rows, notes, stage_rows
 
     console.print(f"{run.name}: {run.verdict}", style="yellow" if run.is_too_noisy else "")
     for note in notes(run):

@@ -176,7 +176,6 @@ def _signal(config: Config, steps: int, forcing: str) -> npt.NDArray[np.float64]
 
 
 def _run_log(folder: Path) -> "RunLog":
-    from firmware_sim.runs.run_folder import RunFolder
-    from firmware_sim.runs.run_log import load
+    from firmware_sim.runs.run_log import RunFolder, load
 
     return load(RunFolder(folder).series)

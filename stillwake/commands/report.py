@@ -13,7 +13,7 @@ from stillwake.console.terminal import console, listed
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from firmware_sim.runs.run_folder import RunFolder
+    from firmware_sim.runs.run_log import RunFolder
 
 Sources = Annotated[
     list[Path], typer.Argument(metavar="FOLDER|FILE", help="Folders written by `run`; or one log, or one data set.")
@@ -42,9 +42,8 @@ def report(sources: Sources, outputs: Outputs = []) -> None:  # noqa: B006
     if not sources[0].is_dir() and (sources[0].suffix.lower() in DATASET_SUFFIXES or is_log(sources[0])):
         (_of_log if is_log(sources[0]) else _of_dataset)(sources, outputs)
         return
-    from firmware_sim.runs.run_folder import RunFolder
-    from firmware_sim.runs.run_page.comparison import write_comparison
-    from firmware_sim.runs.run_page.report import write_report
+    from firmware_sim.runs.run_log import RunFolder
+    from firmware_sim.runs.run_page.report import write_comparison, write_report
 
     runs = [RunFolder(folder) for folder in sources]
     if len(runs) > 1:
@@ -95,9 +94,8 @@ def _writer(run: "RunFolder", output: Path) -> "Callable[[], object]":
     """Return the function that writes an output. Raises ConfigError if no format has the ending of its name."""
     from can_bridge.tools.measurement import MEASUREMENTS
     from firmware_sim.runs.run_log import load
-    from firmware_sim.runs.run_page.measurement import write_run
+    from firmware_sim.runs.run_page.measurement import write_csv, write_run
     from firmware_sim.runs.run_page.report import write_picture, write_report
-    from firmware_sim.runs.series_csv import write_csv
     from wake.pictures.drawing import PICTURES
 
     match output.suffix.lower():

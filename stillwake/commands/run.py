@@ -93,7 +93,7 @@ def run(
     file with the columns t_s and speed_m_per_s. docs/how-to/drive-at-other-speeds.md has more.
     """
     from firmware_sim.bench.disturbances import parse_disturbance
-    from firmware_sim.runs.run_folder import RunFolder
+    from firmware_sim.runs.run_log import RunFolder
     from firmware_sim.runs.run_page.measurement import write_run
     from firmware_sim.runs.summary import summary
 
@@ -155,7 +155,7 @@ def _spans(
     config: Config, drive: "Drive | None", lead_in: float, controlled: float | None, settle: float, *, averages: bool
 ) -> dict[str, Any]:
     """Return the fields of the run's `Spans`. Invalid times raise an error here, before a C library is made."""
-    from firmware_sim.bench.spans import Spans
+    from firmware_sim.bench.simulation import Spans
 
     if controlled is None:
         controlled = 100.0 if drive is None else drive.duration_s / config.operating_point.convective_time
@@ -245,7 +245,7 @@ def _ecu_in_c(kind: str, clock_mhz: float, library: Path | None, release: Bundle
 def _print(log: "RunLog") -> None:
     """Print a failure, the tables, and then the headline, because a terminal shows the end of the output."""
     from firmware_sim.runs.control import trouble
-    from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
+    from firmware_sim.runs.summary import drag_rows, headline, service_rows
 
     warning = trouble(log)
     if warning is not None:

@@ -23,9 +23,8 @@ from stillwake.parts.releases import open_release
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from firmware_sim.bench.real_time.pressures import Pressures
     from firmware_sim.bench.real_time.running import Course
-    from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
+    from firmware_sim.bench.real_time.vehicle_loop import Pressures, VehicleFigures
     from wake.plant.drive import Drive
 
 NO_COMMANDS: Final = 3
@@ -86,8 +85,8 @@ def vehicle(
 
     from contract.recording.dataset import read
     from ecu.real_time.privileges import Wanted
-    from firmware_sim.bench.real_time.pressures import Replay
     from firmware_sim.bench.real_time.running import Course
+    from firmware_sim.bench.real_time.vehicle_loop import Replay
 
     course = Course(
         periods=periods,

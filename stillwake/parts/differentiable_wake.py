@@ -9,7 +9,7 @@ import numpy as np
 from contract.config.body import TRUCK_BODY, layout_of
 from contract.config.tree import Config
 from contract.differentiable import FlowState
-from firmware_sim.campaign.starts import phases_apart
+from firmware_sim.campaign.folder import phases_apart
 from wake.solver.grid import box_grid
 from wake.truck.develop import SETTLE_TIME, develop, moved
 from wake.truck.state import check_origin, developed_state, load_state

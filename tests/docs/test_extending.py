@@ -18,8 +18,7 @@ from contract.shipped import BUNDLE
 from examples import own_selection
 from examples.own_faults import EveryNth, WithSensors, clipped, third_lost
 from examples.own_plant import OscillatorPlant
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from tests.docs.blocks.pages import python
 from train.networks.samples import Rows
 

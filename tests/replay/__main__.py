@@ -1,31 +1,47 @@
 """The command `python -m tests.replay [--renew] [--only DRIVE] [--json FILE]`: shows how a change affects commands and
-states.
+states. With --renew it makes the recordings: all drives in closed loop, the answers of the ECU in C to each, and their
+origin. Finished drives are stored in a folder named after the hash of their sources, so that a stopped recording can
+continue.
 
 Exit status 3: an answer differs from the recorded one. Exit status 4: the recordings belong to another release, and
 nothing was compared.
 """
 
+import hashlib
 import json
 import os
+import shutil
 import time
 from collections.abc import Sequence
+from datetime import date
 from fnmatch import fnmatch
+from functools import partial
 from typing import Annotated, Any, ClassVar, Final
 
 import typer
 from rich.table import Table
 
-from benchmarks.common.command_line import JsonFile, console, save, track
+from benchmarks.common.command_line import ROOT, JsonFile, console, save, track
+from contract.atomic import replacing
+from contract.config.loading import load_config
 from contract.errors import StillwakeError
+from contract.results import machine, versions
 from contract.side_by_side import process_pool
+from stillwake.parts.differentiable_wake import mesh_of
 from tests.proofs.command_line import main as run
 from tests.replay import judging
 from tests.replay.judging import Job, Verdict, verdict
-from tests.replay.recording import plans, shipped
-from tests.replay.renewing import PARTS, PROCESSES, PROVENANCE, facts, renew
+from tests.replay.recording import Plan, plans, record, shipped
 from tests.replay.shelf import SHELF, SUFFIX, ShelfError, read
+from tests.replay.shelf import save as keep
+from wake.plants import own_wake
+from wake.truck.state import save_state
 
 CHANGED: Final = 3
+PROCESSES: Final = 2
+PROVENANCE: Final = "provenance.json"
+PARTS: Final = ROOT / "build" / "replay"
+_MADE_BY: Final = ("contract", "wake", "can_bridge", "ecu", "firmware_sim", "export", "tests/replay")
 
 
 class OtherReleaseError(StillwakeError):
@@ -43,12 +59,12 @@ def main(
     if again:
         _renew(only)
         return
-    began, record = time.monotonic(), provenance()
+    began, origin = time.monotonic(), provenance()
     paths = [path for path in sorted(SHELF.glob(f"*{SUFFIX}")) if _is_chosen(path.name.removesuffix(SUFFIX), only)]
     drives = {drive.name: drive for drive in map(read, paths)}
     if not drives:
         raise ShelfError(f"{SHELF}: no drive of the name {', '.join(only)}; --renew records what drives.toml has")
-    is_same = all(record[name] == value for name, value in facts().items())
+    is_same = all(origin[name] == value for name, value in facts().items())
     jobs, refused = judging.c_jobs(paths, judging.c_library())
     if lost := [why for name, why in refused.items() if "c" in drives[name].answers]:
         raise ShelfError(f"the ECU in C refuses what it answered when it was recorded: {lost[0]}")
@@ -79,7 +95,7 @@ def main(
             "largest_change": max((one.largest for one in of_kind), default=0.0),
         }
     figures = {"drives": len(drives), "periods": periods, "by_ecu": by_ecu, **spent}
-    save(json_file, figures=figures, facts={**record, "python_to_the_bit": is_same, "left_out_in_c": left})
+    save(json_file, figures=figures, facts={**origin, "python_to_the_bit": is_same, "left_out_in_c": left})
     console.print(f"{len(drives)} drives, {periods} periods in {spent['seconds']} s: {len(differing)} answers differ")
     if differing:
         judging.draw(differing, PARTS / "changed.png")
@@ -91,15 +107,15 @@ def provenance() -> dict[str, Any]:
     """Return the origin of the recordings. Raises ShelfError if it is missing, OtherReleaseError if it is another
     release than the shipped one."""
     try:
-        record: dict[str, Any] = json.loads((SHELF / PROVENANCE).read_text(encoding="utf-8"))
+        origin: dict[str, Any] = json.loads((SHELF / PROVENANCE).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ShelfError(f"{SHELF / PROVENANCE}: {error}; make replay RENEW=1 records a shelf") from error
-    if record["digest"] != shipped().digest:
+    if origin["digest"] != shipped().digest:
         raise OtherReleaseError(
-            f"the shelf is of {record['release']} ({record['digest'][:12]}), shipped is {shipped().manifest.name} "
+            f"the shelf is of {origin['release']} ({origin['digest'][:12]}), shipped is {shipped().manifest.name} "
             f"({shipped().digest[:12]}): nothing is judged; make replay RENEW=1, and commit tests/replay/shelf with it"
         )
-    return record
+    return origin
 
 
 def _renew(only: Sequence[str]) -> None:
@@ -121,6 +137,49 @@ def _renew(only: Sequence[str]) -> None:
     console.print(f"{len(chosen)} drives of {shipped().manifest.name} ({shipped().digest[:12]}): in closed loop")
     console.print(f"{sum(bool(one.periods) for one in found)} of {len(found)} answers that were there are others")
     _print([one for one in found if one.periods])
+
+
+def facts() -> dict[str, Any]:
+    """Return what the bits of the ECU in Python depend on."""
+    return {"processor": machine().partition(",")[0], "versions": versions("onnxruntime", "numpy")}
+
+
+def renew(chosen: Sequence[Plan]) -> None:
+    """Record these drives. Recordings of other drives stay if they belong to the shipped release."""
+    parts = PARTS / _made_from()
+    parts.mkdir(parents=True, exist_ok=True)
+    start, targets = parts / "start.npz", [parts / f"{plan.name}{SUFFIX}" for plan in chosen]
+    if not start.exists():
+        save_state(start, own_wake(mesh_of(load_config())).state())
+    missing = {target: plan for plan, target in zip(chosen, targets, strict=True) if not target.exists()}
+    with process_pool(PROCESSES) as pool:
+        list(track(pool.map(partial(record, start), missing, missing.values()), "drives", "drives", len(missing)))
+        jobs, _ = judging.c_jobs(targets, judging.c_library())
+        for found in track(pool.map(judging.answers, jobs), "ECU in C", "builds", len(jobs)):
+            for name, kind, answers in found:
+                drive = read(path := parts / f"{name}{SUFFIX}")
+                drive.answers[kind] = answers
+                keep(path, drive)
+    kept = [path for path in SHELF.glob(f"*{SUFFIX}") if parts / path.name not in targets]
+    targets += [path for path in kept if read(path).digest == shipped().digest]
+    with replacing(SHELF) as temporary:
+        temporary.mkdir()
+        for path in targets:
+            shutil.copyfile(path, temporary / path.name)
+        digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(targets)}
+        made = {"command": "make replay RENEW=1", "date": date.today().isoformat()}
+        of = {"release": shipped().manifest.name, "digest": shipped().digest}
+        text = json.dumps({**made, **of, **facts(), "sha256": digests}, indent=2)
+        (temporary / PROVENANCE).write_text(text + "\n", encoding="utf-8")
+    shutil.rmtree(parts)
+
+
+def _made_from() -> str:
+    everything = hashlib.sha256(shipped().digest.encode())
+    for path in (path for folder in _MADE_BY for path in sorted((ROOT / folder).rglob("*"))):
+        if path.suffix in (".py", ".c", ".h", ".toml", ".dbc"):
+            everything.update(path.read_bytes())
+    return everything.hexdigest()[:12]
 
 
 def _is_chosen(name: str, only: Sequence[str]) -> bool:

@@ -25,8 +25,7 @@ from ecu.ecu import Ecu
 from ecu.ecu_state import EcuState
 from ecu.stepped import CalibratedEcu, LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from stillwake.parts.differentiable_wake import mesh_of
 from stillwake.parts.releases import open_release
 from tests.replay.shelf import Answers, Period, Recorded, save

@@ -14,8 +14,8 @@ from firmware_sim.bench.disturbances import Disturbances
 from tests.proofs.ecu_in_c.planted import PLANTED
 from tests.replay import __main__ as command
 from tests.replay import judging
+from tests.replay.__main__ import PROVENANCE
 from tests.replay.recording import open_loop, plans, python_ecu, shipped, vehicle
-from tests.replay.renewing import PROVENANCE
 from tests.replay.shelf import SHELF, SUFFIX, Answers, ShelfError, read
 
 DRIVE = SHELF / f"undisturbed{SUFFIX}"

@@ -157,7 +157,7 @@ def _run(pipe: Connection, config: Config, start: Path | None, drive: Drive | No
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     stay_ordinary()
-    from firmware_sim.bench.driven import driving
+    from firmware_sim.bench.disturbing import driving
     from wake.plants import open_plant
 
     def send(*word: object) -> None:

@@ -18,9 +18,7 @@ from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.inbox import Inbox
 from ecu.real_time.privileges import Wanted, in_words, taken
 from ecu.real_time.stage_times import USUAL_PERIODS, StageTimes, VehicleStage
-from firmware_sim.bench.real_time.pressures import Pressures
-from firmware_sim.bench.real_time.vehicle_counts import VehicleFigures
-from firmware_sim.bench.real_time.vehicle_loop import VehicleLoop
+from firmware_sim.bench.real_time.vehicle_loop import Pressures, VehicleFigures, VehicleLoop
 from firmware_sim.bench.vehicle_node import VehicleNode
 from wake.plant.drive import Drive
 

@@ -12,7 +12,7 @@ from can_bridge.wire.message_sets import MessageSet
 from contract.config.tree import Config
 from firmware_sim.bench.disturbing import PORT_NAMES
 from firmware_sim.live.loop.messages import LiveMessage
-from firmware_sim.runs.bus_traffic import NodeErrors
+from firmware_sim.runs.run_log import NodeErrors
 
 ROWS: Final = 64
 """Largest number of rows; if there are more identifiers, those with the lowest priority are left out."""

@@ -17,8 +17,7 @@ from contract.release.checks import Bundle
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.stepped import LoopEcu
-from firmware_sim.bench.spans import SHEDDING_TIME
-from firmware_sim.bench.wiring import wire
+from firmware_sim.bench.simulation import SHEDDING_TIME, wire
 from firmware_sim.live.loop.bus_table import BusTable
 from firmware_sim.live.loop.messages import FieldPicture
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, SeenState

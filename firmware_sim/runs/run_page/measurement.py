@@ -1,5 +1,7 @@
-"""The measurement file of a run: frames with their signals, series that no frame contains, events, wake pictures."""
+"""A run for other programs: its series as CSV, with units in the header, and as a measurement file, with frames and
+their signals, series that no frame contains, events and pictures of the wake."""
 
+import csv
 import io
 from collections import Counter
 from collections.abc import Iterator
@@ -14,17 +16,55 @@ from can_bridge.logs.entries import ChannelGroup, NamedChannel
 from can_bridge.logs.log_reader import CanLog
 from can_bridge.logs.mcap_file import EVENTS_TOPIC, WAKE_TOPIC
 from can_bridge.tools.measurement import WORDS, write_measurement
+from can_bridge.wire.messages import Mode, Reason
+from contract.atomic import replacing
+from contract.ledger import LEDGER_FIELDS
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import settings_of
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import COLUMNS, WALL, WITHOUT, RunLog
+from firmware_sim.runs.run_log import COLUMNS, WALL, WITHOUT, RunFolder, RunLog
 from firmware_sim.runs.run_page.run_data import events
-from firmware_sim.runs.series_csv import COLUMN_UNITS
 from wake.pictures.drawing import FIELD_COLOURS, outline
 from wake.pictures.fields import TOP
 
+COLUMN_UNITS: Final = {
+    "t": "t_c",
+    **dict.fromkeys(LEDGER_FIELDS, "1"),
+    "Uy_probe": "U_inf",
+    "action": "U_inf W",
+    "base_Cp": "1",
+    "command": "U_inf W",
+    "predicted_Cd": "1",
+    "predicted_Cl": "1",
+    "mode": "name",
+    "reason": "name",
+    "step_ms": "ms",
+    "age_ms": "ms",
+    "set_aside": "1",
+    "speed": "m/s",
+}
+"""Unit of every column, in the order of `run_log.COLUMNS`; "name" for modes and reasons, which are written as names."""
 _NO_UNIT: Final = {"1": "", "name": ""}
 _BODY: Final = (209, 209, 209)
+
+
+def write_csv(path: Path, log: RunLog) -> None:
+    """Write the series, completely or not at all; a missing value is empty. Raises StillwakeError on failure."""
+    columns = {}
+    for name, unit in COLUMN_UNITS.items():
+        columns[f"{name} [{unit}]"] = [_text(name, value) for value in log.series[name]]
+    if WALL in log.series:
+        for name, Cp in zip(log.metadata.sensors, log.series[WALL].T, strict=True):
+            columns[f"Cp_{name} [1]"] = [_text("Cp", value) for value in Cp]
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows([columns, *zip(*columns.values(), strict=True)])
+
+
+def _text(name: str, value: float) -> str:
+    if name == "mode":
+        return Mode(int(value)).name
+    if name == "reason":
+        return Reason(int(value)).name
+    return "" if value != value else f"{value:.10g}"
 
 
 def write_run(path: Path, folder: RunFolder) -> Counter[str]:

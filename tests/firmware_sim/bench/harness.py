@@ -1,29 +1,29 @@
 """A plant of two numbers, one loop in virtual time around it, and whole runs of that with what was seen of them."""
 
-from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from math import cos
 from typing import Any
 
 import numpy as np
 
-from can_bridge.bus.interface import Bus
-from can_bridge.bus.simulated.medium import Corrupts, SimulatedBus
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
 from contract import sensors
 from contract.config.tree import Config
+from contract.config.vehicle import EcuConfig
 from ecu.ecu import Ecu
+from ecu.stepped import LoopEcu
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
-from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.bench.virtual_loop import VirtualLoop
+from firmware_sim.bench.disturbing import Disturbing
+from firmware_sim.bench.simulation import Simulation, Spans, wire
 from firmware_sim.runs.run_log import WALL, RunLog
+from tests.can_bridge.wire.described import DBC
 from tests.ecu.conftest import RecordingController, make_bundle
 from wake.plant.sample import Sample
 
+DEFAULT = Config()
 NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 BIT_NS = 2000
 """At 500 kbit/s."""
@@ -87,23 +87,24 @@ class LiveOscillator(Oscillator):
         self.config = replace(self.config, reynolds=reynolds)
 
 
-class Harness:
-    """Everything around one loop."""
+def swinging() -> RecordingController:
+    """A controller none of whose actions comes twice."""
+    steps = count()
+    return RecordingController(lambda i: 0.03 * cos(next(steps)))
 
-    def __init__(
-        self, bundle, config: Config, controller, wrapped: dict[str, Callable[[Bus], Bus]], corrupts: Corrupts | None
-    ) -> None:
-        self.config = config
-        self.plant = Oscillator(config.flow.substeps)
-        self.ecu = Ecu(bundle, controller, config)
+
+class Harness:
+    """A loop with these disturbances, period by period, and everything around it."""
+
+    def __init__(self, compute_ms: float, *texts: str, plan_ahead: bool = False, **ecu_settings: Any) -> None:
+        ecu = EcuConfig(compute_time_ms=compute_ms, plan_ahead=plan_ahead, **ecu_settings)
+        self.config = config = Config(ecu=ecu)
+        self.plant, self.ecu = LiveOscillator(config), Ecu(make_bundle(), swinging(), config)
         self.captured: list[Frame] = []
-        self.bus = bus = SimulatedBus(config.bus, self.captured.append, corrupts=corrupts)
-        self.ports = {name: bus.port(name) for name in wrapped}
-        at_vehicle, at_ecu = (wrapped[name](self.ports[name]) for name in ("vehicle", "ecu"))
-        ticks = iter(range(10**6))
-        around: dict[str, Any] = {"ecu_health": self.ports["ecu"].health, "clock": lambda: 0.001 * next(ticks)}
-        node = VehicleNode(NAMES, config)
-        self.loop = VirtualLoop(self.plant, node, self.ecu, bus, at_vehicle, at_ecu, config, **around)
+        self.disturbing = Disturbing(Disturbances.parse(texts), config, NAMES, seed=1)
+        in_loop = LoopEcu(ecu=self.ecu, kind="python", computed_by="a test")
+        wired = wire(self.plant, NAMES, config, in_loop, self.disturbing, capture=self.captured.append)
+        self.bus, self.loop = wired.bus, wired.loop
 
     def run(self, periods: int) -> list:
         # Raised once: a request that stands at power-on is none.
@@ -138,7 +139,7 @@ class Waves(RecordingController):
     description = "waves"
 
     def __init__(self) -> None:
-        steps = iter(range(10**6))
+        steps = count()
         super().__init__(lambda i: 0.075 * cos(next(steps) / 7))
 
     def warm_up(self, steps: int) -> None:
@@ -148,17 +149,19 @@ class Waves(RecordingController):
 class Run:
     """A whole run on an oscillator with disturbances, and what was seen of it."""
 
-    def __init__(self, *texts: str, seed: int = 0, config: Config | None = None, plant: Any = None) -> None:
-        config = Config() if config is None else config
-        self.plant = LiveOscillator(config) if plant is None else plant
+    def __init__(self, *texts: str, config: Config = DEFAULT, plant: Any = None, observer: Any = None, **more: Any):
+        around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), **more}
+        self.plant: Any = LiveOscillator(config) if plant is None else plant
         self.frames: list[Frame] = []
-        around: dict[str, Any] = {"controller": Waves(), "disturbances": Disturbances.parse(texts), "seed": seed}
         run = Simulation(make_bundle(), config, spans=SPANS, **around)
-        self.log: RunLog = run.run(self.plant, capture=self.frames.append)
+        self.log: RunLog = run.run(self.plant, capture=self.frames.append, observer=observer)
         self.acted = [one.acted for one in self.log.metadata.faults]
         self.pressures: list[Any] = [codec.parse_pressure(frame.data) for frame in self.of(PRESSURE)]
         self.commands: list[Any] = [codec.parse_jet_command(frame.data) for frame in self.of(JET_COMMAND)]
         self.statuses: list[Any] = [codec.parse_ecu_status(frame.data) for frame in self.of(ECU_STATUS)]
+        speed = DBC.get_message_by_name("VehicleSpeed")
+        self.speeds: list[Any] = [speed.decode(one.data, decode_choices=False) for one in self.of(VEHICLE_SPEED)]
+        """As cantools reads them."""
         self.read = np.array([pressure.pressure_pa for pressure in self.pressures])
         """(n, 4) Pa, as the vehicle sent them."""
         self.wall = self.log.series[WALL] * config.operating_point.dynamic_pressure

@@ -17,7 +17,7 @@ from contract.release.checks import Bundle
 from examples.random_programs import random_program
 from firmware_sim.bench.closed_loop import run_closed_loop
 from firmware_sim.runs import wake_stills
-from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import RunFolder
 from firmware_sim.runs.run_page.report import write_report
 from wake.pictures.fields import LevelPicture
 

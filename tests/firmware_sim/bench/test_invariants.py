@@ -22,22 +22,15 @@ from ecu.fail_safe import FailSafe, OperatingMode
 from firmware_sim.bench import simulation
 from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.invariants import Invariants
-from firmware_sim.bench.simulation import Simulation
 from tests.each import each
-from tests.ecu.conftest import make_bundle
 from tests.examples import examples
-from tests.firmware_sim.bench.harness import SPANS, LiveOscillator, Waves
-
-DEFAULT = Config()
+from tests.firmware_sim.bench.harness import DEFAULT, Run
 
 
 def violations(*texts: str, config: Config = DEFAULT, seed: int = 0):
     """What breaks in a run of a stub controller on an oscillator, with everything else real; and the run."""
-    disturbances = Disturbances.parse(texts)
-    observer = Invariants.of(config, disturbances)
-    run = Simulation(make_bundle(), config, spans=SPANS, controller=Waves(), disturbances=disturbances, seed=seed)
-    log = run.run(LiveOscillator(config), observer=observer)
-    return observer.violations, log
+    observer = Invariants.of(config, Disturbances.parse(texts))
+    return observer.violations, Run(*texts, config=config, observer=observer, seed=seed).log
 
 
 def names(*texts: str, config: Config = DEFAULT) -> set[str]:

@@ -2,14 +2,11 @@
 
 from contextlib import suppress
 from dataclasses import asdict, replace
-from functools import partial
 from math import ceil, isnan
 
 import numpy as np
 import pytest
 
-from can_bridge.bus.faults.fault import FaultyBus, wrap
-from can_bridge.bus.faults.frame_faults import Drop, FlipBits
 from can_bridge.e2e.sender import SenderState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE, VEHICLE_SPEED
@@ -18,14 +15,12 @@ from contract.errors import BusError
 from ecu.ecu import Ecu
 from tests.each import each
 from tests.ecu.conftest import RecordingController, make_bundle
-from tests.firmware_sim.bench.harness import INTERMISSION_NS, WARM
+from tests.firmware_sim.bench.harness import INTERMISSION_NS, WARM, Harness
 
 
 @each("ahead, compute_ms", [(ahead, ms) for ahead in (0, 1) for ms in (0.0, 8.0, 19.0)])
-def test_the_command_is_the_target_of_the_period_it_is_computed_in_or_planned_ahead_of_the_next(
-    harness, ahead, compute_ms
-):
-    h = harness(compute_ms, plan_ahead=bool(ahead))
+def test_the_command_is_the_target_of_the_period_it_is_computed_in_or_planned_ahead_of_the_next(ahead, compute_ms):
+    h = Harness(compute_ms, plan_ahead=bool(ahead))
     rows = h.run(20)
     commands = [row.command for row in rows]
     assert h.targets()[WARM + ahead :] == commands[WARM : 20 - ahead]
@@ -38,8 +33,8 @@ def test_the_command_is_the_target_of_the_period_it_is_computed_in_or_planned_ah
 
 
 @each("compute_ms", [0.0, 0.5, 8.0, 19.0, 19.5])
-def test_the_ramp_starts_in_the_substep_after_the_command_arrives(harness, compute_ms):
-    h = harness(compute_ms)
+def test_the_ramp_starts_in_the_substep_after_the_command_arrives(compute_ms):
+    h = Harness(compute_ms)
     rows = h.run(12)
     period_ns, compute_ns = h.config.period_ns, round(compute_ms * 1e6)
     # The speed behind the pressures is over before the command is ready, unless it takes no time.
@@ -55,9 +50,9 @@ def test_the_ramp_starts_in_the_substep_after_the_command_arrives(harness, compu
 
 
 @each("compute_ms", [19.83, 19.9])
-def test_a_command_that_misses_its_period_acts_in_the_next(harness, compute_ms):
+def test_a_command_that_misses_its_period_acts_in_the_next(compute_ms):
     """It is on the bus across the period's end, or sent after it."""
-    h = harness(compute_ms)
+    h = Harness(compute_ms)
     rows = h.run(16)
     compute_ns, period_ns = round(compute_ms * 1e6), h.config.period_ns
     handed_over = [k * period_ns + taken + compute_ns for k, taken in enumerate(h.taken(PRESSURE))]
@@ -73,16 +68,16 @@ def test_a_command_that_misses_its_period_acts_in_the_next(harness, compute_ms):
     assert h.ecu.status().overruns == 0
     assert h.loop.totals().lost == 0
     # Planned ahead, it acts in the period after that in which it arrives.
-    h = harness(compute_ms, plan_ahead=True)
+    h = Harness(compute_ms, plan_ahead=True)
     rows = h.run(16)
     assert min(end - (k + 1) * period_ns for k, end in enumerate(h.ends(JET_COMMAND))) > 0
     assert h.targets()[WARM + 2 :] == [row.command for row in rows[WARM:-2]]
 
 
 @each("compute_ms, every", [(19.95, 1), (20.05, 2), (25.0, 2), (41.0, 3)])
-def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute_ms, every):
+def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(compute_ms, every):
     # Frames differ by some 10 us in stuff bits, so that an ECU that takes 20 ms does and does not keep up.
-    h = harness(compute_ms, hold_periods=3, deadline_misses=1000)
+    h = Harness(compute_ms, hold_periods=3, deadline_misses=1000)
     rows = h.run(31)
     stepped = [k for k, row in enumerate(rows) if not isnan(row.step_ms)]
     assert stepped == list(range(0, 31, every))
@@ -99,9 +94,9 @@ def test_an_ecu_that_is_too_slow_skips_steps_and_loses_no_frame(harness, compute
     assert min(row.age_ms for row in rows[-8:] if not isnan(row.age_ms)) > compute_ms
 
 
-def test_pressures_that_wait_for_the_bus_make_the_step_late_and_no_miss(harness):
+def test_pressures_that_wait_for_the_bus_make_the_step_late_and_no_miss():
     """Frames of higher priority, twelve of 390 us, handed over at once when the period begins."""
-    h = harness(8.0)
+    h = Harness(8.0)
     port = h.bus.port("other")
     data = b"\x55" * 64
 
@@ -121,43 +116,32 @@ def test_pressures_that_wait_for_the_bus_make_the_step_late_and_no_miss(harness)
     assert h.loop.totals().lost == 0
 
 
-@pytest.fixture
-def faulty(harness):
-    """A loop with a fault in the pressures that the vehicle sends and in the ECU's commands; and both ports."""
-
-    def made(fault, compute_ms: float = 8.0, **settings):
-        ports = list[FaultyBus]()
-
-        def wrapped(bus, spec, seed: int):
-            ports.append(wrap(bus, [fault(**settings, frame_ids=(spec.frame_id,))], lambda: 0, seed=seed))
-            return ports[-1]
-
-        vehicle, ecu = partial(wrapped, spec=PRESSURE, seed=1), partial(wrapped, spec=JET_COMMAND, seed=2)
-        return harness(compute_ms, vehicle=vehicle, ecu=ecu), ports
-
-    return made
+def faulty(fault: str, compute_ms: float = 8.0) -> Harness:
+    """A loop with a fault in the pressures that the vehicle sends and in the ECU's commands."""
+    pressures, commands = PRESSURE.frame_id, JET_COMMAND.frame_id
+    return Harness(compute_ms, f"vehicle:{fault},frame_ids={pressures}", f"ecu:{fault},frame_ids={commands}")
 
 
-def test_frames_that_are_dropped_are_lost_and_damaged_ones_rejected_by_their_receiver(faulty):
-    for fault, counted in ((Drop, "lost"), (FlipBits, "rejected")):
-        h, ports = faulty(fault, probability=0.15)
+def test_frames_that_are_dropped_are_lost_and_damaged_ones_rejected_by_their_receiver():
+    for fault, counted in (("drop", "lost"), ("flip_bits", "rejected")):
+        h = faulty(f"{fault}:probability=0.15")
         rows = h.run(60)
-        pressures, commands = (port.injectors[0].acted for port in ports)
+        pressures, commands = (one.acted for one in h.disturbing.injected())
         assert min(pressures, commands) > 3
         assert asdict(h.loop.totals()) == {"sent": 120, "lost": 0, "rejected": 0, counted: pressures + commands}
-        assert h.ecu.status().crc_errors == (pressures if fault is FlipBits else 0)
+        assert h.ecu.status().crc_errors == (pressures if counted == "rejected" else 0)
         # A period whose command was dropped has no age, and the jets hold.
         assert sum(isnan(row.age_ms) for row in rows) >= commands
     # Those that come while the ECU is busy are checked too: it steps in every other period, the last included.
-    h, ports = faulty(FlipBits, compute_ms=25.0, probability=0.2)
+    h = faulty("flip_bits:probability=0.3", compute_ms=25.0)
     h.run(61)
-    assert h.ecu.status().crc_errors == ports[0].injectors[0].acted > 8
+    assert h.ecu.status().crc_errors == h.disturbing.injected()[0].acted > 8
 
 
 @each("counters_apart", [0, 1, 3, 128])
-def test_two_ecus_that_hear_each_other_shut_the_jets(harness, counters_apart):
+def test_two_ecus_that_hear_each_other_shut_the_jets(counters_apart):
     """Whichever of the two streams the vehicle's end-to-end check would have followed."""
-    h = harness(1.0)
+    h = Harness(1.0)
     other, port = Ecu(make_bundle(), RecordingController(), h.config), h.bus.port("other ECU")
     other.restore(replace(other.state, commands=SenderState(counter=counters_apart)))
 
@@ -174,8 +158,8 @@ def test_two_ecus_that_hear_each_other_shut_the_jets(harness, counters_apart):
         assert (ecu.status().state, ecu.status().reason) == (Mode.FAULT, Reason.OTHER_ECU)
 
 
-def test_a_damaged_command_on_the_bus_is_no_second_ecu(harness):
-    h = harness(1.0)
+def test_a_damaged_command_on_the_bus_is_no_second_ecu():
+    h = Harness(1.0)
     noise = h.bus.port("noise")
     for _ in range(30):
         noise.send(Frame(frame_id=JET_COMMAND.frame_id, data=bytes(JET_COMMAND.length), is_fd=True))

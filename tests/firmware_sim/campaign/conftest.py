@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from firmware_sim.campaign import conduct as conducting
+from firmware_sim.campaign.folder import KeptCourse, MeanFigures, RunOutcome, RunService
 from firmware_sim.campaign.judgement import PhaseOutcomes, ScenarioRow, judged
-from firmware_sim.campaign.outcome import KeptCourse, MeanFigures, RunOutcome, RunService
 from firmware_sim.campaign.scenario import UNDISTURBED, Place, Scenario
 from wake.truck.state import State, developed_state
 

@@ -9,10 +9,10 @@ from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.errors import ConfigError, StillwakeError
 from contract.release import bundle
-from firmware_sim.bench.spans import Spans
-from firmware_sim.campaign.conduct import Campaign, conduct
+from firmware_sim.bench.simulation import Spans
+from firmware_sim.campaign.conduct import Campaign, RunTask, conduct, seed_of, settings_of
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.running import RunTask, seed_of, settings_of
+from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.campaign.conftest import Worker, scenario_of
 
 SCENARIOS = (
@@ -23,9 +23,9 @@ SCENARIOS = (
 
 
 @pytest.fixture
-def campaign(bundle_of) -> Campaign:
+def campaign() -> Campaign:
     timing = Spans(averages=False, lead_in=1.2, controlled=60.0, settle=20.0)
-    return Campaign(scenarios=SCENARIOS, bundle=bundle_of(), config=Config(), timing=timing, phases=2)
+    return Campaign(scenarios=SCENARIOS, bundle=make_bundle(), config=Config(), timing=timing, phases=2)
 
 
 @pytest.fixture

@@ -1,11 +1,26 @@
-"""What a campaign leaves in its folder, and which other things it keeps out."""
+"""What a campaign leaves in its folder, and which other things it keeps out; its starting phases, on the real wake."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from contract.config.body import BodyConfig
+from contract.config.plant import ForcingConfig
+from contract.config.tree import Config
 from contract.errors import OutputError, StillwakeError
-from firmware_sim.campaign.folder import CAMPAIGN_SCHEMA, CampaignFolder
-from firmware_sim.campaign.outcome import RunOutcome
+from firmware_sim.campaign.folder import (
+    CAMPAIGN_SCHEMA,
+    CampaignFolder,
+    RunOutcome,
+    digest_of,
+    keep_states,
+    phases_apart,
+    starting_states,
+)
 from tests.firmware_sim.campaign.conftest import phase_of
+from wake.truck.state import State, developed_state
+from wake.truck.truck_wake import TruckWake
 
 LABEL = {"schema": CAMPAIGN_SCHEMA, "seed": 1, "settings": {"a": [1, 2]}}
 
@@ -45,3 +60,42 @@ def test_a_folder_of_something_else_is_never_touched(tmp_path) -> None:
     with pytest.raises(StillwakeError, match="it is a file"):
         CampaignFolder(tmp_path / "mine").check(LABEL, overwrite=True)
     assert (tmp_path / "mine").read_text() == "text"
+
+
+@pytest.mark.slow  # advances the real wake
+def test_phases_follow_each_other_in_the_developed_wake(shared_wake, tmp_path) -> None:
+    assert phases_apart(3, Config()) == [0, 8, 17]
+    # A cycle of 5 periods in place of 25, of which two make a half.
+    folder, config = CampaignFolder(tmp_path), Config(forcing=ForcingConfig(base_frequency=1.0))
+    states = starting_states(folder, config, 2)
+    assert [(state.substep, state.action) for state in states] == [(0, 0.0)] * 2
+    shared_wake.reset(replace(developed_state(), substep=0, action=0.0))
+    np.testing.assert_array_equal(states[0].flat, developed_state().flat)
+    for _ in range(2):
+        shared_wake.advance(0.0)
+    np.testing.assert_array_equal(states[1].flat, shared_wake.state().flat)
+    assert list(tmp_path.iterdir()) == []
+    keep_states(folder, states)
+    again = starting_states(folder, config, 2)
+    assert [digest_of(state) for state in again] == [digest_of(state) for state in states]
+    assert digest_of(states[0]) != digest_of(states[1])
+
+
+@pytest.mark.slow  # advances the real wake
+def test_another_bodys_wake_is_developed_once_and_a_start_of_the_trucks_is_not_taken_for_it(
+    coarse, tmp_path, monkeypatch
+) -> None:
+    folder, developed = CampaignFolder(tmp_path), list[BodyConfig]()
+    config = Config(flow=coarse.flow, body=BodyConfig(length=1.0, leading_edge_radius=0.0))
+    keep_states(folder, [coarse.start], "box")
+
+    def at_rest(wake: TruckWake, **_progress: object) -> None:
+        developed.append(wake.body)
+        wake.reset(State(flat=wake.solver.start().flat, substep=0, action=0.0))
+
+    monkeypatch.setattr("firmware_sim.campaign.folder.develop", at_rest)
+    made = starting_states(folder, config, 1, "box")
+    keep_states(folder, made, "box")
+    again = starting_states(folder, config, 1, "box")
+    assert developed == [config.body]
+    assert [digest_of(state) for state in again] == [digest_of(state) for state in made]

@@ -5,15 +5,11 @@ from math import isnan
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from firmware_sim.campaign.judgement import Use, use_of
-from firmware_sim.campaign.outcome import KeptCourse, MeanFigures
+from firmware_sim.campaign.folder import KeptCourse, MeanFigures
+from firmware_sim.campaign.judgement import Use
 from firmware_sim.campaign.scenario import Criteria
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
-
-numbers = st.floats(-200, 200)
 
 
 def test_means_are_over_the_instants_from_the_end_of_settling_on() -> None:
@@ -48,14 +44,6 @@ def test_reduction_and_use_follow_their_criteria_over_all_phases() -> None:
     figures = row.figures()
     assert [figures[f"reduction_percent_{end}"] for end in ("min", "max")] == pytest.approx([10.0, 30.0])
     assert (row.in_control, row.reasons, figures["latches"]) == (75.0, {"STREAM_LOST": 50}, 2)
-
-
-@given(numbers, numbers, numbers)
-def test_more_reduction_is_never_less_useful(one, other, undisturbed) -> None:
-    order = [Use.NONE, Use.MARGINAL, Use.USEFUL]
-    low, high = sorted((one, other))
-    first, second = (use_of(value, undisturbed, 0.5, Criteria()) for value in (low, high))
-    assert order.index(first) <= order.index(second)
 
 
 def test_a_broken_invariant_or_a_run_that_did_not_finish_in_one_phase_is_unsafe() -> None:

@@ -6,8 +6,7 @@ from dataclasses import replace
 import pytest
 
 from contract.errors import ConfigError
-from firmware_sim.campaign.plan_file import read_plan, whole_plan
-from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, check_names, selected
+from firmware_sim.campaign.scenario import UNDISTURBED, Criteria, check_names, read_plan, selected, whole_plan
 from tests.firmware_sim.campaign.conftest import scenario_of
 
 OWN = """

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from contract.config.tree import Config
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.campaign.conduct import Campaign, Result
 from firmware_sim.campaign.folder import CampaignFolder
-from firmware_sim.campaign.report import write_report
-from firmware_sim.campaign.result_figures import curve, figures_of
+from firmware_sim.campaign.report import curve, figures_of, write_report
 from firmware_sim.campaign.scenario import Criteria
-from tests.browser import PHONE, chromium, visit
+from tests.browser import PHONE, visit
 from tests.ecu.conftest import make_bundle
 from tests.firmware_sim.campaign.conftest import phase_of, rows_of, scenario_of
 
@@ -85,8 +84,8 @@ def test_an_unsafe_campaign_is_marked_before_anything_else(tmp_path, no_pictures
 
 
 def test_curves_take_the_scenarios_of_their_name_alone(some_rows) -> None:
-    delays = curve(some_rows, "compensated", r"delay_(\d+)")
-    assert [(x, row.scenario.name) for x, row in delays.points] == [(0.0, "undisturbed"), (4.0, "delay_4")]
+    delays = curve(some_rows, r"delay_(\d+)")
+    assert [(x, row.scenario.name) for x, row in delays] == [(0.0, "undisturbed"), (4.0, "delay_4")]
     axes = figures_of(some_rows)["delay"].axes[0]
     drawn = {str(one.get_label()): np.asarray(one[0].get_ydata()) for one in axes.containers}
     assert drawn["compensated"] == pytest.approx([20.0, 19.0])
@@ -99,13 +98,12 @@ def test_curves_take_the_scenarios_of_their_name_alone(some_rows) -> None:
 
 @pytest.mark.browser
 @pytest.mark.proofs  # a browser; the page of a run has one
-def test_the_page_opens_without_a_fault_for_all_readers(some_rows, tmp_path, no_pictures) -> None:
+def test_the_page_opens_without_a_fault_for_all_readers(browser, some_rows, tmp_path, no_pictures) -> None:
     """With every verdict that a scenario can have."""
     bad = (scenario_of("bad", "Bus"), [phase_of(broken=["period 3: jets_shut"]), phase_of(failure="it diverged")])
     url = written((*some_rows, *rows_of(bad)[1:]), tmp_path / "c")[0].report.as_uri()
-    with chromium() as browser:
-        for width, dark in ((1280, True), (PHONE, False)):
-            seen = visit(browser, url, home=url, width=width, dark=dark)
-            assert not seen.violations(), (width, dark)
-            assert not seen.is_wider_than_its_window, (width, dark)
-            assert not seen.troubles, (width, dark)
+    for width, dark in ((1280, True), (PHONE, False)):
+        seen = visit(browser, url, home=url, width=width, dark=dark)
+        assert not seen.violations(), (width, dark)
+        assert not seen.is_wider_than_its_window, (width, dark)
+        assert not seen.troubles, (width, dark)

@@ -1,19 +1,24 @@
-"""Single runs on the real wake, for a few periods."""
+"""Runs of a campaign on the real wake, for a few periods: one by one, and on dask workers."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from contract import side_by_side
 from contract.config.body import BodyConfig
 from contract.config.tree import Config
+from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.release.checks import Bundle
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
-from firmware_sim.campaign import running
-from firmware_sim.campaign.running import RunTask, flow_disturbances, run_task
+from firmware_sim.campaign import conduct as conducting
+from firmware_sim.campaign.conduct import Campaign, RunTask, conduct, flow_disturbances, run_task
+from firmware_sim.campaign.folder import CampaignFolder
+from tests.firmware_sim.campaign.conftest import scenario_of
 from wake.truck.develop import start_from_rest
 from wake.truck.state import State
 from wake.truck.truck_wake import TruckWake
@@ -67,7 +72,7 @@ def test_what_is_raised_in_a_run_is_its_outcome(release, task_of, coarse, monkey
     def diverged(*_arguments: object):
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr(running, "_under_control", diverged)
+    monkeypatch.setattr(conducting, "_under_control", diverged)
     outcome = ran(task_of(), release, coarse.start)
     assert outcome.failure == "ZeroDivisionError: by nothing"
     assert outcome.figures is None
@@ -103,3 +108,53 @@ def test_only_what_acts_on_the_flow_is_left_without_control():
     kept = flow_disturbances((*texts, "body:length=1"))
     assert [text.partition(":")[0].partition("=")[0] for text in kept] == ["gust", "reynolds", "body"]
     assert flow_disturbances(kept) == kept
+
+
+ROUGH = ("noise:level=0.5", "ecu:drop:probability=0.3", "gust:amplitude=0.1,period=1")
+
+
+@pytest.fixture
+def campaign(release, coarse, monkeypatch) -> Campaign:
+    """It begins in the coarse wake."""
+    monkeypatch.setattr(
+        conducting, "starting_states", lambda folder, config, phases, scenario, progress: (coarse.start,) * phases
+    )
+    return Campaign(
+        scenarios=(scenario_of("undisturbed"), scenario_of("rough", disturb=ROUGH)),
+        bundle=release,
+        config=Config(flow=coarse.flow),
+        timing=Spans(averages=False, lead_in=0.4, controlled=0.8, settle=0.2),
+        phases=1,
+        seed=3,
+    )
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*.json"))}
+
+
+@pytest.mark.processes
+def test_a_worker_writes_the_bytes_of_runs_in_this_process(campaign, tmp_path, monkeypatch) -> None:
+    def here(tasks, call, *, finished, **_) -> None:
+        for task in reversed(tasks):
+            work, *given = call(task)
+            finished(task, work(*given))
+
+    campaign.check()
+    together, alone = tmp_path / "together", tmp_path / "alone"
+    by_workers = conduct(campaign, CampaignFolder(together), workers=1)
+    monkeypatch.setattr(conducting, "spread", here)
+    assert conduct(campaign, CampaignFolder(alone), workers=1).rows == by_workers.rows
+    assert files(alone) == files(together)
+    assert {"campaign.json", "runs/rough.phase0.json", "runs/rough.uncontrolled.phase0.json"} <= files(alone).keys()
+    assert by_workers.safe
+
+
+@pytest.mark.processes
+def test_a_scheduler_that_is_not_there_is_an_error(campaign, tmp_path, monkeypatch) -> None:
+    # dask asks again and again until then.
+    monkeypatch.setattr(side_by_side, "_CONNECT_S", 1.0)
+    monkeypatch.delattr(conducting, "starting_states")  # takes minutes, so it comes after this check
+    with pytest.raises(StillwakeError, match="cannot reach scheduler"):
+        conduct(campaign, CampaignFolder(tmp_path / "out"), workers=1, scheduler="tcp://127.0.0.1:1")
+    assert not (tmp_path / "out").exists()

@@ -21,8 +21,7 @@ from ecu.in_c.c_ecu import CEcu
 from examples.network_of_fmus import TerminalNode, operation, operations, run
 from examples.own_plant import OscillatorPlant
 from firmware_sim.bench.ecus import C, loop_ecu
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.ecu.in_c.exported import CONFIG
 from tests.firmware_sim.fmu.imported import refused

@@ -15,8 +15,7 @@ from contract.config.loading import to_tree
 from contract.config.tree import Config
 from ecu.c.sources import plant_fmu_sources
 from firmware_sim.bench.ecus import C, loop_ecu
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
+from firmware_sim.bench.simulation import Simulation, Spans
 from firmware_sim.fmu.kinds import FmuKind
 from firmware_sim.fmu.plant_fmu import plant_fmu
 from tests.ecu.in_c.exported import CONFIG

@@ -8,10 +8,18 @@ import pytest
 from contract.errors import ConfigError, StillwakeError
 from ecu.real_time.stage_times import EcuStage
 from firmware_sim.latency import idle_loop
-from firmware_sim.latency.budget import KeptLimit, read_budget, verdicts
 from firmware_sim.latency.idle_loop import IdleStage, lateness
-from firmware_sim.latency.measured import NEEDED_FOR_P99_9, MeasuredRun, Quantiles
-from firmware_sim.latency.report import PAGE, stage_rows, write_report
+from firmware_sim.latency.measured import (
+    NEEDED_FOR_P99_9,
+    PAGE,
+    KeptLimit,
+    MeasuredRun,
+    Quantiles,
+    read_budget,
+    stage_rows,
+    verdicts,
+    write_report,
+)
 from firmware_sim.latency.running import Recorded
 from firmware_sim.latency.stages import Stage
 from tests.firmware_sim.latency.tables import COUNTERS, MS, PERIOD, TOOK, Tables

@@ -14,9 +14,7 @@ from can_bridge.secoc.key import write_key
 from can_bridge.wire.frame import Frame
 from contract.errors import StillwakeError
 from firmware_sim.bench.disturbances import Disturbances
-from firmware_sim.bench.simulation import Simulation
-from firmware_sim.bench.spans import Spans
-from firmware_sim.bench.wiring import Wired, wire
+from firmware_sim.bench.simulation import Simulation, Spans, Wired, wire
 from firmware_sim.live.loop import live_run
 from firmware_sim.live.settings import ACTIONS
 from firmware_sim.runs.run_log import Row, RunLog

@@ -9,9 +9,8 @@ import numpy.typing as npt
 import pytest
 
 from can_bridge.wire.messages import Mode
-from firmware_sim.runs.bus_traffic import BusTraffic, NodeErrors
 from firmware_sim.runs.metadata import RunMetadata
-from firmware_sim.runs.run_log import COLUMNS, BusTotals, RunLog
+from firmware_sim.runs.run_log import COLUMNS, BusTotals, BusTraffic, NodeErrors, RunLog
 
 STEP, LEAD_IN, CONTROLLED = 0.2, 60, 100
 """t_c, and periods."""

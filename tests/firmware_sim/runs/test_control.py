@@ -12,15 +12,6 @@ def averaged(log) -> Any:
     return averages(log)
 
 
-def test_a_run_that_is_held_throughout(shedding):
-    log = shedding()
-    held = control(log)
-    assert (held.requested, held.in_control, held.warm_up, held.fault) == (100, 100, 0, None)
-    assert (held.modes, held.shut, held.held) == ({"CONTROL": 100}, 0.0, True)
-    assert trouble(log) is None
-    assert held_while_averaged(log, averaged(log).averaged)
-
-
 def test_a_fault_is_named_with_reason_time_and_period(shedding):
     log = shedding(
         modes=dict.fromkeys(range(2, 100), Mode.FAULT), reasons=dict.fromkeys(range(2, 100), Reason.DEADLINE)

@@ -1,6 +1,5 @@
 """The pages of runs in a browser: what moves together, for every reader, and without a request to anyone."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +10,10 @@ from can_bridge.wire.messages import Mode
 from contract.arrays import Array
 from firmware_sim.runs import run_log, wake_stills
 from firmware_sim.runs.metadata import InjectedFault
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import WALL
-from firmware_sim.runs.run_page.comparison import write_comparison
-from firmware_sim.runs.run_page.report import write_report
+from firmware_sim.runs.run_log import WALL, RunFolder
+from firmware_sim.runs.run_page.report import write_comparison, write_report
 from firmware_sim.runs.wake_stills import Scene, WakeRecorder, WakeStills
-from tests.browser import PHONE, Visit, chromium, visit
+from tests.browser import PHONE, Visit, visit
 from tests.firmware_sim.runs.conftest import shedding_log
 from tests.firmware_sim.runs.run_page.test_report import written
 
@@ -57,12 +54,6 @@ def runs(run_metadata, tmp_path_factory) -> list[RunFolder]:
 @pytest.fixture(scope="module")
 def comparison(runs) -> Path:
     return write_comparison(runs, runs[0].path.parent / "compare.html")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator:
-    with chromium() as found:
-        yield found
 
 
 BRIGHT = """(canvas) => {

@@ -22,11 +22,9 @@ from contract.npz import read_npz
 from contract.release import bundle
 from ecu.calibrating import release_calibration
 from firmware_sim.runs import run_log
-from firmware_sim.runs.bus_traffic import BusTraffic, WaitingTimes
 from firmware_sim.runs.metadata import InjectedFault, RunEcu, RunMetadata
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.run_log import COLUMNS, WALL, BusTotals, Row, RunLog
-from firmware_sim.runs.series_csv import COLUMN_UNITS, write_csv
+from firmware_sim.runs.run_log import COLUMNS, WALL, BusTotals, BusTraffic, Row, RunFolder, RunLog, WaitingTimes
+from firmware_sim.runs.run_page.measurement import COLUMN_UNITS, write_csv
 from wake.plant.sample import Sample
 
 NAN = float("nan")

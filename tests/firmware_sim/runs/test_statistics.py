@@ -9,11 +9,9 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from contract.config.operating_point import OperatingPoint
-from firmware_sim.runs.drive_totals import drive_totals
 from firmware_sim.runs.run_log import load, save
-from firmware_sim.runs.run_tables import drag_rows, headline
-from firmware_sim.runs.statistics import NoAverages, averages, latency, sample_to_jets_ms
-from firmware_sim.runs.summary import summary
+from firmware_sim.runs.statistics import NoAverages, averages, drive_totals, latency, sample_to_jets_ms
+from firmware_sim.runs.summary import drag_rows, headline, summary
 from tests.firmware_sim.runs.conftest import LEAD_IN, STEP, shedding_log
 
 NAN = float("nan")

@@ -15,7 +15,7 @@ from contract.recording.dataset import CP_QUANTUM, QUANTUM
 from contract.release import bundle
 from contract.sensors import TRUCK
 from firmware_sim.bench.closed_loop import run_closed_loop
-from firmware_sim.runs.series_csv import write_csv
+from firmware_sim.runs.run_page.measurement import write_csv
 from tests.can_bridge.drives.drive_log import FLOW, KEY, PRESSURE, STEP, drive, log_of, speed
 from tests.can_bridge.logs.log_texts import write
 from tests.conftest import Outcome

@@ -7,7 +7,7 @@ import pytest
 
 from contract.config.loading import load
 from contract.errors import ConfigError
-from firmware_sim.latency.budget import read_budget
+from firmware_sim.latency.measured import read_budget
 from stillwake.commands.latency import in_real_time
 from tests.conftest import STILLWAKE
 

@@ -11,8 +11,8 @@ from PIL import Image
 
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs import run_log, wake_stills
-from firmware_sim.runs.run_folder import RunFolder
-from firmware_sim.runs.series_csv import COLUMN_UNITS
+from firmware_sim.runs.run_log import RunFolder
+from firmware_sim.runs.run_page.measurement import COLUMN_UNITS
 from tests.can_bridge.tools.test_measurement import read_mcap
 
 pytestmark = pytest.mark.usefixtures("no_pictures")

@@ -10,7 +10,7 @@ from PIL.GifImagePlugin import GifImageFile
 from contract.config.tree import Config
 from contract.errors import StillwakeError
 from firmware_sim.runs import run_log
-from firmware_sim.runs.bus_traffic import BusTraffic
+from firmware_sim.runs.run_log import BusTraffic
 from stillwake.commands.picture import actions_of
 
 pytestmark = pytest.mark.slow  # figures are drawn and written

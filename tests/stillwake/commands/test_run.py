@@ -13,7 +13,7 @@ from contract.config.loading import load
 from contract.errors import ConfigError
 from contract.release import bundle, signing
 from firmware_sim.runs import run_log
-from firmware_sim.runs.run_folder import RunFolder
+from firmware_sim.runs.run_log import RunFolder
 from stillwake.commands.run import exit_with
 from stillwake.parts.releases import asked_calibration
 from tests.conftest import SIGNING_KEY

@@ -18,14 +18,15 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
+from contract.recording.dataset import Dataset
 from ecu.ecu import Ecu
 from ecu.real_time.privileges import Wanted
 from ecu.real_time.stage_times import VehicleStage, load
-from firmware_sim.bench.real_time.pressures import Replay
 from firmware_sim.bench.real_time.running import Course, run_vehicle
+from firmware_sim.bench.real_time.vehicle_loop import Replay
+from tests.ecu.conftest import RecordingController, make_bundle
 from tests.firmware_sim.bench.harness import NAMES
-from tests.firmware_sim.bench.real_time.test_pressures import episode
-from tests.firmware_sim.bench.real_time.test_vehicle_loop import pressure_in
+from tests.firmware_sim.bench.real_time.test_vehicle_loop import episode, pressure_in
 
 # A third of a truck's width has a third of its control period: 60 of them take 0.4 s.
 POINT = OperatingPoint(width=2.5 / 3.0)
@@ -36,8 +37,6 @@ ORDINARY = Wanted(priority=0, lock_memory=False, without_collector=False)
 
 @pytest.fixture
 def replay() -> Replay:
-    from contract.recording.dataset import Dataset
-
     still = episode("still", "train", 50, 0.0)
     return Replay(Dataset(episodes=(replace(still, series={**still.series, "Cp": np.zeros_like(still.series["Cp"])}),)))
 
@@ -68,8 +67,8 @@ def course(**changes) -> Course:
 
 
 @pytest.mark.slow
-def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_controller, replay, tmp_path: Path) -> None:
-    ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), CONFIG)
+def test_a_run_from_the_first_frame_to_the_farewell(replay, tmp_path: Path) -> None:
+    ecu = Ecu(make_bundle(operating_point=POINT), RecordingController(lambda i: 0.02), CONFIG)
     lines: list[str] = []
     shown: list[int] = []
     with ecu_on(CONFIG, ecu) as seen, PythonCanBus.open(BUS) as bus:
@@ -96,15 +95,13 @@ def test_a_run_from_the_first_frame_to_the_farewell(bundle_of, recording_control
     assert len(load(tmp_path / "times.npz", VehicleStage)) == 160
 
 
-def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(
-    bundle_of, recording_controller, replay, tmp_path: Path
-) -> None:
+def test_with_a_key_both_are_believed_and_the_power_cycles_are_counted(replay, tmp_path: Path) -> None:
     key = tmp_path / "bus.key"
     key.write_text("00112233445566778899aabbccddeeff\n", encoding="ascii")
     key.chmod(0o600)
     config = Config(operating_point=POINT, bus=replace(BUS, key=str(key)))
     begun = FreshnessStore(tmp_path / "ecu.json").begin(read_key(key))
-    ecu = Ecu(bundle_of(operating_point=POINT), recording_controller(lambda i: 0.02), config, authentication=begun)
+    ecu = Ecu(make_bundle(operating_point=POINT), RecordingController(lambda i: 0.02), config, authentication=begun)
     for trip in (1, 2):
         with ecu_on(config, ecu), PythonCanBus.open(config.bus) as bus:
             figures = run_vehicle(bus, NAMES, replay, config, course(periods=30, freshness=tmp_path / "vehicle.json"))

@@ -1,6 +1,6 @@
-"""The vehicle's side in real time, on a clock of the test's."""
+"""The vehicle's side in real time, on a clock of the test's; a recording as its flow."""
 
-from math import cos
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,18 +13,28 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import VEHICLE_SPEED
 from can_bridge.wire.messages import Mode
 from contract.config.tree import Config
-from contract.errors import BusError
-from contract.sensors import TRUCK
+from contract.errors import BusError, DatasetError
+from contract.recording.dataset import Dataset
+from contract.recording.episode import Episode, Role
+from contract.sensors import COUNT, TRUCK
 from ecu.ecu import Ecu
 from ecu.real_time.deadlines import Deadlines
 from ecu.real_time.inbox import Inbox
 from ecu.real_time.stage_times import NOTHING, StageTimes, VehicleStage
-from firmware_sim.bench.real_time.vehicle_counts import LONGEST_NS, RESOLUTION_NS, Durations
-from firmware_sim.bench.real_time.vehicle_loop import FAREWELL, UNSENT_LIMIT, VehicleLoop
+from firmware_sim.bench.real_time.vehicle_loop import (
+    FAREWELL,
+    LONGEST_NS,
+    RESOLUTION_NS,
+    UNSENT_LIMIT,
+    Durations,
+    Replay,
+    VehicleLoop,
+)
 from firmware_sim.bench.vehicle_node import VehicleNode
 from tests.each import each
+from tests.ecu.conftest import make_bundle
 from tests.examples import examples
-from tests.firmware_sim.bench.harness import NAMES, Oscillator
+from tests.firmware_sim.bench.harness import NAMES, Harness, Oscillator, swinging
 
 CONFIG, FIRST_NS = Config(), 7_000_000_000
 PERIOD_NS = CONFIG.period_ns
@@ -60,8 +70,9 @@ class MadeUpTime:
         way_ns: from a pressure frame to its command's arrival, by the number of the frame.
     """
 
-    def __init__(self, ecu, way_ns=lambda number: 9_000_000, lateness=(), late_flow=frozenset(), stage_times=None):
-        self.now_ns, self.ecu, self.way_ns, self.lateness = 0, ecu, way_ns, iter(lateness)
+    def __init__(self, way_ns=lambda number: 9_000_000, lateness=(), late_flow=frozenset(), stage_times=None):
+        self.now_ns, self.way_ns, self.lateness = 0, way_ns, iter(lateness)
+        self.ecu = Ecu(make_bundle(), swinging(), CONFIG)
         self.sent: list[tuple[int, Frame]] = []
         self.speeds: list[Frame] = []
         self.arriving: list[tuple[int, Frame]] = []
@@ -104,15 +115,6 @@ class MadeUpTime:
         return [(at - FIRST_NS) // PERIOD_NS for at, _ in self.sent]
 
 
-@pytest.fixture
-def made(bundle_of, recording_controller):
-    def make(**how) -> MadeUpTime:
-        step = iter(range(10**6))
-        return MadeUpTime(Ecu(bundle_of(), recording_controller(lambda i: 0.03 * cos(next(step))), CONFIG), **how)
-
-    return make
-
-
 @examples(100)
 @given(
     times=st.lists(st.integers(-5, 60_000_000) | st.just(10**15), min_size=1, max_size=60),
@@ -127,12 +129,12 @@ def test_quantiles_of_times_are_numpys_to_the_resolution(times: list[int], share
     assert exact - RESOLUTION_NS / 1e6 < durations.quantile_ms(share) <= exact
 
 
-def test_it_is_the_loop_in_virtual_time_to_the_bit(harness, made) -> None:
+def test_it_is_the_loop_in_virtual_time_to_the_bit() -> None:
     """With an ECU that plans ahead, the flow does not depend on when in a period its command comes."""
-    virtual = harness(8.0, plan_ahead=True)
+    virtual = Harness(8.0, plan_ahead=True)
     rows = virtual.run(40)
     for way_ms in (1.0, 9.0, 19.9):
-        real = made(way_ns=lambda number, way_ms=way_ms: round(way_ms * 1e6))
+        real = MadeUpTime(way_ns=lambda number, way_ms=way_ms: round(way_ms * 1e6))
         real.run(41)
         assert real.flow.driven[:40] == virtual.targets(), way_ms
         assert len(set(real.flow.driven)) > 20
@@ -143,18 +145,20 @@ def test_it_is_the_loop_in_virtual_time_to_the_bit(harness, made) -> None:
         assert figures.modes[Mode.CONTROL] == sum(row.mode == Mode.CONTROL for row in rows)
 
 
-def test_a_command_is_of_the_period_it_arrives_in_however_late_the_process_wakes(made) -> None:
+def test_a_command_is_of_the_period_it_arrives_in_however_late_the_process_wakes() -> None:
     # Command 20 arrives 1 ms after the boundary; the process wakes 3 ms after it, and finds it in the inbox.
-    real = made(way_ns=lambda number: 21_000_000 if number == 20 else 9_000_000, lateness=iter([0] * 21 + [3_000_000]))
+    real = MadeUpTime(
+        way_ns=lambda number: 21_000_000 if number == 20 else 9_000_000, lateness=iter([0] * 21 + [3_000_000])
+    )
     real.run(22)
     assert real.loop.figures.misses == 1
     assert real.loop.figures.commands == 19
 
 
 @each("periods_late, lost", [(0.7, 1), (2.3, 2), (2.7, 3)])
-def test_an_instant_that_was_slept_past_is_left_out_and_never_caught_up(made, periods_late, lost) -> None:
+def test_an_instant_that_was_slept_past_is_left_out_and_never_caught_up(periods_late, lost) -> None:
     # The tenth, and those after it that are more than half a period ago.
-    real = made(lateness=iter([0] * 10 + [round(periods_late * PERIOD_NS)]))
+    real = MadeUpTime(lateness=[0] * 10 + [round(periods_late * PERIOD_NS)])
     real.run(15)
     assert real.instants == [*range(10), *range(10 + lost, 15 + lost)]
     assert real.loop.figures.left_out == lost
@@ -162,8 +166,8 @@ def test_an_instant_that_was_slept_past_is_left_out_and_never_caught_up(made, pe
     assert all(at == FIRST_NS + k * PERIOD_NS for k, (at, _) in kept)
 
 
-def test_a_live_wake_that_is_late_leaves_its_instant_without_pressures_and_the_end_waits_for_it(made) -> None:
-    real = made(late_flow=frozenset({20, 21, 30, 32}))
+def test_a_live_wake_that_is_late_leaves_its_instant_without_pressures_and_the_end_waits_for_it() -> None:
+    real = MadeUpTime(late_flow=frozenset({20, 21, 30, 32}))
     real.run(30)
     assert real.loop.figures.unsampled == 2
     assert real.instants == [k for k in range(30) if k not in (20, 21)]
@@ -173,8 +177,8 @@ def test_a_live_wake_that_is_late_leaves_its_instant_without_pressures_and_the_e
     assert real.instants[-FAREWELL:] == [31, 33, 34]
 
 
-def test_the_end_withdraws_the_request_and_shuts_the_jets(made) -> None:
-    real = made()
+def test_the_end_withdraws_the_request_and_shuts_the_jets() -> None:
+    real = MadeUpTime()
     real.run(20)
     before = real.loop.figures.periods, len(real.sent)
     real.loop.finish()
@@ -187,8 +191,8 @@ def test_the_end_withdraws_the_request_and_shuts_the_jets(made) -> None:
     assert real.loop.figures.commands == 19
 
 
-def test_a_bus_that_takes_nothing_is_lost_after_a_second(made) -> None:
-    real = made()
+def test_a_bus_that_takes_nothing_is_lost_after_a_second() -> None:
+    real = MadeUpTime()
     real.run(10)
     real.is_taking = False
     real.run(UNSENT_LIMIT - 1)
@@ -197,13 +201,13 @@ def test_a_bus_that_takes_nothing_is_lost_after_a_second(made) -> None:
         real.run(1)
 
 
-def test_stage_times_are_of_each_period(made) -> None:
+def test_stage_times_are_of_each_period() -> None:
     times = StageTimes(VehicleStage, 10)
     # The command to frame 6 comes a period late; the flow has nothing in period 8.
-    real = made(
+    real = MadeUpTime(
         way_ns=lambda number: 30_000_000 if number == 6 else 9_000_000,
         late_flow=frozenset({8}),
-        lateness=iter([0] * 4 + [1_500_000]),
+        lateness=[0] * 4 + [1_500_000],
         stage_times=times,
     )
     real.run(10)
@@ -225,3 +229,29 @@ def test_stage_times_are_of_each_period(made) -> None:
     actuated = column[VehicleStage.ACTUATED]
     assert np.array_equal(actuated[[1, 2, 5]], scheduled[[1, 2, 5]] + PERIOD_NS)
     assert ((actuated == 0) == (came == 0)).all()
+
+
+def episode(name: str, role: Role, steps: int, base: float) -> Episode:
+    t = 0.2 * np.arange(steps)
+    cp = base + np.arange(steps)[:, None] + 0.001 * np.arange(COUNT)
+    series = {"t": t, "action": 0.0 * t, "Cp": cp, "Cd": t, "Cl": t}
+    return Episode(name=name, role=role, series=series, initial_action=0.0, provenance={})
+
+
+def test_rows_come_one_a_period_and_begin_again_whatever_the_jets_do() -> None:
+    recorded = Dataset(episodes=(episode("round", "controlled", 9, 900.0), episode("sine", "train", 4, 100.0)))
+    flow, rows = Replay(recorded, "sine"), []
+    for _ in range(9):
+        rows.append(flow.sampled())
+        flow.drive(0.07)
+    assert [row[0] for row in rows] == [*2 * [100.0, 101.0, 102.0, 103.0], 100.0]
+    assert rows[0][5] == pytest.approx(100.005)
+    # A recording under a controller is not taken unasked.
+    assert Replay(recorded).sampled()[0] == 100.0
+    assert Replay(recorded, "round").sampled()[0] == 900.0
+    assert Replay(Dataset(episodes=recorded.episodes[:1])).sampled()[0] == 900.0
+    # Nor a forced one, where the jets were at rest in another.
+    forced = replace(recorded.episodes[1], series={**recorded.episodes[1].series, "action": np.ones(4)})
+    assert Replay(Dataset(episodes=(forced, episode("none", "train", 4, 300.0)))).sampled()[0] == 300.0
+    with pytest.raises(DatasetError, match="episode 'chirp': the data set has round, sine"):
+        Replay(recorded, "chirp")

@@ -8,8 +8,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode, Reason
 from firmware_sim.runs.run_page.run_data import events
-from firmware_sim.runs.run_tables import drag_rows, headline, service_rows
-from firmware_sim.runs.summary import summary, whole_summary
+from firmware_sim.runs.summary import drag_rows, headline, service_rows, summary, whole_summary
 
 FAULT = {"modes": dict.fromkeys(range(2, 100), Mode.FAULT), "reasons": dict.fromkeys(range(2, 100), Reason.DEADLINE)}
 
