@@ -110,7 +110,7 @@ async def serve(
         port: port number; 0 for any free port.
         fast: whether a period may take less time than on a vehicle.
         ready: called with the page's address as soon as the page can be opened.
-        report: called, from any thread, with a line of text about any work for which viewers have to wait.
+        report: called with a line of text about any work for which viewers have to wait.
     """
     sockets = _bound(address, port)
     access = PageAccess.to(address)
