@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
@@ -11,7 +12,6 @@ from contract.errors import LibraryError, McuError, install
 from ecu.c.sources import sources_in
 from ecu.in_c.compiler import compile_c, zig_compiler
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
-from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
@@ -29,6 +29,21 @@ BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
 BUS_KEY: Final = "sw_board_bus_key.h"
 """Headers with the values written at production. In an exported library they enable no loader and contain no key."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Core:
+    """A Cortex-M with the DSP extension and single-precision floating point. The fields are its names for users and for
+    the compiler, the clocks for which times are computed, and whether it issues two instructions per cycle."""
+
+    name: str
+    cpu: str
+    clocks_mhz: tuple[int, ...]
+    dual_issue: bool
+
+
+CORTEX_M7: Final = Core(name="Cortex-M7", cpu="cortex_m7+fp_armv8d16sp", clocks_mhz=(480, 300), dual_issue=True)
+CORTEX_M4F: Final = Core(name="Cortex-M4F", cpu="cortex_m4+vfp4d16sp", clocks_mhz=(170,), dual_issue=False)
 
 
 def compile_for_cortex_m7(
@@ -67,7 +82,7 @@ def bus_key_header(secret: bytes) -> bytes:
 
 
 def compile_block_counter(output: Path) -> None:
-    """Compile the hook that counts basic blocks (`firmware_sim.mcu.block_counter`); raises McuError if this fails."""
+    """Compile the hook of `firmware_sim.mcu.emulator.BlockCounter`; raises McuError if this fails."""
     source = files("firmware_sim").joinpath("mcu/c_host/block_counter.c").read_bytes()
     _compile({"block_counter.c": source}, output, ("-O2", "-fPIC", "-shared"))
 

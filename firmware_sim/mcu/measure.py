@@ -19,8 +19,7 @@ from contract.controller.c_folder import (
 )
 from contract.controller.interface import REFUSALS, TERMS
 from contract.errors import McuError
-from firmware_sim.mcu.build import compile_for_cortex_m7, compile_replay
-from firmware_sim.mcu.cores import CORTEX_M7, Core
+from firmware_sim.mcu.build import CORTEX_M7, Core, compile_for_cortex_m7, compile_replay
 from firmware_sim.mcu.elf import Firmware, read_elf
 from firmware_sim.mcu.emulator import Machine
 

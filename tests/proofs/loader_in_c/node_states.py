@@ -24,9 +24,18 @@ from contract.errors import StillwakeError
 from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
 from tests.proofs.loader_in_c.node_library import GEOMETRY, Library, build, sources
-from tests.proofs.loader_in_c.node_plans import Plan, each, story
+from tests.proofs.loader_in_c.node_plans import (
+    Plan,
+    announced,
+    any_noise,
+    blocks,
+    each,
+    flashing,
+    routine,
+    story,
+    unlocking,
+)
 from tests.proofs.loader_in_c.node_program import Program
-from tests.proofs.loader_in_c.node_requests import announced, any_noise, blocks, flashing, routine, unlocking
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, OTHERS, Twins, World, as_in_c, world
 
 REQUESTS: Final = 2_000
