@@ -15,7 +15,6 @@ from elftools.elf.elffile import ELFFile
 from ecu.c.sources import loader_sources
 from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.build import BARE
-from firmware_sim.mcu.elf import read_elf
 from tests.proofs.loader_in_c.node_library import sources
 from tests.proofs.loader_in_c.node_twin import CONFIGS
 
@@ -24,7 +23,7 @@ _POINTED_AT: Final = re.compile(
     r"take_block|write_on|end_transfer|end_session|\w+_faults"
 )
 """Functions that the server calls through pointers."""
-_REGISTERS: Final = re.compile(r"\{(.*)\}")
+_IN_FLASH: Final = (".text", ".rodata", ".data", ".ARM.exidx")
 _STACK: Final = re.compile(r"sp, (?:sp, )?#(0x[0-9a-f]+|\d+)$")
 
 
@@ -42,15 +41,16 @@ def sizes(folder: Path) -> dict[str, Any]:
     return {name: round(size / 1024, 2) for name, size in kib.items()} | {"stack_b": depth, "stack_of": chain}
 
 
-def _memory(image: bytes) -> tuple[int, int]:
-    found = read_elf(image).sections
-    elf: Any = ELFFile(io.BytesIO(image))
-    table = next(iter(elf.iter_sections("SHT_SYMTAB")))
-    ram = next(item["st_size"] for item in table.iter_symbols() if item.name == "loader_memory")
-    return sum(found.get(name, 0) for name in (".text", ".rodata", ".data", ".ARM.exidx")), ram
+def _symbols(elf: Any) -> list[Any]:
+    return [*next(iter(elf.iter_sections("SHT_SYMTAB"))).iter_symbols()]
 
 
-def _linked(folder: Path, *, xcp: bool) -> bytes:
+def _memory(elf: Any) -> tuple[int, int]:
+    flash = sum(item["sh_size"] for item in elf.iter_sections() if item.name in _IN_FLASH)
+    return flash, next(item["st_size"] for item in _symbols(elf) if item.name == "loader_memory")
+
+
+def _linked(folder: Path, *, xcp: bool) -> Any:
     bus = CONFIGS["fd"].bus
     config = replace(CONFIGS["fd"], bus=replace(bus, diagnosis=replace(bus.diagnosis, xcp=xcp)))
     contents = sources(config)
@@ -65,21 +65,19 @@ def _linked(folder: Path, *, xcp: bool) -> bytes:
         *sorted(compiled), "node_sizes.c", "-o", "loader.elf",
     ]  # fmt: skip
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
-    return (folder / "loader.elf").read_bytes()
+    return ELFFile(io.BytesIO((folder / "loader.elf").read_bytes()))
 
 
-def _deepest(image: bytes) -> tuple[int, list[str]]:
+def _deepest(elf: Any) -> tuple[int, list[str]]:
     """Bytes of stack at most below `start`, and the chain of functions; what is called of the ECU takes none here."""
-    elf: Any = ELFFile(io.BytesIO(image))
     text = elf.get_section_by_name(".text")
-    table = next(iter(elf.iter_sections("SHT_SYMTAB")))
     functions = {
         item["st_value"] & ~1: (item.name, item["st_size"])
-        for item in table.iter_symbols()
+        for item in _symbols(elf)
         if item["st_info"]["type"] == "STT_FUNC" and item["st_size"]
     }
     machine = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB + capstone.CS_MODE_MCLASS)
-    machine.skipdata = True
+    machine.skipdata = machine.detail = True
     frames, calls = dict[int, int](), defaultdict[int, set[int]](set)
     pointed_at = {address for address, (name, _) in functions.items() if _POINTED_AT.fullmatch(name)}
     ending = {address for address in pointed_at if functions[address][0] == "end_session"}
@@ -89,7 +87,7 @@ def _deepest(image: bytes) -> tuple[int, list[str]]:
         for line in machine.disasm(text.data()[start : start + size], address):
             kind = line.mnemonic.split(".")[0]
             if kind in ("push", "vpush"):
-                frames[address] += _pushed(line.op_str)
+                frames[address] += len(line.operands) * (8 if kind == "vpush" else 4)
             elif kind in ("sub", "subw") and (found := _STACK.match(line.op_str)):
                 frames[address] += int(found[1], 0)
             elif line.op_str.startswith("#") and (target := int(line.op_str[1:], 0) & ~1) in functions:
@@ -104,12 +102,3 @@ def _deepest(image: bytes) -> tuple[int, list[str]]:
 
     depth, chain = below(next(address for address, (name, _) in functions.items() if name == "start"))
     return depth, list(chain)
-
-
-def _pushed(operands: str) -> int:
-    total = 0
-    for part in (_REGISTERS.search(operands) or [""] * 2)[1].split(", "):
-        first, _, last = part.partition("-")
-        count = int(last[1:]) - int(first[1:]) + 1 if last else 1
-        total += count * (8 if part.startswith("d") else 4)
-    return total
