@@ -137,13 +137,10 @@ class Traffic:
             assert self.now_ns - began_ns < seconds * 1e9, (request.hex(), answers)
         return answers
 
-    def unlock(self, level: int, *, right: bool = True) -> bytes:
-        """The answer to the key of a level; that to its seed if there is none."""
+    def unlock(self, level: int) -> bytes:
+        """The answer to the key of a level."""
         _, seed = self.ask(bytes([0x27, level]))[-1]
-        if seed[0] == 0x7F:
-            return seed
-        key = KEY.answer(Level(level), seed[2:]) if right else bytes(16)
-        return self.ask(bytes([0x27, level + 1]) + key)[-1][1]
+        return self.ask(bytes([0x27, level + 1]) + KEY.answer(Level(level), seed[2:]))[-1][1]
 
 
 class BoardLine(Line):

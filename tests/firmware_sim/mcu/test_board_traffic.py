@@ -9,10 +9,9 @@ import pytest
 from can_bridge.uds.services import P2_EXTENDED_MS, P2_MS
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.frame_bits import frame_ns
-from can_bridge.wire.messages import Mode
 from contract.config.vehicle import BusConfig
 from firmware_sim.mcu.board.board_ecu import BoardEcu
-from firmware_sim.mcu.board.flash_controller import STM32H743, FlashTimes
+from firmware_sim.mcu.board.flash_controller import FlashTimes
 from tests.can_bridge.flashing.releases import keys
 from tests.ecu.in_c.exported import CONFIG
 from tests.ecu.independent_tester import ADDRESSED, IndependentTester, converse, keeps_whole
@@ -94,40 +93,3 @@ def test_an_erasure_is_answered_in_time_and_costs_control_no_period(built, fresh
         )
     flash = traffic.board.board.flash
     assert (flash.erasures, flash.stalled_ns) == (3, 0)
-
-
-def test_no_sector_is_erased_while_the_jets_run_and_one_is_blanked_once_they_are_shut(built, fresh, provisioned):
-    traffic = Traffic(on(built, fresh, provisioned, STM32H743))
-    traffic.run(0.4)
-    flash = traffic.board.board.flash
-
-    def mode() -> Mode:
-        traffic.board._load()
-        return traffic.board.trace.mode
-
-    def unlocked() -> bytes:
-        traffic.ask(b"\x10\x03")
-        return traffic.unlock(3)
-
-    assert mode() is Mode.CONTROL
-    answers = [unlocked()]
-    while answers.count(b"\x7f\x27\x22") < 5 and len(answers) < 200:
-        answers.append(unlocked())
-    # One sector takes some 370 states, two for each key; then none is taken while the jets run.
-    done = len(answers) - 5
-    assert done > 60 and answers == done * [b"\x67\x04"] + 5 * [b"\x7f\x27\x22"]
-    assert traffic.unlock(3, right=False) == b"\x7f\x27\x22"
-    assert (mode(), flash.erasures, flash.stalled_ns) == (Mode.CONTROL, 0, 0)
-    traffic.vehicle.asks, traffic.look_ns = False, TICK_NS
-    traffic.run(1.2)
-    assert mode() is not Mode.CONTROL
-    # A request that comes amid the erasure waits for it, and is answered before and behind.
-    while not flash.is_at_work or flash.erasures == 0:
-        traffic.run(0.01)
-    traffic.ask(b"\x10\x03")
-    (first, pending), (last, seed) = traffic.ask(b"\x27\x03")
-    assert (pending, seed[:2], first < P2_MS, last > 500) == (b"\x7f\x27\x78", b"\x67\x03", True, True)
-    assert unlocked() == b"\x67\x04" and flash.erasures == 1
-    traffic.run(0.1)
-    for ends in traffic.control_frames():
-        assert max(b - a for a, b in pairwise(ends)) < MOST_NS

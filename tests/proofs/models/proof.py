@@ -6,24 +6,61 @@ An exploration ends when no new state appears, and what it says holds for any nu
 the exported C that is changed in a copy: the exploration must find it.
 """
 
+import subprocess
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from benchmarks.common.command_line import track
 from contract.errors import StillwakeError
+from ecu.c.sources import loader_sources
+from ecu.in_c import compiler
 from tests.proofs.command_line import JsonFile, report
 from tests.proofs.ecu_in_c.planted import Planted
-from tests.proofs.models import fail_safe, flashing
+from tests.proofs.models import fail_safe
 
 SABOTAGE: Final = tomllib.loads(Path(__file__).with_name("sabotage.toml").read_text(encoding="utf-8"))
 _FEW: Final = 1_500
 """States in which a sabotage of flashing has to be found."""
+_COMPILED: Final = (
+    "sw_hashes.c", "sw_records.c", "sw_release.c", "sw_store.c", "sw_store_judge.c", "sw_store_kept.c",
+)  # fmt: skip
+SECTOR: Final = 960
+"""Bytes of a sector: an image, or a key list and two states, so that every second state changes the sector."""
+_FLAGS: Final = (
+    "-O1", "-w", "-ffunction-sections", "-Wl,--gc-sections", f"-DSW_FLASH_SECTOR={SECTOR}u", "-DSW_SLOT_SECTORS=1u",
+)  # fmt: skip
+ENDLESS: Final = 2**31
+"""More states than there are."""
 
 
 class ModelError(StillwakeError):
     """A sabotage is not found."""
+
+
+class FoundError(AssertionError):
+    """A state or step that is not allowed, with the calls that lead there."""
+
+
+def store_sources() -> dict[str, bytes]:
+    """The store's files, and the program; signatures are the program's."""
+    found = {name: raw for name, raw in loader_sources().items() if name.endswith(".h") or name in _COMPILED}
+    return found | {path.name: path.read_bytes() for path in Path(__file__).with_name("c").glob("store_*")}
+
+
+def explored_flashing(folder: Path, most: int = ENDLESS, contents: Mapping[str, bytes] | None = None) -> dict[str, int]:
+    """What `c/store_states.c` counts in at most so many states of the store's own C, over a small flash memory whose
+    supply is cut; raises FoundError for what is not allowed."""
+    program = folder / "store_states"
+    made_from = store_sources() if contents is None else contents
+    compiler.compile_c(made_from, program, compiler=compiler.host_compiler(), flags=_FLAGS)
+    done = subprocess.run([str(program), str(most)], stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode == 1:
+        raise FoundError(done.stdout)
+    done.check_returncode()
+    return {name: int(count) for name, count in (line.split() for line in done.stdout.splitlines())}
 
 
 def found_in_fail_safe(one: dict[str, str], folder: Path) -> str:
@@ -39,8 +76,8 @@ def found_in_fail_safe(one: dict[str, str], folder: Path) -> str:
 def found_in_flashing(one: dict[str, str], folder: Path) -> str:
     """What the exploration of flashing says to a changed line; "" if it finds nothing."""
     try:
-        flashing.explored(folder, _FEW, Planted(variant="", **one).into(flashing.sources()))
-    except flashing.FoundError as error:
+        explored_flashing(folder, _FEW, Planted(variant="", **one).into(store_sources()))
+    except FoundError as error:
         return str(error).splitlines()[-1].partition(": ")[2]
     return ""
 
@@ -56,7 +93,7 @@ def main(json_file: JsonFile = None) -> None:
             for config in track(fail_safe.SETTINGS.values(), "fail-safe", "settings")
         ]
         parts["fail_safe"] = {key: sum(one[key] for one in of_settings) for key in of_settings[0]}
-        parts["flashing"] = flashing.explored(folder)
+        parts["flashing"] = explored_flashing(folder)
         sabotaged = [
             {"part": part, "what": one["what"], "found": finders[part](one, folder)}
             for part in finders
@@ -68,7 +105,7 @@ def main(json_file: JsonFile = None) -> None:
     settings = {name: {key: getattr(config, key) for key in fail_safe.LENGTHS} for name, config in used}
     report(
         json_file, "models", figures, packages=("stillwake",), shown=("fail_safe", "flashing", "sabotage_found"),
-        settings=settings, sector_bytes=flashing.SECTOR,
+        settings=settings, sector_bytes=SECTOR,
     )  # fmt: skip
     if missed := [one["what"] for one in sabotaged if not one["found"]]:
         raise ModelError(f"{missed[0]}: the sabotage is not found")
