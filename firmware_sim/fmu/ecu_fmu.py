@@ -16,6 +16,7 @@ from contract.config.tree import Config
 from contract.controller.c_folder import library_sources
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
+from ecu.c.sources import fmu_sources
 from ecu.in_c.compiler import compile_c, host_compiler, zig_compiler
 from firmware_sim.fmu.descriptions import as_fmi2, bus_files, model_description, xml_bytes
 from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, wrapper_settings
@@ -33,18 +34,12 @@ _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 
-def ecu_fmu(
-    ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS
-) -> bytes:
-    """Return the FMU's file; equal arguments and an equal compiler give equal bytes. Raises LibraryError if there is no
-    compiler, or the compiler rejects the sources; ConfigError if the step offset or the compute time is not shorter
-    than the control period.
-
-    Args:
-        ecu: `ecu.in_c.c_ecu.ecu_sources` of this verified release and vehicle.
-        wrapper: `ecu.c.sources.fmu_sources` of this kind.
-    """
-    sources = library_sources(ecu) | dict(wrapper)
+def ecu_fmu(ecu: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS) -> bytes:
+    """Return the FMU's file; equal arguments and an equal compiler give equal bytes. `ecu` has the
+    `ecu.in_c.c_ecu.ecu_sources` of this verified release and vehicle. Raises LibraryError if there is no compiler, or
+    the compiler rejects the sources; ConfigError if the step offset or the compute time is not shorter than the control
+    period."""
+    sources = library_sources(ecu) | fmu_sources(*kind.sources)
     variables = ecu_variables(bundle.manifest.sensors, config, bus=kind.bus)
     for name in ("step_offset_ms", "compute_time_ms") if kind.bus else ():
         value, period_ms = getattr(config.ecu, name), config.period_ns / 1e6

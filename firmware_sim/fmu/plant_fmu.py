@@ -4,7 +4,6 @@ import json
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -12,6 +11,7 @@ from xml.etree import ElementTree
 from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.errors import LibraryError
+from ecu.c.sources import plant_fmu_sources
 from ecu.in_c.compiler import compile_c, host_compiler
 from firmware_sim.fmu.descriptions import as_fmi2, xml_bytes
 from firmware_sim.fmu.ecu_fmu import FLAGS, PLATFORM, platform_of, zipped
@@ -23,17 +23,11 @@ BEHIND: Final = "pythonfmu.so"
 _DESCRIPTION: Final = "modelDescription.xml"
 
 
-def plant_fmu(
-    config: Config, front: Mapping[str, bytes], start: Path | None = None, kind: FmuKind = WITH_SIGNALS
-) -> bytes:
-    """Return the FMU's file, after creating the plant once as a check. Raises PlantError if the start is a state of
-    another plant, or the plant is not stable; LibraryError if there is no compiler, or `pythonfmu3` has no binary for
-    this machine; ModuleNotFoundError if `pythonfmu3` is not installed (extra fmu).
-
-    Args:
-        front: `ecu.c.sources.plant_fmu_sources` of this kind, which check the calls.
-        start: file of the initial flow state; if None, the shipped state.
-    """
+def plant_fmu(config: Config, start: Path | None = None, kind: FmuKind = WITH_SIGNALS) -> bytes:
+    """Return the FMU's file, after creating the plant once as a check. `start` is the file of the initial flow state;
+    if None, the shipped state. Raises PlantError if the start is a state of another plant, or the plant is not stable;
+    LibraryError if there is no compiler, or `pythonfmu3` has no binary for this machine; ModuleNotFoundError if
+    `pythonfmu3` is not installed (extra fmu)."""
     from pythonfmu3.builder import FmuBuilder
 
     from firmware_sim.fmu import plant_slave
@@ -57,7 +51,8 @@ def plant_fmu(
             raise LibraryError(f"no FMU of the plant for {PLATFORM}: pythonfmu3 brings no binary for it")
         of_pythonfmu = contents.pop(binary)
         compiled = folder / "front.so"
-        compile_c({**front, _SETTINGS: _settings(about)}, compiled, compiler=host_compiler(), flags=(*FLAGS, "-ldl"))
+        front = plant_fmu_sources(*kind.sources[1:]) | {_SETTINGS: _settings(about)}
+        compile_c(front, compiled, compiler=host_compiler(), flags=(*FLAGS, "-ldl"))
         place, described = f"binaries/{platform_of(PLATFORM, kind)}", as_fmi2(about) if kind.fmi2 else about
         own = {f"{place}/{Path(binary).name}": compiled.read_bytes(), f"{place}/{BEHIND}": of_pythonfmu}
         return zipped(contents | {_DESCRIPTION: xml_bytes(described)} | own)

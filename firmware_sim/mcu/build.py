@@ -1,11 +1,16 @@
-"""Compilation of a C library for a bare Cortex-M7 and of its example program for this host, with `ziglang`."""
+"""Firmware: compilation of a C library for a bare Cortex-M7, and of its example program for this host, with `ziglang`;
+and the reader of ELF files."""
 
+import io
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+from elftools.common.exceptions import ELFError
+from elftools.elf.elffile import ELFFile
 
 from contract.controller.c_folder import BOARD, library_sources
 from contract.errors import LibraryError, McuError, install
@@ -44,6 +49,34 @@ class Core:
 
 CORTEX_M7: Final = Core(name="Cortex-M7", cpu="cortex_m7+fp_armv8d16sp", clocks_mhz=(480, 300), dual_issue=True)
 CORTEX_M4F: Final = Core(name="Cortex-M4F", cpu="cortex_m4+vfp4d16sp", clocks_mhz=(170,), dual_issue=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Firmware:
+    """A linked program: contents of the flash as (address, bytes), sections' sizes in bytes, symbols' addresses."""
+
+    segments: tuple[tuple[int, bytes], ...]
+    sections: dict[str, int]
+    symbols: dict[str, int]
+
+
+def read_elf(image: bytes) -> Firmware:
+    """Parse an ELF file. Raises McuError if it is not a complete 32-bit little-endian ELF file."""
+    try:
+        # The type is Any because pyelftools has no type annotations.
+        elf: Any = ELFFile(io.BytesIO(image))
+        if elf.elfclass != 32 or not elf.little_endian:
+            order = "little" if elf.little_endian else "big"
+            raise McuError(f"not a 32-bit little-endian ELF file: {elf.elfclass}-bit, {order}-endian")
+        loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])
+        tables = elf.iter_sections("SHT_SYMTAB")
+        return Firmware(
+            segments=tuple((item["p_paddr"], item.data()) for item in loaded),
+            sections={item.name: item["sh_size"] for item in elf.iter_sections()},
+            symbols={item.name: item["st_value"] for table in tables for item in table.iter_symbols()},
+        )
+    except ELFError as error:
+        raise McuError(f"not a 32-bit little-endian ELF file: {error}") from error
 
 
 def compile_for_cortex_m7(

@@ -14,8 +14,7 @@ from unicorn.unicorn_py3 import unicorn as bindings
 
 from contract.errors import McuError
 from contract.runtime.copies import NeverCopied
-from firmware_sim.mcu.build import CORTEX_M7, Core, compile_block_counter
-from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.build import CORTEX_M7, Core, Firmware, compile_block_counter
 from firmware_sim.mcu.pipeline import Pipeline
 
 FLASH: Final = 0x0800_0000

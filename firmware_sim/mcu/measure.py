@@ -19,8 +19,7 @@ from contract.controller.c_folder import (
 )
 from contract.controller.interface import REFUSALS, TERMS
 from contract.errors import McuError
-from firmware_sim.mcu.build import CORTEX_M7, Core, compile_for_cortex_m7, compile_replay
-from firmware_sim.mcu.elf import Firmware, read_elf
+from firmware_sim.mcu.build import CORTEX_M7, Core, Firmware, compile_for_cortex_m7, compile_replay, read_elf
 from firmware_sim.mcu.emulator import Machine
 
 MCU_PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")

@@ -63,13 +63,12 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
         new = session.messages()
         if new:
             outbox.send("messages", new)
-        for message in new:
-            if not isinstance(message, bytes) and message["type"] == "hello":
-                period_s = message["period_ms"] / 1e3
-        has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
+        by_type = {message["type"]: message for message in new if not isinstance(message, bytes)}
+        if "hello" in by_type:
+            period_s = by_type["hello"]["period_ms"] / 1e3
         now = time.monotonic()
         # After a late period the loop does not run faster to catch up, because viewers would see a faster wake.
-        due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + _IDLE_S
+        due = max(due + (0.0 if fast else period_s), now) if "periods" in by_type else now + _IDLE_S
         requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
             number, text = pipe.recv()

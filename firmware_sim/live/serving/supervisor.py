@@ -12,7 +12,7 @@ from itertools import count
 from typing import Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer, LiveMessage, periods_message
+from firmware_sim.live.loop.messages import KEPT_PERIODS, PERIOD_COLUMNS, LiveAnswer, LiveMessage, periods_message
 from firmware_sim.live.serving.process import LONGEST_END_S, MakeSession, how, started
 
 PICTURE: Final = "picture"
@@ -20,20 +20,16 @@ STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus"
 """The order in which a viewer gets the streams; `hello` states the run to which the later streams belong."""
 MOST_ROWS: Final = 500
 """Largest number of periods, or of events, in one message; a new viewer waits for this message."""
-KEPT_EVENTS: Final = 500
-KEPT_PERIODS: Final = 3000
-"""Number of stored periods until a `hello` sets another number."""
-_OF_A_RUN: Final = ("now", "bus", PICTURE)
+_KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}
+"""Largest number of stored items of a stream; of the other streams only the newest message is stored."""
 
 
 class Hub:
-    """A store of the loop's messages. Each stream has a count that increases with new content."""
+    """A store of the loop's messages."""
 
     def __init__(self) -> None:
-        self._latest = dict[str, tuple[int, LiveMessage | bytes]]()
-        self._periods, self._events = Ring(KEPT_PERIODS), Ring(KEPT_EVENTS)
+        self._streams = {stream: Ring(_KEPT.get(stream, 1)) for stream in STREAMS}
         self._run = 0
-        self._count = 0
 
     def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
         for message in messages:
@@ -41,31 +37,29 @@ class Hub:
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
         """Return the content that a stream got after `count`, or None, and the count for the next call."""
+        items, count = self._streams[stream].after(count, MOST_ROWS)
+        if not items:
+            return None, count
         if stream == "periods":
-            rows, count = self._periods.after(count, MOST_ROWS)
-            return (periods_message(self._run, rows) if rows else None), count
+            return periods_message(self._run, items), count
         if stream == "events":
-            items, count = self._events.after(count, MOST_ROWS)
-            return ({"type": "events", "run": self._run, "items": items} if items else None), count
-        newest, value = self._latest.get(stream, (0, None))
-        return (value if newest > count else None), max(newest, count)
+            return {"type": "events", "run": self._run, "items": items}, count
+        return items[-1], count
 
     def _keep(self, message: LiveMessage | bytes) -> None:
-        self._count += 1
         if isinstance(message, bytes):
-            self._latest[PICTURE] = (self._count, message)
+            self._streams[PICTURE].extend([message])
         elif message["type"] == "periods":
-            self._periods.extend(zip(*(message["columns"][name] for name in PERIOD_COLUMNS), strict=True))
+            columns = (message["columns"][name] for name in PERIOD_COLUMNS)
+            self._streams["periods"].extend(zip(*columns, strict=True))
         elif message["type"] == "events":
-            self._events.extend(message["items"])
+            self._streams["events"].extend(message["items"])
         else:
             if message["type"] == "hello":
                 self._run = message["run"]
-                self._periods.restart(message["kept"])
-                self._events.restart(KEPT_EVENTS)
-                for stream in _OF_A_RUN:
-                    self._latest.pop(stream, None)
-            self._latest[message["type"]] = (self._count, message)
+                for stream in ("events", "periods", "now", "bus", PICTURE):
+                    self._streams[stream].clear()
+            self._streams[message["type"]].extend([message])
 
 
 class Viewer:
@@ -97,9 +91,9 @@ class Ring:
             self._items.append(item)
             self._count += 1
 
-    def restart(self, kept: int) -> None:
-        """Delete all items and set the capacity to `kept`; the numbering continues."""
-        self._items = deque(maxlen=kept)
+    def clear(self) -> None:
+        """Delete all items; the numbering continues."""
+        self._items.clear()
 
     def after(self, count: int, most: int) -> tuple[list[Any], int]:
         """Return at most `most` items with numbers above `count`, oldest first, and the number of the last item."""

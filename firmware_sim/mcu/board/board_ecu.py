@@ -20,8 +20,7 @@ from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board import BACKUP, BACKUP_BYTES, SRAM, SRAM_BYTES, Board
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.board.small_parts import SystemReset
-from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, bus_key_header, compile_board
-from firmware_sim.mcu.elf import Firmware, read_elf
+from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, Firmware, bus_key_header, compile_board, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
 """Start of the memory that is used for a debugger's data, after all linked sections."""

@@ -23,8 +23,7 @@ from ecu.in_c.c_image import read_packed
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.board.on_a_bus import equipment_header
-from firmware_sim.mcu.build import EQUIPMENT
-from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.build import EQUIPMENT, Firmware
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
 from tests.can_bridge.tester.line import Line, flash_over
@@ -56,14 +55,12 @@ class Built:
         return BoardEcu(self.sources, own=self.own, bank=bank, firmware=firmware, times=times)
 
     def image(self, name: str, version: int = 1) -> bytes:
-        """With a digest of its own."""
         manifest = replace(self._bundle.manifest, name=name, security_version=version)
         bundle = replace(self._bundle, manifest=manifest, digest=self.digest(version).hex())
         return image_of(self._files, bundle, self.config, RELEASE)
 
     @staticmethod
     def digest(version: int) -> bytes:
-        """Of a release by its security version."""
         return bytes([version]) * 32
 
 
@@ -138,7 +135,6 @@ class Traffic:
         return answers
 
     def unlock(self, level: int) -> bytes:
-        """The answer to the key of a level."""
         _, seed = self.ask(bytes([0x27, level]))[-1]
         return self.ask(bytes([0x27, level + 1]) + KEY.answer(Level(level), seed[2:]))[-1][1]
 

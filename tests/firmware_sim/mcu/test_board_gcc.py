@@ -11,7 +11,7 @@ from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.messages import Mode
 from ecu.in_c.c_ecu import CEcu
 from firmware_sim.mcu.board.board_ecu import BoardEcu
-from firmware_sim.mcu.elf import Firmware, read_elf
+from firmware_sim.mcu.build import Firmware, read_elf
 from tests.can_bridge.flashing.releases import keys
 from tests.ecu.in_c.exported import WINDOW, Feed
 from tests.firmware_sim.mcu.board_node import QUICK, BoardLine, Built

@@ -19,8 +19,7 @@ from export.release.lowering import int8_library
 from export.release.pipeline import recorded_rows
 from export.to_c.library import c_library
 from firmware_sim.mcu import measure as mcu
-from firmware_sim.mcu.build import CORTEX_M4F, CORTEX_M7, compile_for_cortex_m7
-from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.build import CORTEX_M4F, CORTEX_M7, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
 from firmware_sim.mcu.measure import verdicts
 from firmware_sim.mcu.pipeline import Pipeline

@@ -71,7 +71,7 @@ def blocks(image: bytes, at: int, size: int, most: int = 1 << 16) -> Plan:
 
 def flashing(rng: Random, of: World) -> Plan:
     """The sequence of `stillwake flash`, with any image; it may end before its end."""
-    image = rng.choice(list(of.pool.images.values()))
+    image = rng.choice(list(of.images.values()))
     yield _EXTENDED
     yield routine(Routine.PRECONDITIONS)
     yield from unlocking(Level.PROGRAMMING)
@@ -97,19 +97,17 @@ def choosing(rng: Random, of: World) -> Plan:
 
 def keys(rng: Random, of: World) -> Plan:
     yield from unlocking(Level.PROGRAMMING)
-    lists = of.pool.foreign_lists if rng.random() < 0.5 else of.pool.key_lists
+    lists = of.foreign_lists if rng.random() < 0.5 else of.key_lists
     yield write(Did.KEY_LIST, rng.choice(lists))
 
 
 def calibrating(rng: Random, of: World) -> Plan:
-    """Values, sound or not."""
     yield from unlocking(Level.CALIBRATION)
     yield write(Did.CALIBRATION, rng.randbytes(PACKED_BYTES))
     yield write(Did.CALIBRATION_STORED, bytes([rng.randrange(3)]))
 
 
 def reading(rng: Random, of: World) -> Plan:
-    """Identifiers, one by one or several."""
     for _ in range(3):
         dids = rng.choices(list(Did), k=rng.choice((1, 1, 1, 2, 20)))
         yield bytes([Service.READ]) + b"".join(did.to_bytes(2, "big") for did in dids)
@@ -213,10 +211,10 @@ def any_of(rng: Random, of: World) -> Plan:
 
 def story(rng: Random, of: World, steps: int) -> Plan:
     """A sound image, up to so many steps behind its transfer: check, activate, reset, test, confirm twice, revert."""
-    image = of.pool.images[rng.choice(("newest", "newest", "for this hardware", "one", "again", "second"))]
+    image = of.images[rng.choice(("newest", "newest", "for this hardware", "one", "again", "second"))]
     yield from unlocking(Level.PROGRAMMING)
     if rng.random() < 0.3:
-        yield from each(*(2 * [write(Did.KEY_LIST, rng.choice(of.pool.key_lists[:3]))]))
+        yield from each(*(2 * [write(Did.KEY_LIST, rng.choice(of.key_lists[:3]))]))
     at = yield from announced(image)
     for number, start in enumerate(range(at, len(image), 4078), start=1):
         yield bytes([0x36, number]) + image[start : start + 4078]
@@ -254,7 +252,7 @@ def story(rng: Random, of: World, steps: int) -> Plan:
 
 
 def flashed(of: World, name: str) -> Plan:
-    image = of.pool.images[name]
+    image = of.images[name]
     yield from unlocking(Level.PROGRAMMING)
     yield from blocks(image, (yield from announced(image)), 400)
     yield from each(b"\x37", routine(Routine.CHECK), routine(Routine.ACTIVATE))
@@ -287,7 +285,7 @@ def edges(rng: Random, of: World) -> Plan:
 
 def transfers(rng: Random, of: World) -> Plan:
     """A download that is asked for in every wrong way."""
-    image = of.pool.images["one"]
+    image = of.images["one"]
     head, length = b"\x34\x00\x44", len(image).to_bytes(4, "big")
     yield from unlocking(Level.PROGRAMMING)
     yield routine(Routine.ERASE, length + bytes(31) + rng.randbytes(1))
@@ -339,7 +337,7 @@ def controlled(rng: Random, of: World) -> Plan:
     yield lambda program: program.control(14, False)
     yield lambda program: program.control(14, True)
     yield from each(routine(Routine.ERASE, b"\0\0\x10\0" + bytes(32)), routine(Routine.REVERT))
-    yield from each(*(write(Did.KEY_LIST, one) for one in of.pool.key_lists), b"\x11\x01", b"\x10\x02", b"\x10\x01")
+    yield from each(*(write(Did.KEY_LIST, one) for one in of.key_lists), b"\x11\x01", b"\x10\x02", b"\x10\x01")
     yield lambda program: program.control(60, None)
 
 

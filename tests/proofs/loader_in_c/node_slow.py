@@ -25,7 +25,7 @@ class Slow:
     """A node with release "one", and a tester; a look is a millisecond."""
 
     def __init__(self, of: World) -> None:
-        self.node, bus = powered(of, of.pool.images["one"]), of.config.bus
+        self.node, bus = powered(of, of.images["one"]), of.config.bus
         self.ids, self.frame = bus.diagnosis, partial(frame_to, bus)
         self._end = Endpoint(isotp_settings(bus, is_tester=True))
         self._pressures = E2eSender(message_set(bus).pressure.spec)
@@ -96,7 +96,7 @@ def erased_beside(of: World) -> None:
     assert [answer[:3] for _, answer in found] == [b"\x7f\x27\x78", b"\x67\x03" + found[1][1][2:3]]
     assert found[0][0] < 27 and found[1][0] > 100
     assert slow.unlock(3)[-1][1] == b"\x67\x04"
-    image = of.pool.images["newest"]
+    image = of.images["newest"]
     slow.ask(b"\x10\x02")
     slow.unlock(1)
     announcement = len(image).to_bytes(4, "big") + hashlib.sha256(image).digest()

@@ -18,6 +18,7 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.flashing.checking import Rules, fits_as, judge_image
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.isotp import control_info
 from can_bridge.secoc.node import Authentication
 from can_bridge.secoc.securing import Freshness, secure
 from can_bridge.uds.services import Nrc, Refused
@@ -77,21 +78,16 @@ def pressures(enable: bool) -> Pressure:
     return Pressure(pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=enable, age_ns=0)
 
 
-class Pool(NamedTuple):
-    """What testers send: images by name, `one` is that of production; key lists signed by the root key; and others."""
-
-    images: dict[str, bytes]
-    key_lists: tuple[bytes, ...]
-    foreign_lists: tuple[bytes, ...]
-
-
 class World(NamedTuple):
-    """What both ECUs live in: a vehicle, a library for it, images and key lists."""
+    """What both ECUs live in: a vehicle, a library for it, and what testers send: images by name, `one` is that of
+    production; key lists signed by the root key; and others."""
 
     config: Config
     library: Library
     bundle: Bundle
-    pool: Pool
+    images: dict[str, bytes]
+    key_lists: tuple[bytes, ...]
+    foreign_lists: tuple[bytes, ...]
 
 
 def world(kind: str, library: Library) -> World:
@@ -128,7 +124,7 @@ def world(kind: str, library: Library) -> World:
     }
     lists = (keys(1), keys(2, RELEASE, SECOND), keys(3, RELEASE, revoked=(SECOND,)), keys(4, RELEASE, SECOND))
     evil = key_list.encode(replace(key_list.decode(lists[3], signing.public_key(ROOT)), version=9), STRANGER)
-    return World(config, library, bundle, Pool(images, lists, (evil, lists[1][:-1], lists[3] + b"\n")))
+    return World(config, library, bundle, images, lists, (evil, lists[1][:-1], lists[3] + b"\n"))
 
 
 def rules_of(of: World) -> bytes:
@@ -151,7 +147,7 @@ def frame_to(bus: BusConfig, data: bytes, to: CanId | None = None, now_ns: int =
 
 def may_run(of: World, image: bytes) -> bool:
     """Whether the image is in order, under one of the key lists."""
-    allowed = key_list.decode(of.pool.key_lists[1], signing.public_key(ROOT))
+    allowed = key_list.decode(of.key_lists[1], signing.public_key(ROOT))
     rules = Rules(keys=allowed, hardware=HARDWARE, fits=lambda release: Verdict.GOOD, least_security_version=0)
     return checked(image, rules, of=of)[0] is Verdict.GOOD
 
@@ -200,7 +196,7 @@ class Twins:
 
     def __init__(self, of: World, *, first: str | None = "one") -> None:
         self._config = of.config
-        image = b"" if first is None else of.pool.images[first]
+        image = b"" if first is None else of.images[first]
         self.c = powered(of, image)
         self.backing = provision(PlainBacking(capacity=SLOT_BYTES), image or None, check=partial(checked, of=of))
         equipment = Equipment(
@@ -239,6 +235,13 @@ class Twins:
         frames = [] if enable is None or self.is_void else [self._pressure(enable)]
         self._waits_for_control = False
         return self._compare("control", self.python.control(self.now_ns, frames), self.c.control(self.now_ns, frames))
+
+    def ask(self, *requests: bytes) -> list[Frame]:
+        """What both send to requests in one frame each, which come at once; AssertionError if they differ."""
+        bus = self._config.bus
+        sent = self.service([frame_to(bus, control_info.single(one), None, self.now_ns) for one in requests])
+        assert self.differences == []
+        return sent
 
     def service(self, frames: Sequence[Frame]) -> list[Frame]:
         in_python = self.python.service(self.now_ns, frames)

@@ -50,8 +50,9 @@ def main(
     faults: Annotated[bool, typer.Option(help="Plant faults in the store, and count its branches, too.")] = True,
 ) -> None:
     """Compare, cut and fuzz; then print what was lost or differed, which must be nothing."""
-    sizes_of: dict[str, Any] = {"images": images, "calls": calls, "records": records, "seconds": seconds}
-    sizes_of |= {"eighths": eighths, "faults": faults}
+    sizes_of: dict[str, Any] = {
+        "images": images, "calls": calls, "records": records, "seconds": seconds, "eighths": eighths, "faults": faults,
+    }  # fmt: skip
     storage = storage_figures(seed=seed, processes=processes, **sizes_of)
     differences, compared = list[str](), 0
     with tempfile.TemporaryDirectory() as name:
@@ -63,7 +64,7 @@ def main(
                 compared += calls_made
         of = world("fd", Library(sources(CONFIGS["fd"]), folder / "fd" / "fd.so"))
         corpus(of, folder / "corpus", range(seed, seed + 60))
-        program = build(sources(of.config), folder / "fuzz", "node_fuzz.c", SANITISED)
+        program = build(sources(of.config), folder / "fuzz", "node_fuzz", SANITISED)
         fuzzed: dict[str, Any] = {**fuzz(program, folder / "corpus", seed, fuzz_requests)}
         (folder / "sizes").mkdir()
         different = storage["mismatches"] + storage["image_mismatches"] + len(differences)
@@ -91,8 +92,8 @@ def _played(kind: str, folder: Path, seed: int, numbers: range) -> tuple[list[st
 
 def corpus(of: World, file: Path, seeds: range) -> None:
     """What the program reads: a vehicle, its production, and the requests of testers."""
-    good = b"".join(hashlib.sha256(image).digest() for image in of.pool.images.values() if may_run(of, image))
-    parts = [rules_of(of), SECRET, keys(), of.pool.images["one"], good, *requests_of(of, seeds)]
+    good = b"".join(hashlib.sha256(image).digest() for image in of.images.values() if may_run(of, image))
+    parts = [rules_of(of), SECRET, keys(), of.images["one"], good, *requests_of(of, seeds)]
     file.write_bytes(b"".join(len(part).to_bytes(4, "little") + part for part in parts))
 
 

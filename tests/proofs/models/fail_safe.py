@@ -208,7 +208,6 @@ def _key(state: FailSafe, witness: Witness, config: EcuConfig) -> tuple[Any, Wit
 
 
 def _told(ways: dict[Any, Any], key: Any) -> list[str]:
-    """The periods that lead to a state."""
     way = ways[key]
     if way is None:
         return []

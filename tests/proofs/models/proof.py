@@ -32,12 +32,6 @@ SECTOR: Final = 960
 _FLAGS: Final = (
     "-O1", "-w", "-ffunction-sections", "-Wl,--gc-sections", f"-DSW_FLASH_SECTOR={SECTOR}u", "-DSW_SLOT_SECTORS=1u",
 )  # fmt: skip
-ENDLESS: Final = 2**31
-"""More states than there are."""
-
-
-class ModelError(StillwakeError):
-    """A sabotage is not found."""
 
 
 class FoundError(AssertionError):
@@ -50,7 +44,7 @@ def store_sources() -> dict[str, bytes]:
     return found | {path.name: path.read_bytes() for path in Path(__file__).with_name("c").glob("store_*")}
 
 
-def explored_flashing(folder: Path, most: int = ENDLESS, contents: Mapping[str, bytes] | None = None) -> dict[str, int]:
+def explored_flashing(folder: Path, most: int = 2**31, contents: Mapping[str, bytes] | None = None) -> dict[str, int]:
     """What `c/store_states.c` counts in at most so many states of the store's own C, over a small flash memory whose
     supply is cut; raises FoundError for what is not allowed."""
     program = folder / "store_states"
@@ -108,4 +102,4 @@ def main(json_file: JsonFile = None) -> None:
         settings=settings, sector_bytes=SECTOR,
     )  # fmt: skip
     if missed := [one["what"] for one in sabotaged if not one["found"]]:
-        raise ModelError(f"{missed[0]}: the sabotage is not found")
+        raise StillwakeError(f"{missed[0]}: the sabotage is not found")

@@ -11,12 +11,11 @@ from typing import Any
 from contract.errors import PlantError, StillwakeError
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer, LiveMessage, Request
 
-KEPT = 50
 PICTURE_BYTES = 90_000
 
 
-def hello(run: int = 1, kept: int = KEPT) -> LiveMessage:
-    return {"type": "hello", "run": run, "kept": kept, "period_ms": 5.0}
+def hello(run: int = 1) -> LiveMessage:
+    return {"type": "hello", "run": run, "period_ms": 5.0}
 
 
 def periods(*numbers: int, run: int = 1) -> LiveMessage:
