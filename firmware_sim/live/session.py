@@ -20,7 +20,7 @@ from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.live import present
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
-from firmware_sim.live.loop.messages import KEPT_PERIODS, Choice, LiveAnswer, LiveMessage, pack_field
+from firmware_sim.live.loop.messages import KEPT_PERIODS, Choice, LiveAnswer, LiveMessage
 from firmware_sim.live.loop.noticing import FIRST_SEEN, EventLog, noticed
 from firmware_sim.live.settings import CONTROLLERS, LiveSettings, asked, changes
 from wake.plant.protocol import LoopPlant
@@ -261,7 +261,7 @@ class LiveSession(NeverCopied):
             receivers = run.state.pressures, run.node.command_stream
             out.append(run.bus_table.message(run.number, *receivers, run.wired.errors()))
         if run.picture is not None:
-            out.append(pack_field(run.picture))
+            out.append(run.picture)
         return out
 
     def _note(self, kind: str, text: str) -> None:

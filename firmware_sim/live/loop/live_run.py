@@ -1,5 +1,6 @@
 """One run of the live loop, which starts in the plant's initial state and is computed period by period."""
 
+import struct
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,11 +21,11 @@ from ecu.stepped import LoopEcu
 from firmware_sim.bench.spans import SHEDDING_TIME
 from firmware_sim.bench.wiring import wire
 from firmware_sim.live.loop.bus_table import BusTable
-from firmware_sim.live.loop.messages import KEPT_PERIODS, FieldPicture
+from firmware_sim.live.loop.messages import KEPT_PERIODS
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, SeenState
 from firmware_sim.live.loop.switching import LINGER_S, SwitchedDisturbances
 from firmware_sim.runs.run_log import Row
-from wake.pictures.level_picture import LevelPicture
+from wake.pictures.level_picture import LevelPicture, Levels
 from wake.plant.protocol import LivePlant, LoopPlant
 from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
@@ -143,6 +144,13 @@ _FOR_GOOD_NS: Final = 10**18
 _AVERAGES_EVERY: Final = 5
 
 
+def pack_field(k: int, t: float, levels: Levels) -> bytes:
+    """Pack the flow at the start of period k, at time t in t_c, little-endian: k (uint32), t (float32), width, height
+    (uint16), then rows of levels (int8), which `wake.pictures.level_picture` explains."""
+    height, width = levels.shape
+    return struct.pack("<IfHH", k, t, width, height) + levels.tobytes()
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LivePeriod:
     """One control period; `is_planned`: the ECU's step had a plan."""
@@ -164,7 +172,7 @@ class LiveRun:
     Attributes:
         k: number of the next period; each period lasts `period_ns` in virtual time.
         view, raster: limits of the pictures in W, and their size in pixels; empty for a plant without a flow field.
-        picture: flow at the start of the latest period; None for a plant without a flow field.
+        picture: flow at the start of the latest period, packed; None for a plant without a flow field.
         latest, state: the latest period and the ECU's state after it; `latest` is None before the first period.
     """
 
@@ -181,7 +189,7 @@ class LiveRun:
         self._levels = LevelPicture(cast(LivePlant, wake)) if hasattr(wake, "vorticity") else None
         self.view: Sequence[float] = () if self._levels is None else self._levels.view
         self.raster: Sequence[int] = () if self._levels is None else self._levels.size
-        self.picture: FieldPicture | None = None
+        self.picture: bytes | None = None
         self.latest: LivePeriod | None = None
         self.is_off = False
         authentication = authentication_in_virtual_time(config.bus)
@@ -203,7 +211,7 @@ class LiveRun:
             k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
         )
         if self._levels is not None:
-            self.picture = FieldPicture(k=k, t=cast(LivePlant, self.wake).t, levels=self._levels.levels())
+            self.picture = pack_field(k, cast(LivePlant, self.wake).t, self._levels.levels())
         row = loop.period(enable_request=requested)
         self.state = self.ecu.ecu.state
         self.latest = LivePeriod(k=k, row=row, requested=requested, is_planned=bool(loop.planned_ns))

@@ -32,7 +32,7 @@ class BoardEcu(CEcuState):
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        bank, now_ns, times, cut_at: see `Board`.
+        bank, now_ns, times: see `Board`.
         own: files that replace the board's files (`compile_board`).
         firmware: firmware compiled earlier from these sources.
         secret: key of the bus, as written into a board at production; None without `bus.key`.
@@ -54,7 +54,6 @@ class BoardEcu(CEcuState):
         firmware: Firmware | None = None,
         times: FlashTimes = STM32H743,
         now_ns: int = 0,
-        cut_at: int = 0,
         secret: bytes | None = None,
     ) -> None:
         compiler = zig_compiler()
@@ -73,7 +72,7 @@ class BoardEcu(CEcuState):
         self.resets = self.waited_ns = self.instructions = self.cycles = 0
         self._left = list[Frame]()
         self.description = f"emulated board, Cortex-M7 at {clock_mhz:g} MHz"
-        self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
+        self.power_on(bank or FlashBank(), now_ns)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
         """Start a new power cycle. The battery-supplied SRAM keeps its contents."""

@@ -107,5 +107,5 @@ class Library:
             self.ffi.cdef(_STRUCTURE.sub(lambda match: "int" if match[1] else "void ", found) + ";")
         self.c = self.ffi.dlopen(str(path))
 
-    def judge(self, found: bytes, keys: bytes, least: int = 1) -> int:
-        return int(self.c.twin_judge(found, len(found), keys, len(keys), rules(ONE), least))
+    def judge(self, found: bytes, keys: bytes) -> int:
+        return int(self.c.twin_judge(found, len(found), keys, len(keys), rules(ONE), 1))

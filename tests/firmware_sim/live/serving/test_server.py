@@ -27,7 +27,7 @@ from firmware_sim.live.serving.handlers import (
 )
 from firmware_sim.live.serving.server import BoundedServer, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
-from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
+from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, FakeSession
 
 PATIENCE_S = 60.0
 """A process is started on a machine that does other things."""
@@ -49,7 +49,7 @@ class Place:
 
 @asynccontextmanager
 async def placed(
-    make: MakeFake | None = None,
+    make: Callable[..., Any] | None = None,
     access: PageAccess = OPEN,
     *,
     stalled_s: float = 30.0,
@@ -57,7 +57,7 @@ async def placed(
     idle_s: float = 30.0,
 ) -> AsyncIterator[Place]:
     """A server, with a loop if there is what makes one."""
-    supervisor = Supervisor(make or MakeFake(), short_life_s=short_life_s)
+    supervisor = Supervisor(make or FakeSession, short_life_s=short_life_s)
     listening, port = bind_unused_port()
     serving = BoundedServer(application(supervisor, access, stalled_s=stalled_s), idle_s=idle_s)
     serving.add_socket(listening)
@@ -169,7 +169,7 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
     async def ask(number: int, **given: object) -> None:
         await control.write_message(json.dumps({"id": number, "set": given}, default=str))
 
-    async with placed(MakeFake()) as place:
+    async with placed(FakeSession) as place:
         viewers = [await place.connect("/stream") for _ in range(2)]
         for viewer in viewers:
             assert (await heard(viewer))["type"] == "loop"
@@ -214,12 +214,12 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
             assert await control.read_message() is None
 
 
-def silent(port: int, path: str = "/stream") -> socket.socket:
+def silent(port: int) -> socket.socket:
     """A viewer that opens a channel and never reads."""
     viewer = socket.socket()
     viewer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     viewer.connect(("127.0.0.1", port))
-    head = (f"GET {path} HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade")
+    head = ("GET /stream HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade")
     key = ("Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version: 13", "", "")
     viewer.sendall("\r\n".join((*head, *key)).encode())
     return viewer
@@ -228,7 +228,7 @@ def silent(port: int, path: str = "/stream") -> socket.socket:
 @pytest.mark.processes
 @in_a_loop
 async def test_who_does_not_read_holds_up_no_one_and_is_closed(caplog) -> None:
-    async with placed(MakeFake(), stalled_s=0.5) as place:
+    async with placed(FakeSession, stalled_s=0.5) as place:
         reading = await place.connect("/stream")
         await heard(reading, type="picture")
         with silent(place.port) as stalled:
@@ -279,7 +279,7 @@ async def test_idle_connections_are_closed_and_more_than_a_bound_refused(monkeyp
 @pytest.mark.processes
 @in_a_loop
 async def test_a_loop_that_ends_reports_why_and_starts_again() -> None:
-    async with placed(MakeFake(), short_life_s=0.0) as place:
+    async with placed(FakeSession, short_life_s=0.0) as place:
         for order, reason in (("diverge", "the flow diverged at t = 1.0"), ("die", "SIGKILL")):
             stream, control = await place.connect("/stream"), await place.connect("/control")
             await heard(stream, type="hello")
@@ -291,11 +291,14 @@ async def test_a_loop_that_ends_reports_why_and_starts_again() -> None:
                 pass
 
 
+def no_session(show: Callable[[str], None]) -> Any:
+    raise StillwakeError("no data are installed")
+
+
 @pytest.mark.processes
 def test_a_loop_that_cannot_start_ends_the_server():
     lines = list[str]()
-    make = MakeFake(error="no data are installed")
-    served = serve(make, port=0, is_stopped=lambda: False, ready=lambda url: None, report=lines.append)
+    served = serve(no_session, port=0, is_stopped=lambda: False, ready=lambda url: None, report=lines.append)
     with pytest.raises(StillwakeError, match="no data are installed"):
         asyncio.run(asyncio.wait_for(served, PATIENCE_S))
     assert len(lines) == 2
