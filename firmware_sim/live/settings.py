@@ -61,7 +61,6 @@ SLIDERS: Final = {
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
 """Slider of every cost weight; it has the bounds of a weight in a calibration."""
-_SENSORS: Final = ("dead", "biased")
 _CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
 _SWITCHES: Final = ("enable", "babble")
 

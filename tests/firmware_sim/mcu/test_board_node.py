@@ -1,6 +1,5 @@
 """Loader, diagnosis and ECU on the emulated board: flashed over CAN by a tester, and the supply that fails."""
 
-from collections import Counter
 from itertools import count
 
 import pytest
@@ -18,7 +17,6 @@ from tests.can_bridge.uds.addresses import COMMAND_ID, REQUEST_ID, RESPONSE_ID, 
 from tests.ecu.in_c.exported import WINDOW, Feed
 from tests.firmware_sim.mcu.board_node import TICK_NS, BoardLine, on
 from tests.firmware_sim.mcu.test_board import fuses, host_of
-from tests.proofs.board_cuts import WRONG, Cuts
 
 pytestmark = pytest.mark.mcu
 
@@ -60,17 +58,6 @@ def test_a_release_that_was_flashed_over_can_controls_as_on_the_host(built, fres
         for command in ("FF00", "F401000014010020", "F401000044010020")
     ]
     assert packets == [[bytes.fromhex("FF05800808000101")], [bytes([0xFF, Mode.CONTROL])], [b"\xfe\x24"]]
-
-
-@pytest.mark.proofs
-def test_a_cut_in_any_operation_of_the_flash_leaves_a_board_that_runs(built, fresh):
-    """Some of those that `python -m tests.proofs.board_cuts` runs."""
-    cuts = Cuts(built, fresh.firmware)
-    left = cuts.left(built)
-    assert len(left) > 150
-    found = sum((cuts.after(left[k], k, flashes=k % 7 == 0) for k in range(0, len(left), 31)), Counter())
-    assert [found[name] for name in WRONG] == [0] * len(WRONG), found
-    assert found["ran_old"] > 0
 
 
 def test_a_board_on_a_bus_answers_and_its_flash_is_kept_in_a_file(built, fresh, tmp_path):
