@@ -66,8 +66,8 @@ def hello(
         "used": list(manifest.sensors),  # in the order of the Pressure message
         "body": outline(config.body).tolist(),
         "jets": [[base, slot], [base, -slot]],  # upper slot, lower slot
-        "view": list(run.view),  # x and y limits of the picture
-        "raster": list(run.raster),  # width and height of the picture; empty without a flow field
+        "view": list(run.levels.view) if run.levels else [],  # x and y limits of the picture, in W
+        "raster": list(run.levels.size) if run.levels else [],  # width and height of the picture in pixels
         "states": [mode.name for mode in OperatingMode],
         "reasons": {reason.name: text for reason, text in BECAUSE.items()},
         **{f"{what}s": list(found) for what, found in choices.items()},  # keys: controllers and plants

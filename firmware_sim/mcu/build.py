@@ -14,6 +14,7 @@ from elftools.elf.elffile import ELFFile
 
 from contract.controller.c_folder import BOARD, library_sources
 from contract.errors import LibraryError, McuError, install
+from contract.release.signing import PublicKey
 from ecu.c.sources import sources_in
 from ecu.in_c.compiler import compile_c, zig_compiler
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
@@ -112,6 +113,17 @@ def board_files(sources: Mapping[str, bytes], own: Mapping[str, bytes] | None = 
 def bus_key_header(secret: bytes) -> bytes:
     """Return the header `BUS_KEY` with a key of the bus."""
     return f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, secret))}}}\n".encode()
+
+
+def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardware: str, serial: str) -> bytes:
+    """Return the header that enables the loader. `root` checks key lists, and `access_key` is the key of security
+    access, 16 bytes. `vehicle` is `contract.release.controller_image.ImageFacts.vehicle` of every image for this
+    vehicle. `hardware` and `serial` of the board are printable ASCII without quotes."""
+    numbers = {"ROOT": root.raw, "ACCESS_KEY": access_key, "VEHICLE": vehicle}
+    found = {name: "{" + ", ".join(map(str, value)) + "}" for name, value in numbers.items()} | {
+        "LOADER": "1", "HARDWARE": f'"{hardware}"', "SERIAL": f'"{serial}"', "SOFTWARE": '"board"',
+    }  # fmt: skip
+    return "".join(f"#define SW_BOARD_{name} {value}\n" for name, value in found.items()).encode()
 
 
 def compile_block_counter(output: Path) -> None:

@@ -87,7 +87,7 @@ def plant_fmu(
     kind, path = kind_and_path(output, ("fmi2",))
     check_output(path, overwrite=overwrite)
 
-    from firmware_sim.fmu.plant_fmu import plant_fmu as made
+    from firmware_sim.fmu.fmu_files import plant_fmu as made
 
     content = made(config, state, kind)
     with replacing(path) as temporary:

@@ -102,7 +102,7 @@ def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, confi
         LibraryError: the library has only the control step, or does not compile.
         StillwakeError: the file cannot be written.
     """
-    from firmware_sim.fmu.ecu_fmu import ecu_fmu
+    from firmware_sim.fmu.fmu_files import ecu_fmu
 
     (kind, path), sources = fmu, read_sources(library)
     if ECU_SETTINGS not in sources:

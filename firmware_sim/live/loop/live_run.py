@@ -2,7 +2,6 @@
 
 import struct
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, cast
 
@@ -171,7 +170,7 @@ class LiveRun:
 
     Attributes:
         k: number of the next period; each period lasts `period_ns` in virtual time.
-        view, raster: limits of the pictures in W, and their size in pixels; empty for a plant without a flow field.
+        levels: maker of the pictures; None for a plant without a flow field.
         picture: flow at the start of the latest period, packed; None for a plant without a flow field.
         latest, state: the latest period and the ECU's state after it; `latest` is None before the first period.
     """
@@ -186,9 +185,7 @@ class LiveRun:
         self.disturbances = SwitchedDisturbances(config, sensors)
         self.drag = DragMeans(config.flow.control_period)
         self.bus_table = BusTable(config, message_set(config.bus))
-        self._levels = LevelPicture(cast(LivePlant, wake)) if hasattr(wake, "vorticity") else None
-        self.view: Sequence[float] = () if self._levels is None else self._levels.view
-        self.raster: Sequence[int] = () if self._levels is None else self._levels.size
+        self.levels = LevelPicture(cast(LivePlant, wake)) if hasattr(wake, "vorticity") else None
         self.picture: bytes | None = None
         self.latest: LivePeriod | None = None
         self.is_off = False
@@ -210,8 +207,8 @@ class LiveRun:
         requested = self.request.requests(
             k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
         )
-        if self._levels is not None:
-            self.picture = pack_field(k, cast(LivePlant, self.wake).t, self._levels.levels())
+        if self.levels is not None:
+            self.picture = pack_field(k, cast(LivePlant, self.wake).t, self.levels.levels())
         row = loop.period(enable_request=requested)
         self.state = self.ecu.ecu.state
         self.latest = LivePeriod(k=k, row=row, requested=requested, is_planned=bool(loop.planned_ns))

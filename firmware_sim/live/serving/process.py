@@ -9,11 +9,11 @@ import socket
 import time
 import traceback
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from queue import Queue
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
 
@@ -80,8 +80,7 @@ class Requests:
 
     def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox
-        self._waiting: tuple[int, Request] | None = None
-        self._made: Queue[StillwakeError | None] = Queue()
+        self._waiting: tuple[int, Request, Future[None]] | None = None
 
     def take(self, number: int, request: Request) -> None:
         """Handle a request that has arrived, or start the thread that the request needs."""
@@ -91,33 +90,32 @@ class Requests:
         elif self._waiting is not None:
             self._answer(number, {"error": "another controller is being built: ask again when it is ready"})
         else:
-            self._waiting = number, request
-            Thread(target=self._make, args=(work,), name="making", daemon=True).start()
+            made = Future[None]()
+            self._waiting = number, request, made
+            Thread(target=_make, args=(work, made), name="making", daemon=True).start()
 
     def go_on(self) -> None:
         """Handle the waiting request if its ECU has been created."""
-        if self._waiting is None or self._made.empty():
+        if self._waiting is None or not self._waiting[2].done():
             return
-        (number, request), self._waiting = self._waiting, None
-        error = self._made.get()
-        failed = {"error": " ".join(str(error).split())}
-        self._answer(number, self._session.handle(request) if error is None else failed)
+        (number, request, made), self._waiting = self._waiting, None
+        failed = {"error": " ".join(str(made.exception()).split())}
+        self._answer(number, failed if made.exception() else self._session.handle(request))
 
     def _answer(self, number: int, answer: LiveAnswer) -> None:
         self._outbox.send("answer", (number, answer))
         if self._waiting is None:
             self._outbox.report("running")
 
-    def _make(self, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except StillwakeError as error:
-            self._made.put(error)
-        except Exception as error:  # noqa: BLE001  (a fault of ours: it is not to end the loop)
+
+def _make(work: Callable[[], None], made: Future[None]) -> None:
+    try:
+        work()
+        made.set_result(None)
+    except Exception as error:  # noqa: BLE001  (a fault of ours is not to end the loop)
+        if not isinstance(error, StillwakeError):
             traceback.print_exc()
-            self._made.put(StillwakeError(str(error)))
-        else:
-            self._made.put(None)
+        made.set_exception(error)
 
 
 class Outbox:

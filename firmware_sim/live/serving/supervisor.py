@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import partial
 from itertools import count
 from typing import Any, Final
 
@@ -152,7 +151,7 @@ class Supervisor:
             ThreadPoolExecutor(1, "requests") as sending,
             started(self._make, fast=self._fast) as (process, pipe),
         ):
-            self._send = partial(in_thread, sending, pipe.send)
+            self._send = lambda request: in_thread(sending, pipe.send, request)
             try:
                 while True:
                     kind, content = await in_thread(receiving, pipe.recv)
@@ -161,7 +160,8 @@ class Supervisor:
                     elif kind == "answer":
                         self._settle(*content)
                     else:
-                        return content
+                        error: Exception = content
+                        return error
             except (EOFError, OSError):
                 process.join(LONGEST_END_S)
                 return StillwakeError(f"the loop's process ended {how(process.exitcode)}")
@@ -177,7 +177,8 @@ class Supervisor:
         if len(self._waiting) >= MOST_WAITING:
             return {"error": f"{MOST_WAITING} requests wait for the loop already: ask again when it has answered"}
         number = next(self._numbers)
-        answer = self._waiting[number] = asyncio.get_running_loop().create_future()
+        answer: asyncio.Future[LiveAnswer] = asyncio.get_running_loop().create_future()
+        self._waiting[number] = answer
         try:
             await self._send((number, request))
             return await answer

@@ -24,8 +24,7 @@ from contract.recording import dataset
 from contract.release import bundle
 from ecu.in_c.compiler import host_compiler
 from firmware_sim.bench.closed_loop import run_closed_loop
-from firmware_sim.fmu.ecu_fmu import ecu_fmu
-from firmware_sim.fmu.plant_fmu import plant_fmu
+from firmware_sim.fmu.fmu_files import ecu_fmu, plant_fmu
 from firmware_sim.runs.run_folder import RunFolder
 from firmware_sim.runs.run_page.report import write_report
 from tests.contract.recording.random_episodes import episode

@@ -7,7 +7,7 @@ import pytest
 
 from contract.config.tree import Config
 from ecu.in_c.c_ecu import ecu_sources
-from firmware_sim.fmu.ecu_fmu import ecu_fmu
+from firmware_sim.fmu.fmu_files import ecu_fmu
 from firmware_sim.fmu.kinds import FmuKind
 from tests.ecu.in_c.exported import CONFIG
 

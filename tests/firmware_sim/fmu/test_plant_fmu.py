@@ -16,8 +16,8 @@ from contract.config.tree import Config
 from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation
 from firmware_sim.bench.spans import Spans
+from firmware_sim.fmu.fmu_files import plant_fmu
 from firmware_sim.fmu.kinds import FmuKind
-from firmware_sim.fmu.plant_fmu import plant_fmu
 from tests.ecu.in_c.exported import CONFIG
 from tests.firmware_sim.fmu.imported import Imported, Imported2, check_order_of_calls
 from wake.plant.drive import Drive

@@ -22,8 +22,7 @@ from ecu.in_c.c_image import controller_image as image_of
 from ecu.in_c.c_image import read_packed
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
-from firmware_sim.mcu.board.on_a_bus import equipment_header
-from firmware_sim.mcu.build import EQUIPMENT, Firmware
+from firmware_sim.mcu.build import EQUIPMENT, Firmware, equipment_header
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
 from tests.can_bridge.tester.line import Line, flash_over

@@ -27,7 +27,6 @@ from tests.proofs.loader_in_c.node_library import build
 from tests.proofs.loader_in_c.store_forged import forged, logs
 from tests.proofs.loader_in_c.store_library import (
     FLAGS,
-    GEOMETRY,
     GOOD,
     HARDWARE,
     LAYOUT,
@@ -169,7 +168,7 @@ def storage_figures(
 def branch_figures(folder: Path) -> dict[str, Any]:
     """Branches of the store's C: all, those that `exercise` takes, those that `UNREACHED` explains, and the places of
     the others, `file:line: text`, with what it has without need."""
-    flags = ("-O0", "--coverage", "-DTWIN_COVERAGE", *GEOMETRY)
+    flags = (*FLAGS, "-O0", "--coverage", "-DTWIN_COVERAGE")
     library = Library(build(sources(), folder, "store.so", flags))
     exercise(library)
     library.c.twin_dump()

@@ -28,10 +28,10 @@ from tests.proofs.ecu_in_c.planted import changed
 from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import confirmations, overtaken
 from tests.proofs.loader_in_c.node_program import play, play_plan
-from tests.proofs.loader_in_c.node_sizes import sizes
 from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_few_places
 from tests.proofs.loader_in_c.node_states import visited
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, frame_to, world
+from tests.proofs.loader_in_c.proof import sizes
 from tests.proofs.loader_in_c.xcp_tool import ask_what_is_rare
 
 pytestmark = pytest.mark.compiler

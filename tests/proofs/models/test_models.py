@@ -2,14 +2,14 @@
 
 import pytest
 
-from tests.proofs.models import fail_safe, proof
+from tests.proofs.models import proof
 
 pytestmark = pytest.mark.compiler
 
 
 def test_the_fail_safe_has_no_state_that_is_not_allowed(tmp_path):
-    pair = fail_safe.Pair(fail_safe.SETTINGS["as small as can be"], tmp_path)
-    assert fail_safe.explored(pair)["states"] > 30
+    pair = proof.Pair(proof.SETTINGS["as small as can be"], tmp_path)
+    assert proof.explored_fail_safe(pair)["states"] > 30
     assert proof.found_in_fail_safe(proof.SABOTAGE["fail_safe"][1], tmp_path)
 
 

@@ -49,7 +49,7 @@ class Place:
 
 @asynccontextmanager
 async def placed(
-    make: Callable[..., Any] | None = None,
+    make: Any = None,
     access: PageAccess = OPEN,
     *,
     stalled_s: float = 30.0,
