@@ -32,6 +32,7 @@ from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, FakeSess
 PATIENCE_S = 60.0
 """A process is started on a machine that does other things."""
 OPEN = PageAccess(token=None)
+FAKE: Any = FakeSession
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ async def placed(
     idle_s: float = 30.0,
 ) -> AsyncIterator[Place]:
     """A server, with a loop if there is what makes one."""
-    supervisor = Supervisor(make or FakeSession, short_life_s=short_life_s)
+    supervisor = Supervisor(make or FAKE, short_life_s=short_life_s)
     listening, port = bind_unused_port()
     serving = BoundedServer(application(supervisor, access, stalled_s=stalled_s), idle_s=idle_s)
     serving.add_socket(listening)
@@ -169,7 +170,7 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
     async def ask(number: int, **given: object) -> None:
         await control.write_message(json.dumps({"id": number, "set": given}, default=str))
 
-    async with placed(FakeSession) as place:
+    async with placed(FAKE) as place:
         viewers = [await place.connect("/stream") for _ in range(2)]
         for viewer in viewers:
             assert (await heard(viewer))["type"] == "loop"
@@ -228,7 +229,7 @@ def silent(port: int) -> socket.socket:
 @pytest.mark.processes
 @in_a_loop
 async def test_who_does_not_read_holds_up_no_one_and_is_closed(caplog) -> None:
-    async with placed(FakeSession, stalled_s=0.5) as place:
+    async with placed(FAKE, stalled_s=0.5) as place:
         reading = await place.connect("/stream")
         await heard(reading, type="picture")
         with silent(place.port) as stalled:
@@ -279,7 +280,7 @@ async def test_idle_connections_are_closed_and_more_than_a_bound_refused(monkeyp
 @pytest.mark.processes
 @in_a_loop
 async def test_a_loop_that_ends_reports_why_and_starts_again() -> None:
-    async with placed(FakeSession, short_life_s=0.0) as place:
+    async with placed(FAKE, short_life_s=0.0) as place:
         for order, reason in (("diverge", "the flow diverged at t = 1.0"), ("die", "SIGKILL")):
             stream, control = await place.connect("/stream"), await place.connect("/control")
             await heard(stream, type="hello")
