@@ -18,20 +18,13 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
 from firmware_sim.live.serving import handlers, server
-from firmware_sim.live.serving.handlers import (
-    LONGEST_REQUEST,
-    MOST_UNANSWERED,
-    SEND_BUFFER,
-    TRY_AGAIN_LATER,
-    PageAccess,
-)
 from firmware_sim.live.serving.server import BoundedServer, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
 from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, FakeSession
 
 PATIENCE_S = 60.0
 """A process is started on a machine that does other things."""
-OPEN = PageAccess(token=None)
+OPEN = handlers.PageAccess(token=None)
 FAKE: Any = FakeSession
 
 
@@ -51,7 +44,7 @@ class Place:
 @asynccontextmanager
 async def placed(
     make: Any = None,
-    access: PageAccess = OPEN,
+    access: handlers.PageAccess = OPEN,
     *,
     stalled_s: float = 30.0,
     short_life_s: float = 30.0,
@@ -127,7 +120,7 @@ async def test_the_page_has_its_files_and_no_other_can_be_had() -> None:
 
 @in_a_loop
 async def test_who_has_not_the_token_or_is_another_page_is_refused() -> None:
-    async with placed(access=PageAccess(token="right")) as place:
+    async with placed(access=handlers.PageAccess(token="right")) as place:
         evil = {"Origin": "http://evil.example"}
         for path in ("/", "/static/ring.js", "/stream", "/control", "/none"):
             for query, origin in (("", {}), ("?token=wrong", {}), ("?token=right", evil)):
@@ -156,7 +149,7 @@ async def test_only_so_many_can_look(monkeypatch) -> None:
     async with placed() as place, asyncio.timeout(PATIENCE_S):
         viewers = [await place.connect("/stream") for _ in range(3)]
         assert await viewers[2].read_message() is None
-        assert viewers[2].close_code == TRY_AGAIN_LATER
+        assert viewers[2].close_code == handlers.TRY_AGAIN_LATER
         # A place that is given up can be had: there is something to be read.
         place.supervisor.hub.put([b"picture"])
         viewers[0].close()
@@ -200,17 +193,17 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
         await ask(12, make=tmp_path, fail=True)
         assert (await read(control))["error"] == "it cannot be made"
         # Who asks without end is refused, and the others are not.
-        for number in range(MOST_UNANSWERED + 1):
+        for number in range(handlers.MOST_UNANSWERED + 1):
             await ask(number, wait=tmp_path / "all")
         refused = await read(control)
-        assert refused["id"] == MOST_UNANSWERED and "wait for the loop already" in refused["error"]
+        assert refused["id"] == handlers.MOST_UNANSWERED and "wait for the loop already" in refused["error"]
         (tmp_path / "all").touch()
-        answered = [await read(control) for _ in range(MOST_UNANSWERED)]
-        assert {one["id"] for one in answered if "error" not in one} == set(range(MOST_UNANSWERED))
+        answered = [await read(control) for _ in range(handlers.MOST_UNANSWERED)]
+        assert {one["id"] for one in answered if "error" not in one} == set(range(handlers.MOST_UNANSWERED))
         # Nothing comes while it is paused, and it still answers.
         await answer(control, '{"pause": true}')
         assert len({(await answer(control, "{}"))["note"] for _ in range(3)}) == 1
-        await control.write_message("x" * (LONGEST_REQUEST + 1))
+        await control.write_message("x" * (handlers.LONGEST_REQUEST + 1))
         async with asyncio.timeout(PATIENCE_S):
             assert await control.read_message() is None
 
@@ -235,7 +228,7 @@ async def test_who_does_not_read_holds_up_no_one_and_is_closed(caplog) -> None:
         with silent(place.port) as stalled:
             begin = int((await heard(reading, type="now"))["k"])
             # It could have had some ten times as much as the machine keeps for it.
-            pictures = 10 * SEND_BUFFER // PICTURE_BYTES
+            pictures = 10 * handlers.SEND_BUFFER // PICTURE_BYTES
             rows = list[float]()
             while len(rows) < pictures * 2:
                 rows += (await heard(reading, type="periods"))["columns"]["k"]
@@ -244,7 +237,7 @@ async def test_who_does_not_read_holds_up_no_one_and_is_closed(caplog) -> None:
             stalled.settimeout(PATIENCE_S)
             taken = await asyncio.to_thread(_until_closed, stalled)
         # What it finds at the end is what the machine kept, and no more than a message of the server's.
-        assert taken < 2 * SEND_BUFFER + 3 * PICTURE_BYTES
+        assert taken < 2 * handlers.SEND_BUFFER + 3 * PICTURE_BYTES
     gc.collect()
     assert caplog.records == []
 
