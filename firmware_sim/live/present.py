@@ -15,19 +15,13 @@ from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
 from ecu.fail_safe import OperatingMode
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
-from firmware_sim.live.loop.messages import (
-    KEPT_PERIODS,
-    LIVE_SCHEMA,
-    PERIOD_COLUMNS,
-    Choice,
-    LiveMessage,
-    periods_message,
-)
+from firmware_sim.live.loop.messages import KEPT_PERIODS, PERIOD_COLUMNS, Choice, LiveMessage, periods_message
 from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
+LIVE_SCHEMA: Final = "stillwake-live/1"
 _DIGITS: Final = 5
 """Number of decimals of plotted values; the last decimal is smaller than a pixel of any curve."""
 

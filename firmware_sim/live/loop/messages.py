@@ -19,8 +19,6 @@ A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and pic
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-LIVE_SCHEMA: Final = "stillwake-live/1"
-
 PERIOD_COLUMNS: Final = (
     "k", "t", "Cd", "Cl", "base_Cp", "action", "command", "predicted_Cd", "mode", "reason", "step_ms", "age_ms",
     "requested",

@@ -47,7 +47,7 @@ LENGTHS: Final = ("hold_periods", "decay_periods", "rearm_frames", "loss_window"
 
 
 class ViolationError(AssertionError):
-    """The two differ, or what must not be is; with the inputs that lead there."""
+    """The two differ, or what must not be is; with the inputs or calls that lead there."""
 
 
 @dataclass(frozen=True)
@@ -249,10 +249,6 @@ _FLAGS: Final = (
 )  # fmt: skip
 
 
-class FoundError(AssertionError):
-    """A state or step that is not allowed, with the calls that lead there."""
-
-
 def store_sources() -> dict[str, bytes]:
     """The store's files, and the program; signatures are the program's."""
     found = {name: raw for name, raw in loader_sources().items() if name.endswith(".h") or name in _COMPILED}
@@ -261,13 +257,13 @@ def store_sources() -> dict[str, bytes]:
 
 def explored_flashing(folder: Path, most: int = 2**31, contents: Mapping[str, bytes] | None = None) -> dict[str, int]:
     """What `c/store_states.c` counts in at most so many states of the store's own C, over a small flash memory whose
-    supply is cut; raises FoundError for what is not allowed."""
+    supply is cut; raises ViolationError for what is not allowed."""
     program = folder / "store_states"
     made_from = store_sources() if contents is None else contents
     compiler.compile_c(made_from, program, compiler=compiler.host_compiler(), flags=_FLAGS)
     done = subprocess.run([str(program), str(most)], stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode == 1:
-        raise FoundError(done.stdout)
+        raise ViolationError(done.stdout)
     done.check_returncode()
     return {name: int(count) for name, count in (line.split() for line in done.stdout.splitlines())}
 
@@ -286,7 +282,7 @@ def found_in_flashing(one: dict[str, str], folder: Path) -> str:
     """What the exploration of flashing says to a changed line; "" if it finds nothing."""
     try:
         explored_flashing(folder, _FEW, Planted(variant="", **one).into(store_sources()))
-    except FoundError as error:
+    except ViolationError as error:
         return str(error).splitlines()[-1].partition(": ")[2]
     return ""
 
