@@ -129,13 +129,15 @@ def beside_jets(of: World) -> None:
     slow = Slow(of)
     slow.control(5)
     slow.asks = True
-    slow.control(40)
+    slow.control(60)
     assert slow.node.fact(DRIVES_JETS)
     refused = b"\x7f\x27\x22"
     answers = list[bytes]()
     while not answers or answers[-1] != refused:
         slow.ask(b"\x10\x03")
         answers.append(slow.unlock(3)[-1][1])
+        # Nor is it left while nobody asks for anything.
+        slow.look()
         assert len(answers) < 40
     writes = slow.node.fact(WRITES)
     assert answers[:-1] == (len(answers) - 1) * [b"\x67\x04"] and len(answers) > 5
