@@ -25,7 +25,7 @@ MODULES = (
     "ecu.in_c.host_library",
     "ecu.in_c.c_ecu",
     "docs.site.browser_ecu",
-    "firmware_sim.fmu.ecu_fmu",
+    "firmware_sim.fmu.fmu_files",
     "firmware_sim.mcu.build",
 )
 """Where `compile_c` is called by its name."""

@@ -39,9 +39,7 @@ from contract.release.signing import project_key
 from contract.results import versions
 from contract.shipped import BUNDLE
 from ecu.in_c.c_settings import ecu_settings
-from firmware_sim.mcu.board.on_a_bus import equipment_header
-from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files, bus_key_header
-from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.build import BUS_KEY, EQUIPMENT, board_files, bus_key_header, equipment_header, read_elf
 from stillwake.parts.c_release import library_folder
 
 REASONS: Final = Path(__file__).with_name("bounds.toml")

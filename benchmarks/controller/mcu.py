@@ -37,9 +37,7 @@ from export.program.controller_program import program_of
 from export.program.windows import random_window, recorded_windows
 from export.release.lowering import int8_library
 from export.to_c.library import c_library
-from firmware_sim.mcu.build import compile_for_cortex_m7
-from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core
-from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.build import CORTEX_M4F, CORTEX_M7, Core, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
 from firmware_sim.mcu.measure import measure
 from stillwake.parts.c_release import library_folder

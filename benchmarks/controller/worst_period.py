@@ -25,8 +25,7 @@ from contract.config.tree import Config
 from contract.controller.c_folder import ProgramRows
 from contract.errors import McuError
 from firmware_sim.mcu.board.board_ecu import BoardEcu
-from firmware_sim.mcu.cores import CORTEX_M7
-from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.build import CORTEX_M7, Firmware
 from firmware_sim.mcu.measure import flash_bytes, linked_ram
 
 KEY_BYTES: Final = bytes(range(1, 17))

@@ -47,9 +47,7 @@ for name in ("sw_control_step.c", "sw_encoder.c", "sw_dynamics.c", "sw_decoder.c
 # the folder has the action of the same library on a computer, whose compiler settings round sums differently. With
 # equal settings, core and computer agree to the bit; ``stillwake mcu`` checks every row.
 
-from firmware_sim.mcu.build import compile_for_cortex_m7
-from firmware_sim.mcu.cores import CORTEX_M7
-from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.build import CORTEX_M7, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
 
 settings = ProgramSettings.of(sources)

@@ -15,24 +15,19 @@ from contract.geometry import HALF_WIDTH, JET_WIDTH
 from contract.release.checks import Bundle
 from ecu.fail_safe import OperatingMode
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
-from firmware_sim.live.loop.messages import LIVE_SCHEMA, PERIOD_COLUMNS, Choice, LiveMessage, periods_message
+from firmware_sim.live.loop.messages import KEPT_PERIODS, PERIOD_COLUMNS, Choice, LiveMessage, periods_message
 from firmware_sim.live.loop.noticing import UNPOWERED, SeenState
 from firmware_sim.live.settings import SLIDERS, WEIGHT, LiveSettings
 from firmware_sim.runs.reasons import BECAUSE
 from wake.pictures.drawing import outline
 
+LIVE_SCHEMA: Final = "stillwake-live/1"
 _DIGITS: Final = 5
 """Number of decimals of plotted values; the last decimal is smaller than a pixel of any curve."""
 
 
 def hello(
-    run: LiveRun,
-    bundle: Bundle,
-    config: Config,
-    settings: LiveSettings,
-    *,
-    choices: Mapping[str, Sequence[Choice]],
-    kept: int,
+    run: LiveRun, bundle: Bundle, config: Config, settings: LiveSettings, *, choices: Mapping[str, Sequence[Choice]]
 ) -> LiveMessage:
     """Return the message with the constants of this run and the settings. Positions are in W; the nose is at x = 0."""
     manifest, layout, base = bundle.manifest, run.wake.layout, config.body.length
@@ -65,8 +60,8 @@ def hello(
         "used": list(manifest.sensors),  # in the order of the Pressure message
         "body": outline(config.body).tolist(),
         "jets": [[base, slot], [base, -slot]],  # upper slot, lower slot
-        "view": list(run.view),  # x and y limits of the picture
-        "raster": list(run.raster),  # width and height of the picture; empty without a flow field
+        "view": list(run.levels.view) if run.levels else [],  # x and y limits of the picture, in W
+        "raster": list(run.levels.size) if run.levels else [],  # width and height of the picture in pixels
         "states": [mode.name for mode in OperatingMode],
         "reasons": {reason.name: text for reason, text in BECAUSE.items()},
         **{f"{what}s": list(found) for what, found in choices.items()},  # keys: controllers and plants
@@ -74,7 +69,7 @@ def hello(
         "weights": asdict(manifest.mpc.weights),
         "weight_slider": asdict(WEIGHT),
         "settings": asdict(settings),
-        "kept": kept,  # number of periods that a page should store
+        "kept": KEPT_PERIODS,
     }
 
 
@@ -86,7 +81,7 @@ def periods(run: int, new: Iterable[LivePeriod], base: Index) -> LiveMessage:
 def now(run: LiveRun, latest: LivePeriod, seen: SeenState, *, fps: float, paused: bool, losses: int) -> LiveMessage:
     """Return the message about the latest period. It counts the frames lost in the latest `losses` periods."""
     fail_safe, forces = run.state.fail_safe, run.ecu.ecu.trace.forces
-    planned = forces is not None and latest.planned_ns is not None
+    planned = forces is not None and latest.is_planned
     # The plan's first action acts during the latest period. Its effect is visible in the period's last sample, k + 1.
     return {
         "type": "now",

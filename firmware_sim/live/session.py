@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 from math import inf
 from typing import Any, ClassVar, Final
 
-from can_bridge.secoc.node import authentication_in_virtual_time
 from contract.config.tree import Config
 from contract.errors import ConfigError, StillwakeError
 from contract.release.checks import Bundle
@@ -21,9 +20,9 @@ from firmware_sim.bench.disturbances import Disturbances
 from firmware_sim.bench.virtual_loop import check_bit_rates
 from firmware_sim.live import present
 from firmware_sim.live.loop.live_run import LivePeriod, LiveRun
-from firmware_sim.live.loop.messages import Choice, LiveAnswer, LiveMessage, pack_field
+from firmware_sim.live.loop.messages import KEPT_PERIODS, Choice, LiveAnswer, LiveMessage
 from firmware_sim.live.loop.noticing import FIRST_SEEN, EventLog, noticed
-from firmware_sim.live.settings import CONTROLLERS, Asked, LiveSettings, asked, changes
+from firmware_sim.live.settings import CONTROLLERS, LiveSettings, asked, changes
 from wake.plant.protocol import LoopPlant
 
 OFF: Final = "off"
@@ -44,7 +43,6 @@ class LiveSession(NeverCopied):
         ecu: function from the controller's name to an ECU that has just been powered on; called once for each name.
         ahead: function from the controller's name to a function that prepares a slow ECU, or to None.
         settings: initial settings, but in each run control is requested only after `lead_in`, in t_c.
-        kept: number of latest periods that a page should store; the session stores as many until `messages` is called.
         clock: wall clock in s.
     """
 
@@ -62,20 +60,16 @@ class LiveSession(NeverCopied):
         plants: Sequence[Choice],
         settings: LiveSettings | None = None,
         lead_in: float = 10.0,
-        kept: int = 3000,
-        seed: int = 0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         check_bit_rates(config)
         self._bundle, self._config, self._wake = bundle, config, wake
-        self._authentication = authentication_in_virtual_time(config.bus)
         self._make_ecu, self._ahead = ecu, ahead
         self._own, self._limits = release_calibration(bundle, config), limits_of(bundle, config)
         self._made: dict[str, tuple[LoopEcu, EcuState]] = {}
         self._choices = {"controller": tuple(controllers), "plant": tuple(plants)}
         self._clock = clock
         self._lead_in = round(lead_in / config.flow.control_period)
-        self._kept, self._seed = kept, seed
         self._automatic = True
         self._paused = False
         self._hello_due = self._settings_due = self._now_due = False
@@ -101,7 +95,7 @@ class LiveSession(NeverCopied):
             self._note("loop", "the lead-in is over: the vehicle requests control")
         latest = run.step()
         self._rows.append(latest)
-        del self._rows[: -self._kept]
+        del self._rows[:-KEPT_PERIODS]
         self._ticks.append(self._clock())
         seen = run.seen()
         for kind, text in noticed(self._seen, seen):
@@ -124,20 +118,17 @@ class LiveSession(NeverCopied):
 
     def handle(self, request: object) -> LiveAnswer:
         """Apply a viewer's request, which may be any JSON value, between two periods."""
-        answer: LiveAnswer = {}
         try:
-            self._do(asked(request), answer)
+            note = self._do(*asked(request))
         except StillwakeError as error:
-            answer["error"] = " ".join(str(error).split())
-        return answer
+            return {"error": " ".join(str(error).split())}
+        return {"note": note} if note else {}
 
     def messages(self) -> list[LiveMessage | bytes]:
         """Return the new messages since the last call."""
         run, out = self._run, list[LiveMessage | bytes]()
         if self._hello_due:
-            out.append(
-                present.hello(run, self._bundle, self._config, self._settings, choices=self._choices, kept=self._kept)
-            )
+            out.append(present.hello(run, self._bundle, self._config, self._settings, choices=self._choices))
         if self._rows:
             out.append(present.periods(run.number, self._rows, run.wake.layout.base))
         if items := self._events.new():
@@ -152,23 +143,24 @@ class LiveSession(NeverCopied):
 
     # The following methods handle viewers' requests.
 
-    def _do(self, request: Asked, answer: LiveAnswer) -> None:
-        match request.action:
+    def _do(self, action: str, value: Any) -> str:
+        match action:
             case "set":
-                self._apply(self._changed(request.value), enable=request.value.get("enable"))
+                self._apply(self._changed(value), enable=value.get("enable"))
             case "clear":
-                answer["note"] = self._clear()
+                return self._clear()
             case "power_cycle":
                 if self._settings.controller == OFF:
                     raise ConfigError("power cycle: the ECU has no supply; choose a controller to start it")
                 self._run.power_on()
                 self._note("set", "the ECU's supply is cut for a moment")
             case "pause":
-                self._paused, self._now_due = request.value, True
+                self._paused, self._now_due = value, True
                 self._ticks.clear()
             case "restart":
                 self._start(self._settings)
                 self._note("set", "the plant starts again")
+        return ""
 
     def _changed(self, given: dict[str, Any]) -> LiveSettings:
         return self._settings.changed(given, self._bundle.manifest.sensors, self._own, self._limits)
@@ -220,17 +212,8 @@ class LiveSession(NeverCopied):
         wake = self._wake(settings.plant)
         # This check must come before `_ecu`, which may reset the running ECU.
         check_sensors(self._bundle, wake.layout)
-        run = LiveRun(
-            number=self._runs + 1,
-            bundle=self._bundle,
-            config=self._config,
-            wake=wake,
-            ecu=self._ecu(CONTROLLERS[0] if is_off else settings.controller, settings, powered_on=True),
-            seed=self._seed,
-            lead_in=self._lead_in,
-            kept=self._kept,
-            authentication=self._authentication,
-        )
+        ecu = self._ecu(CONTROLLERS[0] if is_off else settings.controller, settings, powered_on=True)
+        run = LiveRun(self._runs + 1, self._bundle, self._config, wake, ecu, lead_in=self._lead_in)
         run.set_disturbances(settings.disturbances)
         if is_off:
             run.cut_supply()
@@ -275,16 +258,10 @@ class LiveSession(NeverCopied):
             present.now(run, latest, self._seen, fps=fps, paused=self._paused, losses=losses)
         ]
         if latest.k % _SELDOM == 0 or self._paused:
-            out.append(
-                run.bus_table.message(
-                    run.number,
-                    pressures=run.state.pressures,
-                    commands=run.node.command_stream,
-                    nodes=run.wired.errors(),
-                )
-            )
+            receivers = run.state.pressures, run.node.command_stream
+            out.append(run.bus_table.message(run.number, *receivers, run.wired.errors()))
         if run.picture is not None:
-            out.append(pack_field(run.picture))
+            out.append(run.picture)
         return out
 
     def _note(self, kind: str, text: str) -> None:

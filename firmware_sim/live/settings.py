@@ -5,7 +5,7 @@ Every fault is a disturbance of `firmware_sim.bench.disturbances`, written as on
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, Self
 
 from contract.config.controller import CostWeights
 from contract.controller.calibration import LARGEST_WEIGHT, Calibration, CalibrationLimits
@@ -19,15 +19,9 @@ everything except the request, the controller and the plant, and re-arm after a 
 ECU. restart: start again from the plant's initial state."""
 
 
-class Asked(NamedTuple):
-    """An action from `ACTIONS` with its value, which is a dict for set, otherwise a bool."""
-
-    action: str
-    value: Any
-
-
-def asked(request: object) -> Asked:
-    """Return the requested action. Raises ConfigError unless the request has exactly one action, with a valid value."""
+def asked(request: object) -> tuple[str, Any]:
+    """Return the requested action with its value, which is a dict for set, otherwise a bool. Raises ConfigError unless
+    the request has exactly one action, with a valid value."""
     if not isinstance(request, dict):
         raise ConfigError("request: must be a JSON object")
     actions = [name for name in request if name != "id"]
@@ -40,7 +34,7 @@ def asked(request: object) -> Asked:
         raise ConfigError("request: pause must be true or false")
     if action in _TRUE and value is not True:
         raise ConfigError(f"request: {action} must be true")
-    return Asked(action, value)
+    return action, value
 
 
 CONTROLLERS: Final = ("python", "c", "mcu", "off")
@@ -67,7 +61,6 @@ SLIDERS: Final = {
 }
 WEIGHT: Final = Slider(least=0.0, greatest=LARGEST_WEIGHT, step=0.01, unit="")
 """Slider of every cost weight; it has the bounds of a weight in a calibration."""
-_SENSORS: Final = ("dead", "biased")
 _CHOICES: Final = {"controller": CONTROLLERS, "plant": PLANTS}
 _SWITCHES: Final = ("enable", "babble")
 

@@ -1,17 +1,23 @@
-"""Compilation of a C library for a bare Cortex-M7 and of its example program for this host, with `ziglang`."""
+"""Firmware: compilation of a C library for a bare Cortex-M7, and of its example program for this host, with `ziglang`;
+and the reader of ELF files."""
 
+import io
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+from elftools.common.exceptions import ELFError
+from elftools.elf.elffile import ELFFile
 
 from contract.controller.c_folder import BOARD, library_sources
 from contract.errors import LibraryError, McuError, install
+from contract.release.signing import PublicKey
 from ecu.c.sources import sources_in
 from ecu.in_c.compiler import compile_c, zig_compiler
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
-from firmware_sim.mcu.cores import CORTEX_M7, Core
 
 LINKER_SCRIPT: Final = "cortex_m7.ld"
 NO_COMPILER: Final = f"the compiler is missing: {install('mcu')}"
@@ -29,6 +35,49 @@ BOARD_SCRIPT: Final = "sw_board.ld"
 EQUIPMENT: Final = "sw_board_equipment.h"
 BUS_KEY: Final = "sw_board_bus_key.h"
 """Headers with the values written at production. In an exported library they enable no loader and contain no key."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Core:
+    """A Cortex-M with the DSP extension and single-precision floating point. The fields are its names for users and for
+    the compiler, the clocks for which times are computed, and whether it issues two instructions per cycle."""
+
+    name: str
+    cpu: str
+    clocks_mhz: tuple[int, ...]
+    dual_issue: bool
+
+
+CORTEX_M7: Final = Core(name="Cortex-M7", cpu="cortex_m7+fp_armv8d16sp", clocks_mhz=(480, 300), dual_issue=True)
+CORTEX_M4F: Final = Core(name="Cortex-M4F", cpu="cortex_m4+vfp4d16sp", clocks_mhz=(170,), dual_issue=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Firmware:
+    """A linked program: contents of the flash as (address, bytes), sections' sizes in bytes, symbols' addresses."""
+
+    segments: tuple[tuple[int, bytes], ...]
+    sections: dict[str, int]
+    symbols: dict[str, int]
+
+
+def read_elf(image: bytes) -> Firmware:
+    """Parse an ELF file. Raises McuError if it is not a complete 32-bit little-endian ELF file."""
+    try:
+        # The type is Any because pyelftools has no type annotations.
+        elf: Any = ELFFile(io.BytesIO(image))
+        if elf.elfclass != 32 or not elf.little_endian:
+            order = "little" if elf.little_endian else "big"
+            raise McuError(f"not a 32-bit little-endian ELF file: {elf.elfclass}-bit, {order}-endian")
+        loaded = (item for item in elf.iter_segments("PT_LOAD") if item["p_filesz"])
+        tables = elf.iter_sections("SHT_SYMTAB")
+        return Firmware(
+            segments=tuple((item["p_paddr"], item.data()) for item in loaded),
+            sections={item.name: item["sh_size"] for item in elf.iter_sections()},
+            symbols={item.name: item["st_value"] for table in tables for item in table.iter_symbols()},
+        )
+    except ELFError as error:
+        raise McuError(f"not a 32-bit little-endian ELF file: {error}") from error
 
 
 def compile_for_cortex_m7(
@@ -66,8 +115,19 @@ def bus_key_header(secret: bytes) -> bytes:
     return f"#define SW_BOARD_BUS_KEY {{{', '.join(map(str, secret))}}}\n".encode()
 
 
+def equipment_header(root: PublicKey, access_key: bytes, vehicle: bytes, hardware: str, serial: str) -> bytes:
+    """Return the header that enables the loader. `root` checks key lists, and `access_key` is the key of security
+    access, 16 bytes. `vehicle` is `contract.release.controller_image.ImageFacts.vehicle` of every image for this
+    vehicle. `hardware` and `serial` of the board are printable ASCII without quotes."""
+    numbers = {"ROOT": root.raw, "ACCESS_KEY": access_key, "VEHICLE": vehicle}
+    found = {name: "{" + ", ".join(map(str, value)) + "}" for name, value in numbers.items()} | {
+        "LOADER": "1", "HARDWARE": f'"{hardware}"', "SERIAL": f'"{serial}"', "SOFTWARE": '"board"',
+    }  # fmt: skip
+    return "".join(f"#define SW_BOARD_{name} {value}\n" for name, value in found.items()).encode()
+
+
 def compile_block_counter(output: Path) -> None:
-    """Compile the hook that counts basic blocks (`firmware_sim.mcu.block_counter`); raises McuError if this fails."""
+    """Compile the hook of `firmware_sim.mcu.emulator.BlockCounter`; raises McuError if this fails."""
     source = files("firmware_sim").joinpath("mcu/c_host/block_counter.c").read_bytes()
     _compile({"block_counter.c": source}, output, ("-O2", "-fPIC", "-shared"))
 

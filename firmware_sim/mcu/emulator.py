@@ -1,16 +1,20 @@
 """A Cortex-M7 in Unicorn: access to memories, calls of functions, counts of executed blocks, and the stack depth."""
 
-from collections.abc import Sequence
+import ctypes
+import tempfile
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any, ClassVar, Final
 
+import numpy as np
 import unicorn
 from unicorn import arm_const, unicorn_const
+from unicorn.unicorn_py3 import unicorn as bindings
 
 from contract.errors import McuError
 from contract.runtime.copies import NeverCopied
-from firmware_sim.mcu.block_counter import BlockCounter
-from firmware_sim.mcu.cores import CORTEX_M7, Core
-from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.build import CORTEX_M7, Core, Firmware, compile_block_counter
 from firmware_sim.mcu.pipeline import Pipeline
 
 FLASH: Final = 0x0800_0000
@@ -21,6 +25,70 @@ _STACK_BYTES: Final = 8192
 _STACK: Final = 0x3000_0000
 _UNTOUCHED: Final = 0xA5
 _RETURN: Final = FLASH + FLASH_BYTES - 0x100
+
+
+class _BlockCounts(ctypes.Structure):
+    _fields_ = (
+        ("origin", ctypes.c_uint64),
+        ("places", ctypes.c_uint64),
+        ("counts", ctypes.c_void_p),
+        ("sizes", ctypes.c_void_p),
+    )
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder, "block_counter.so")
+        compile_block_counter(library)
+        return ctypes.CDLL(str(library))
+
+
+class BlockCounter:
+    """A counter of the basic blocks that run in the flash. Its hook is in machine code: a hook in Python would take a
+    hundred times as long as the emulation itself. Create the counter before the core first runs, because a hook does
+    not see code that Unicorn translated earlier. Raises McuError if there is no compiler for the hook, or Unicorn does
+    not accept the hook."""
+
+    def __init__(self, core: Any, pipeline: Pipeline) -> None:
+        self._pipeline, places = pipeline, FLASH_BYTES // 2
+        self._counts = np.zeros(places, dtype=np.uint64)
+        self._sizes = np.zeros(places, dtype=np.uint32)
+        self._modelled: dict[tuple[int, int], tuple[int, int]] = {}
+        self._arguments = _BlockCounts(FLASH, places, self._counts.ctypes.data, self._sizes.ctypes.data)
+        handle = ctypes.c_size_t()
+        library_call: Any = bindings.uclib.uc_hook_add
+        failed = library_call(
+            core._uch,
+            ctypes.byref(handle),
+            unicorn_const.UC_HOOK_BLOCK,
+            ctypes.cast(_library().count_block, ctypes.c_void_p),
+            ctypes.byref(self._arguments),
+            ctypes.c_uint64(1),
+            ctypes.c_uint64(0),
+        )
+        if failed:
+            raise McuError(f"the emulator refused a hook: unicorn's error {failed}")
+
+    def start(self) -> None:
+        """Set the counts to zero."""
+        self._counts[:] = 0
+
+    def total(self) -> tuple[int, int]:
+        """Return the number of instructions and the modelled cycles since `start`."""
+        blocks = list(self.blocks())
+        return sum(instructions for _, instructions, _ in blocks), sum(cycles for _, _, cycles in blocks)
+
+    def blocks(self) -> Iterator[tuple[int, int, int]]:
+        """Yield each block that ran since `start`: address, and instructions and modelled cycles of all its runs."""
+        places = np.flatnonzero(self._counts)
+        found = zip(places.tolist(), self._counts[places].tolist(), self._sizes[places].tolist(), strict=True)
+        for place, count, size in found:
+            block = place, size
+            if block not in self._modelled:
+                self._modelled[block] = self._pipeline.block(FLASH + 2 * place, size)
+            instructions, cycles = self._modelled[block]
+            yield FLASH + 2 * place, count * instructions, count * cycles
 
 
 class EmulatedCore(NeverCopied):
@@ -74,7 +142,7 @@ class EmulatedCore(NeverCopied):
     def block_counter(self, core: Core = CORTEX_M7) -> BlockCounter:
         """Return a counter of the basic blocks that run from now on. Call this before the first block runs."""
         code = self.peek(FLASH, FLASH_BYTES)
-        return BlockCounter(self._core, FLASH, FLASH_BYTES, Pipeline(code, FLASH, dual_issue=core.dual_issue))
+        return BlockCounter(self._core, Pipeline(code, FLASH, dual_issue=core.dual_issue))
 
     def paint_stack(self) -> None:
         """Fill the stack with a pattern that marks it as untouched."""

@@ -9,19 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from contract.controller.c_folder import (
-    ProgramRows,
-    ProgramSettings,
-    read_recorded,
-    read_sources,
-    rows_from_text,
-    rows_text,
-)
+from contract.controller.c_folder import ProgramRows, ProgramSettings, rows_from_text, rows_text
 from contract.controller.interface import REFUSALS, TERMS
 from contract.errors import McuError
-from firmware_sim.mcu.build import compile_for_cortex_m7, compile_replay
-from firmware_sim.mcu.cores import CORTEX_M7, Core
-from firmware_sim.mcu.elf import Firmware, read_elf
+from firmware_sim.mcu.build import CORTEX_M7, Core, Firmware, compile_for_cortex_m7, compile_replay, read_elf
 from firmware_sim.mcu.emulator import Machine
 
 MCU_PHASES: Final = ("compile", "emulate", "run on this host", "count cycles")
@@ -70,11 +61,6 @@ class Measurement:
             yield f"at {clock} MHz, modelled pipeline", f"{milliseconds:.1f} ms"
         agreement = "identical bit for bit" if self.identical else f"action within {self.action_difference:.2g}"
         yield f"{self.steps} steps against this host", agreement
-
-
-def measure_folder(folder: Path, *, phase: Callable[[str], None] = lambda begun: None) -> Measurement:
-    """Call `measure` for a folder written by `stillwake export --c`. Raises LibraryError for any other folder."""
-    return measure(read_sources(folder), read_recorded(folder), phase=phase)
 
 
 def measure(

@@ -236,9 +236,8 @@ def _run_firmware(
     from ecu.in_c.c_ecu import ecu_sources
     from ecu.in_c.c_image import controller_image as image_of
     from ecu.in_c.c_image import read_packed
-    from firmware_sim.mcu.board.board_ecu import BoardEcu
-    from firmware_sim.mcu.board.on_a_bus import equipment_header, read_bank, serve
-    from firmware_sim.mcu.build import EQUIPMENT
+    from firmware_sim.mcu.board.board_ecu import BoardEcu, read_bank, serve
+    from firmware_sim.mcu.build import EQUIPMENT, equipment_header
 
     config = settings("ecu --mcu", given, uses=_FIRMWARE).config
     release, bank = open_release(bundle), read_bank(flash)

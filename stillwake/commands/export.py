@@ -14,7 +14,7 @@ from can_bridge.wire.messages import SENSORS
 from contract.atomic import replacing
 from contract.config.loading import from_tree
 from contract.config.tree import Config
-from contract.controller.c_folder import PROGRAM_SETTINGS
+from contract.controller.c_folder import PROGRAM_SETTINGS, read_recorded, read_sources
 from contract.errors import ConfigError, ConflictError, ModelError, OutputError, StillwakeError
 from contract.model import model_folder
 from contract.release import bundle as bundles
@@ -333,10 +333,10 @@ def mcu(
     config = settings("mcu", given, uses=["operating_point", "flow.control_period"]).config
     check_json(json_file)
 
-    from firmware_sim.mcu.measure import MCU_PHASES, measure_folder, verdicts
+    from firmware_sim.mcu.measure import MCU_PHASES, measure, verdicts
 
     with phases("Cortex-M7", MCU_PHASES) as (_, phase), library_folder(library) as folder:
-        measured = measure_folder(folder, phase=phase)
+        measured = measure(read_sources(folder), read_recorded(folder), phase=phase)
     rows = (*measured.rows(), *verdicts(measured.modelled_ms, config.period_ns / 1e6))
     print_table("one control step on a Cortex-M7", "", rows=rows)
     facts = {"library": "shipped" if library is None else str(library), "period_ms": config.period_ns / 1e6}

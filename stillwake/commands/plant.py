@@ -87,10 +87,9 @@ def plant_fmu(
     kind, path = kind_and_path(output, ("fmi2",))
     check_output(path, overwrite=overwrite)
 
-    from ecu.c.sources import plant_fmu_sources
-    from firmware_sim.fmu.plant_fmu import plant_fmu as made
+    from firmware_sim.fmu.fmu_files import plant_fmu as made
 
-    content = made(config, plant_fmu_sources(*kind.sources[1:]), state, kind)
+    content = made(config, state, kind)
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     console.print(f"wrote {path}: {kind.words}, a control period of {config.period_ns / 1e6:g} ms")

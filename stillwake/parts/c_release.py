@@ -102,13 +102,12 @@ def write_fmu(fmu: "tuple[FmuKind, Path]", library: Path, release: Bundle, confi
         LibraryError: the library has only the control step, or does not compile.
         StillwakeError: the file cannot be written.
     """
-    from ecu.c.sources import fmu_sources
-    from firmware_sim.fmu.ecu_fmu import ecu_fmu
+    from firmware_sim.fmu.fmu_files import ecu_fmu
 
     (kind, path), sources = fmu, read_sources(library)
     if ECU_SETTINGS not in sources:
         raise LibraryError(f"{path}: not written: there is no ECU in C for this release and these settings")
-    made = ecu_fmu(sources, fmu_sources(*kind.sources), release, config, kind)
+    made = ecu_fmu(sources, release, config, kind)
     with replacing(path) as temporary:
         temporary.write_bytes(made)
 

@@ -26,7 +26,7 @@ from can_bridge.wire.messages import Reason
 from contract.config.vehicle import BusConfig
 from contract.errors import StillwakeError
 from firmware_sim.mcu.board.flash_controller import FlashBank, FlashController, PowerCut
-from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.build import Firmware
 from tests.can_bridge.flashing.releases import keys
 from tests.ecu.in_c.exported import CONFIG, exported
 from tests.firmware_sim.mcu.board_node import BoardLine, Built, Traffic

@@ -20,7 +20,7 @@ from contract.release import bundle
 from contract.shipped import BUNDLE
 from firmware_sim.mcu.board.board import SRAM, SRAM_BYTES
 from firmware_sim.mcu.board.flash_controller import FlashBank
-from firmware_sim.mcu.cores import CORTEX_M7
+from firmware_sim.mcu.build import CORTEX_M7
 from stillwake.parts.c_release import library_folder
 from tests.can_bridge.flashing.releases import keys
 from tests.can_bridge.uds.addresses import REQUEST_ID

@@ -72,7 +72,7 @@ class BusTable:
             self._heard[frame_id] = []
 
     def message(
-        self, run: int, *, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
+        self, run: int, pressures: ReceiverState, commands: ReceiverState, nodes: Mapping[str, NodeErrors]
     ) -> LiveMessage:
         """Return the message about the bus in the latest second of virtual time. `pressures` and `commands` are the
         states of the receivers in the ECU and in the vehicle."""

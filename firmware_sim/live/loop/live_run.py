@@ -1,14 +1,14 @@
 """One run of the live loop, which starts in the plant's initial state and is computed period by period."""
 
+import struct
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, cast
 
 import numpy as np
 
 from can_bridge.command_gate import Intervention
-from can_bridge.secoc.node import Authentication
+from can_bridge.secoc.node import authentication_in_virtual_time
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
@@ -19,11 +19,11 @@ from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.stepped import LoopEcu
 from firmware_sim.bench.simulation import SHEDDING_TIME, wire
 from firmware_sim.live.loop.bus_table import BusTable
-from firmware_sim.live.loop.messages import FieldPicture
+from firmware_sim.live.loop.messages import KEPT_PERIODS
 from firmware_sim.live.loop.noticing import BOOT, UNPOWERED, SeenState
 from firmware_sim.live.loop.switching import LINGER_S, SwitchedDisturbances
 from firmware_sim.runs.run_log import Row
-from wake.pictures.fields import LevelPicture
+from wake.pictures.fields import LevelPicture, Levels
 from wake.plant.protocol import LivePlant, LoopPlant
 from wake.plant.sample import Sample
 from wake.truck.averages import over_cycles, over_last_cycles
@@ -93,16 +93,16 @@ class ControlRequest:
 
 
 class DragMeans:
-    """The mean drag in one run of the loop, from the latest `kept` samples, one per `control_period` (in t_c).
+    """The mean drag in one run of the loop, from the latest samples, one per `control_period` (in t_c).
 
     Attributes:
         uncontrolled: mean Cd over the whole shedding cycles before the first request for control; None without one.
         now: mean Cd over the latest shedding cycle; None before the first whole cycle.
     """
 
-    def __init__(self, control_period: float, kept: int) -> None:
+    def __init__(self, control_period: float) -> None:
         self._period = control_period
-        self._samples: deque[tuple[float, float, float]] = deque(maxlen=kept)
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=KEPT_PERIODS)
         self._frequency = 1.0 / SHEDDING_TIME
         self.uncontrolled: float | None = None
         self.now: float | None = None
@@ -142,14 +142,21 @@ _FOR_GOOD_NS: Final = 10**18
 _AVERAGES_EVERY: Final = 5
 
 
+def pack_field(k: int, t: float, levels: Levels) -> bytes:
+    """Pack the flow at the start of period k, at time t in t_c, little-endian: k (uint32), t (float32), width, height
+    (uint16), then rows of levels (int8), which `wake.pictures.fields` explains."""
+    height, width = levels.shape
+    return struct.pack("<IfHH", k, t, width, height) + levels.tobytes()
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LivePeriod:
-    """One control period. `planned_ns` is the virtual computing time in ns of a step with a plan, or None."""
+    """One control period; `is_planned`: the ECU's step had a plan."""
 
     k: int
     row: Row
     requested: bool
-    planned_ns: int | None
+    is_planned: bool
 
 
 class LiveRun:
@@ -159,41 +166,29 @@ class LiveRun:
     Args:
         wake: a plant at the start of a control period.
         lead_in: number of periods after which control is requested without a viewer's action.
-        kept: number of latest periods whose drag is stored.
 
     Attributes:
         k: number of the next period; each period lasts `period_ns` in virtual time.
-        view, raster: limits of the pictures in W, and their size in pixels; empty for a plant without a flow field.
-        picture: flow at the start of the latest period; None for a plant without a flow field.
+        levels: maker of the pictures; None for a plant without a flow field.
+        picture: flow at the start of the latest period, packed; None for a plant without a flow field.
         latest, state: the latest period and the ECU's state after it; `latest` is None before the first period.
     """
 
     def __init__(
-        self,
-        *,
-        number: int,
-        bundle: Bundle,
-        config: Config,
-        wake: LoopPlant,
-        ecu: LoopEcu,
-        seed: int,
-        lead_in: int,
-        kept: int,
-        authentication: Authentication | None = None,
+        self, number: int, bundle: Bundle, config: Config, wake: LoopPlant, ecu: LoopEcu, *, lead_in: int
     ) -> None:
         sensors = bundle.manifest.sensors
         self.number, self.wake, self.ecu = number, wake, ecu
         self._config, self._sensors = config, sensors
         self.request = ControlRequest(lead_in=lead_in, rearm_frames=config.ecu.rearm_frames)
-        self.disturbances = SwitchedDisturbances(config, sensors, seed)
-        self.drag = DragMeans(config.flow.control_period, kept)
+        self.disturbances = SwitchedDisturbances(config, sensors)
+        self.drag = DragMeans(config.flow.control_period)
         self.bus_table = BusTable(config, message_set(config.bus))
-        self._levels = LevelPicture(cast(LivePlant, wake)) if hasattr(wake, "vorticity") else None
-        self.view: Sequence[float] = () if self._levels is None else self._levels.view
-        self.raster: Sequence[int] = () if self._levels is None else self._levels.size
-        self.picture: FieldPicture | None = None
+        self.levels = LevelPicture(cast(LivePlant, wake)) if hasattr(wake, "vorticity") else None
+        self.picture: bytes | None = None
         self.latest: LivePeriod | None = None
         self.is_off = False
+        authentication = authentication_in_virtual_time(config.bus)
         self.wired = wire(
             wake, sensors, config, ecu, self.disturbances, authentication=authentication, observe=self.bus_table
         )
@@ -211,13 +206,12 @@ class LiveRun:
         requested = self.request.requests(
             k, self.state.fail_safe, is_up=loop.ecu_is_up, given_up=self.node.has_given_up
         )
-        if self._levels is not None:
-            self.picture = FieldPicture(k=k, t=cast(LivePlant, self.wake).t, levels=self._levels.levels())
+        if self.levels is not None:
+            self.picture = pack_field(k, cast(LivePlant, self.wake).t, self.levels.levels())
         row = loop.period(enable_request=requested)
         self.state = self.ecu.ecu.state
-        planned = loop.planned_ns[-1] if loop.planned_ns else None
+        self.latest = LivePeriod(k=k, row=row, requested=requested, is_planned=bool(loop.planned_ns))
         loop.planned_ns.clear()
-        self.latest = LivePeriod(k=k, row=row, requested=requested, planned_ns=planned)
         self.k = k + 1
         self.disturbances.period_over(k)
         self.bus_table.period_over(self._bus.activity())

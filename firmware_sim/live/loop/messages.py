@@ -1,7 +1,8 @@
-"""The types of the messages between the running loop and a viewer, and the format of the pictures.
+"""The types of the messages between the running loop and a viewer.
 
-The loop sends on one channel: JSON messages, each with its `type`, and pictures of the flow as bytes (`pack_field`). A
-viewer sends on a separate channel, one request per message, and gets one answer to each request.
+The loop sends on one channel: JSON messages, each with its `type`, and pictures of the flow as bytes
+(`firmware_sim.live.loop.live_run.pack_field`). A viewer sends on a separate channel, one request per message, and gets
+one answer to each request.
 
     hello, periods, now   `firmware_sim.live.present`
     bus                   `firmware_sim.live.loop.bus_table`
@@ -15,22 +16,17 @@ A viewer needs only the latest `loop`, `hello`, `now`, `bus`, `settings` and pic
 `hello` a viewer discards all earlier data: they belong to another run, or are sent again. NaN and infinity are null.
 """
 
-import struct
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
-
-if TYPE_CHECKING:
-    # The server's process needs no flow solver, whose import takes seconds.
-    from wake.pictures.fields import Levels
-
-LIVE_SCHEMA: Final = "stillwake-live/1"
-_FIELD: Final = struct.Struct("<IfHH")
+from typing import Any, Final
 
 PERIOD_COLUMNS: Final = (
     "k", "t", "Cd", "Cl", "base_Cp", "action", "command", "predicted_Cd", "mode", "reason", "step_ms", "age_ms",
     "requested",
 )  # fmt: skip
 """Columns of `periods`: fields of `firmware_sim.runs.run_log.Row`, the period's number, and the request for control."""
+
+KEPT_PERIODS: Final = 3000
+"""Number of latest periods that a page should store; session and server store as many for it."""
 
 LiveMessage = dict[str, Any]
 Request = dict[str, Any]
@@ -45,17 +41,3 @@ def periods_message(run: int, rows: Iterable[Sequence[float | None]]) -> LiveMes
     """Return the message `periods` with these rows, each of which has a value for each of `PERIOD_COLUMNS`."""
     columns = [list(column) for column in zip(*rows, strict=True)]
     return {"type": "periods", "run": run, "columns": dict(zip(PERIOD_COLUMNS, columns, strict=True))}
-
-
-class FieldPicture(NamedTuple):
-    """The flow at the start of period k, at time t in t_c; `wake.pictures.fields` explains the levels."""
-
-    k: int
-    t: float
-    levels: "Levels"
-
-
-def pack_field(picture: FieldPicture) -> bytes:
-    """Pack a picture, little-endian: k (uint32), t (float32), width, height (uint16), then rows of levels (int8)."""
-    height, width = picture.levels.shape
-    return _FIELD.pack(picture.k, picture.t, width, height) + picture.levels.tobytes()

@@ -86,8 +86,8 @@ class SwitchedDisturbances:
 
     corrupts = mishears = None  # no setting of a viewer causes bit errors on the bus
 
-    def __init__(self, config: Config, sensors: Sequence[str], seed: int) -> None:
-        self._config, self._sensors, self._seed = config, tuple(sensors), seed
+    def __init__(self, config: Config, sensors: Sequence[str]) -> None:
+        self._config, self._sensors = config, tuple(sensors)
         self._before: Counter[str] = Counter()
         self._items: list[_Item] = []
         self._lingering: list[_Item] = []
@@ -151,7 +151,7 @@ class SwitchedDisturbances:
         start_s = k * self._config.period_ns / NS
         disturbances = Disturbances.parse([f"{text}@{start_s!r}.."])
         (one,) = disturbances.items
-        work = Disturbing(disturbances, self._config, self._sensors, self._seed, dict(self._before))
+        work = Disturbing(disturbances, self._config, self._sensors, 0, dict(self._before))
         span = one.fault if isinstance(one, NodeFault) else one
         item = _Item(text=text, group=group, span=span, work=work)
         self._before["all"] += 1

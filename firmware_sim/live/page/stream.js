@@ -3,7 +3,7 @@
 var stillwake = globalThis.stillwake || (globalThis.stillwake = {});
 
 (() => {
-  const HEAD = 12; // bytes of k, t, width, height: `firmware_sim.live.loop.messages.pack_field`
+  const HEAD = 12; // bytes of k, t, width, height: `firmware_sim.live.loop.live_run.pack_field`
 
   stillwake.Stream = class {
     /** @param {Function} on called with (type, message) after each message has been stored. */

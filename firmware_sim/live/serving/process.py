@@ -1,4 +1,4 @@
-"""The loop in another process. It handles requests between two periods, and never waits for the server's threads."""
+"""The loop in another process, which handles requests between two periods."""
 
 import json
 import multiprocessing
@@ -8,11 +8,12 @@ import signal
 import socket
 import time
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from queue import Queue
+from multiprocessing.process import BaseProcess
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
 
@@ -62,13 +63,12 @@ def _step(session: "LiveSession", pipe: Connection, outbox: "Outbox", *, fast: b
         new = session.messages()
         if new:
             outbox.send("messages", new)
-        for message in new:
-            if not isinstance(message, bytes) and message["type"] == "hello":
-                period_s = message["period_ms"] / 1e3
-        has_stepped = any(not isinstance(message, bytes) and message["type"] == "periods" for message in new)
+        by_type = {message["type"]: message for message in new if not isinstance(message, bytes)}
+        if "hello" in by_type:
+            period_s = by_type["hello"]["period_ms"] / 1e3
         now = time.monotonic()
         # After a late period the loop does not run faster to catch up, because viewers would see a faster wake.
-        due = max(due + (0.0 if fast else period_s), now) if has_stepped else now + _IDLE_S
+        due = max(due + (0.0 if fast else period_s), now) if "periods" in by_type else now + _IDLE_S
         requests.go_on()
         while pipe.poll(max(0.0, due - time.monotonic())):
             number, text = pipe.recv()
@@ -80,8 +80,7 @@ class Requests:
 
     def __init__(self, session: "LiveSession", outbox: "Outbox") -> None:
         self._session, self._outbox = session, outbox
-        self._waiting: tuple[int, Request] | None = None
-        self._made: Queue[StillwakeError | None] = Queue()
+        self._waiting: tuple[int, Request, Future[None]] | None = None
 
     def take(self, number: int, request: Request) -> None:
         """Handle a request that has arrived, or start the thread that the request needs."""
@@ -91,33 +90,32 @@ class Requests:
         elif self._waiting is not None:
             self._answer(number, {"error": "another controller is being built: ask again when it is ready"})
         else:
-            self._waiting = number, request
-            Thread(target=self._make, args=(work,), name="making", daemon=True).start()
+            made = Future[None]()
+            self._waiting = number, request, made
+            Thread(target=_make, args=(work, made), name="making", daemon=True).start()
 
     def go_on(self) -> None:
         """Handle the waiting request if its ECU has been created."""
-        if self._waiting is None or self._made.empty():
+        if self._waiting is None or not self._waiting[2].done():
             return
-        (number, request), self._waiting = self._waiting, None
-        error = self._made.get()
-        failed = {"error": " ".join(str(error).split())}
-        self._answer(number, self._session.handle(request) if error is None else failed)
+        (number, request, made), self._waiting = self._waiting, None
+        failed = {"error": " ".join(str(made.exception()).split())}
+        self._answer(number, failed if made.exception() else self._session.handle(request))
 
     def _answer(self, number: int, answer: LiveAnswer) -> None:
         self._outbox.send("answer", (number, answer))
         if self._waiting is None:
             self._outbox.report("running")
 
-    def _make(self, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except StillwakeError as error:
-            self._made.put(error)
-        except Exception as error:  # noqa: BLE001  (a fault of ours: it is not to end the loop)
+
+def _make(work: Callable[[], None], made: Future[None]) -> None:
+    try:
+        work()
+        made.set_result(None)
+    except Exception as error:  # noqa: BLE001  (a fault of ours is not to end the loop)
+        if not isinstance(error, StillwakeError):
             traceback.print_exc()
-            self._made.put(StillwakeError(str(error)))
-        else:
-            self._made.put(None)
+        made.set_exception(error)
 
 
 class Outbox:
@@ -149,95 +147,39 @@ def _that_travels(error: Exception) -> Exception:
     return error if type(copy) is type(error) and str(copy) == str(error) else StillwakeError(str(error))
 
 
-_LONGEST_END_S: Final = 3.0
+LONGEST_END_S: Final = 3.0
 """Time in s in which the process may end by itself. Then it is terminated, and after the same time killed."""
 
 
-class LoopProcess:
-    """A session that runs in another process, from `start` to `end`.
-
-    Args:
-        make: function that creates the session in the other process; it must be picklable.
-        hear: called with new messages, in a separate thread.
-        answered: called with a request's number and its answer, in the thread of `hear`.
-        ended: called once with the error, in the thread of `hear`, if the process ended without a call of `end`.
-    """
-
-    def __init__(
-        self,
-        make: MakeSession,
-        *,
-        fast: bool,
-        hear: Callable[[Sequence[LiveMessage | bytes]], None],
-        answered: Callable[[int, LiveAnswer], None],
-        ended: Callable[[Exception], None],
-    ) -> None:
-        self._hear, self._answered, self._ended = hear, answered, ended
-        # The process is spawned, not forked: a fork would also copy locks that threads of this process may have locked.
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=run, args=(theirs, make), kwargs={"fast": fast}, name="live-loop", daemon=True
-        )
-        self._theirs = theirs
-        self._thread = Thread(target=self._listen, name="live-loop", daemon=True)
-        self._is_wanted = True
-
-    def start(self) -> None:
-        # The resource tracker's start unblocks SIGINT and SIGTERM, so these signals are blocked only afterwards.
-        resource_tracker.ensure_running()
-        # Ctrl-C reaches all processes of a terminal, but the loop's process must end only when its pipe closes.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-        try:
-            self._process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        self._theirs.close()
-        self._thread.start()
-
-    def ask(self, number: int, request: str) -> None:
-        """Send a request as JSON with its number. The call may block; only one thread may call at a time. Raises
-        StillwakeError if the process has ended."""
-        try:
-            self._pipe.send((number, request))
-        except OSError as error:
-            raise StillwakeError("the loop has ended") from error
-
-    def end(self) -> None:
-        """End the process if it has not ended already, and wait for its end. No messages are passed on afterwards."""
-        if self._process.pid is None:
-            return
-        self._is_wanted = False
-        # Closing the pipe is not enough, because the receiving thread has it open too.
-        with suppress(OSError), socket.socket(fileno=os.dup(self._pipe.fileno())) as both:
+@contextmanager
+def started(make: MakeSession, *, fast: bool) -> Iterator[tuple[BaseProcess, Connection]]:
+    """Start a process that executes `run`; yield the process and this end of the pipe. At the end, the process is ended
+    unless it has ended already. A thread that waits for the pipe then gets EOFError or OSError. `make` must be
+    picklable."""
+    # The process is spawned, not forked: a fork would also copy locks that threads of this process may have locked.
+    context = multiprocessing.get_context("spawn")
+    pipe, theirs = context.Pipe()
+    process = context.Process(target=run, args=(theirs, make), kwargs={"fast": fast}, name="live-loop", daemon=True)
+    # The resource tracker's start unblocks SIGINT and SIGTERM, so these signals are blocked only afterwards.
+    resource_tracker.ensure_running()
+    # Ctrl-C reaches all processes of a terminal, but the loop's process must end only when its pipe closes.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    theirs.close()
+    try:
+        yield process, pipe
+    finally:
+        # Closing the pipe is not enough, because a thread that waits for the pipe has it open too.
+        with suppress(OSError), socket.socket(fileno=os.dup(pipe.fileno())) as both:
             both.shutdown(socket.SHUT_RDWR)
-        self._thread.join()
-        self._pipe.close()
-        self._process.join(_LONGEST_END_S)
-        for stop in (self._process.terminate, self._process.kill):
-            if self._process.is_alive():
+        process.join(LONGEST_END_S)
+        for stop in (process.terminate, process.kill):
+            if process.is_alive():
                 stop()
-                self._process.join(_LONGEST_END_S)
-
-    def _listen(self) -> None:
-        error: Exception | None = None
-        while error is None:
-            try:
-                kind, content = self._pipe.recv()
-            except (EOFError, OSError):
-                break
-            if not self._is_wanted:
-                return
-            if kind == "messages":
-                self._hear(content)
-            elif kind == "answer":
-                self._answered(*content)
-            else:
-                error = content
-        if not self._is_wanted:
-            return
-        self._process.join()
-        self._ended(error or StillwakeError(f"the loop's process ended {how(self._process.exitcode)}"))
+                process.join(LONGEST_END_S)
 
 
 def how(status: int | None) -> str:

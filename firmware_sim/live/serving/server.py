@@ -14,16 +14,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application
 
 from contract.errors import StillwakeError
-from firmware_sim.live.serving.handlers import (
-    LONGEST_REQUEST,
-    STALLED_S,
-    ControlSocket,
-    Guarded,
-    PageAccess,
-    PageFiles,
-    ServedPage,
-    StreamSocket,
-)
+from firmware_sim.live.serving import handlers
 from firmware_sim.live.serving.process import MakeSession
 from firmware_sim.live.serving.supervisor import Supervisor
 
@@ -40,22 +31,24 @@ MOST_CONNECTIONS: Final = 128
 """Largest number of connections: four for each viewer, half of the smallest limit of a process's file descriptors."""
 
 
-def application(supervisor: Supervisor, access: PageAccess, *, stalled_s: float = STALLED_S) -> Application:
+def application(
+    supervisor: Supervisor, access: handlers.PageAccess, *, stalled_s: float = handlers.STALLED_S
+) -> Application:
     """Return the web application, in which a viewer may take `stalled_s` to accept a message."""
-    served = ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
+    served = handlers.ServedPage(supervisor=supervisor, access=access, stalled_s=stalled_s)
     own: dict[str, Any] = {"served": served}
     return Application(
         [
-            (r"/()", PageFiles, {**own, "path": str(_PAGE), "default_filename": "index.html"}),
-            (r"/static/([A-Za-z0-9._/-]+)", PageFiles, {**own, "path": str(_PAGE)}),
-            (r"/stream", StreamSocket, own),
-            (r"/control", ControlSocket, own),
+            (r"/()", handlers.PageFiles, {**own, "path": str(_PAGE), "default_filename": "index.html"}),
+            (r"/static/([A-Za-z0-9._/-]+)", handlers.PageFiles, {**own, "path": str(_PAGE)}),
+            (r"/stream", handlers.StreamSocket, own),
+            (r"/control", handlers.ControlSocket, own),
         ],
         default_handler_class=NotFound,
         default_handler_args=own,
         # Addresses are not logged, because they contain the token.
         log_function=lambda handler: None,
-        websocket_max_message_size=LONGEST_REQUEST,
+        websocket_max_message_size=handlers.LONGEST_REQUEST,
         websocket_ping_interval=PING_S,
     )
 
@@ -68,8 +61,8 @@ class BoundedServer(HTTPServer):
             application,
             idle_connection_timeout=idle_s,
             body_timeout=idle_s,
-            max_header_size=LONGEST_REQUEST,
-            max_body_size=LONGEST_REQUEST,
+            max_header_size=handlers.LONGEST_REQUEST,
+            max_body_size=handlers.LONGEST_REQUEST,
         )
         self._open: list[IOStream] = []
 
@@ -83,7 +76,7 @@ class BoundedServer(HTTPServer):
         super().handle_stream(stream, address)
 
 
-class NotFound(Guarded):
+class NotFound(handlers.Guarded):
     """The handler of all addresses that have no other handler."""
 
     def prepare(self) -> None:
@@ -110,10 +103,10 @@ async def serve(
         port: port number; 0 for any free port.
         fast: whether a period may take less time than on a vehicle.
         ready: called with the page's address as soon as the page can be opened.
-        report: called, from any thread, with a line of text about any work for which viewers have to wait.
+        report: called with a line of text about any work for which viewers have to wait.
     """
     sockets = _bound(address, port)
-    access = PageAccess.to(address)
+    access = handlers.PageAccess.to(address)
     supervisor = Supervisor(make, fast=fast, report=report)
     server = BoundedServer(application(supervisor, access))
     server.add_sockets(sockets)
@@ -134,7 +127,7 @@ async def serve(
         raise error
 
 
-def page_url(address: str, port: int, access: PageAccess) -> str:
+def page_url(address: str, port: int, access: handlers.PageAccess) -> str:
     is_any = address in ("", "0.0.0.0", "::")
     host = socket.gethostname() if is_any else f"[{address}]" if ":" in address else address
     return f"http://{host}:{port}/" + ("" if access.token is None else f"?token={access.token}")

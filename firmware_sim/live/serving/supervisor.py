@@ -8,67 +8,57 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import count
-from threading import Lock
 from typing import Any, Final
 
 from contract.errors import StillwakeError
-from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer, LiveMessage, periods_message
-from firmware_sim.live.serving.process import LoopProcess, MakeSession
+from firmware_sim.live.loop.messages import KEPT_PERIODS, PERIOD_COLUMNS, LiveAnswer, LiveMessage, periods_message
+from firmware_sim.live.serving.process import LONGEST_END_S, MakeSession, how, started
 
 PICTURE: Final = "picture"
 STREAMS: Final = ("loop", "hello", "settings", "events", "periods", "now", "bus", PICTURE)
 """The order in which a viewer gets the streams; `hello` states the run to which the later streams belong."""
 MOST_ROWS: Final = 500
 """Largest number of periods, or of events, in one message; a new viewer waits for this message."""
-KEPT_EVENTS: Final = 500
-KEPT_PERIODS: Final = 3000
-"""Number of stored periods until a `hello` sets another number."""
-_OF_A_RUN: Final = ("now", "bus", PICTURE)
+_KEPT: Final = {"events": 500, "periods": KEPT_PERIODS}
+"""Largest number of stored items of a stream; of the other streams only the newest message is stored."""
 
 
 class Hub:
-    """A store of the loop's messages for several threads. Each stream has a count that increases with new content."""
+    """A store of the loop's messages."""
 
     def __init__(self) -> None:
-        self._lock = Lock()
-        self._latest = dict[str, tuple[int, LiveMessage | bytes]]()
-        self._periods, self._events = Ring(KEPT_PERIODS), Ring(KEPT_EVENTS)
+        self._streams = {stream: Ring(_KEPT.get(stream, 1)) for stream in STREAMS}
         self._run = 0
-        self._count = 0
 
     def put(self, messages: Iterable[LiveMessage | bytes]) -> None:
-        with self._lock:
-            for message in messages:
-                self._keep(message)
+        for message in messages:
+            self._keep(message)
 
     def after(self, stream: str, count: int) -> tuple[LiveMessage | bytes | None, int]:
         """Return the content that a stream got after `count`, or None, and the count for the next call."""
-        with self._lock:
-            if stream == "periods":
-                rows, count = self._periods.after(count, MOST_ROWS)
-                return (periods_message(self._run, rows) if rows else None), count
-            if stream == "events":
-                items, count = self._events.after(count, MOST_ROWS)
-                return ({"type": "events", "run": self._run, "items": items} if items else None), count
-            newest, value = self._latest.get(stream, (0, None))
-            return (value if newest > count else None), max(newest, count)
+        items, count = self._streams[stream].after(count, MOST_ROWS)
+        if not items:
+            return None, count
+        if stream == "periods":
+            return periods_message(self._run, items), count
+        if stream == "events":
+            return {"type": "events", "run": self._run, "items": items}, count
+        return items[-1], count
 
     def _keep(self, message: LiveMessage | bytes) -> None:
-        self._count += 1
         if isinstance(message, bytes):
-            self._latest[PICTURE] = (self._count, message)
+            self._streams[PICTURE].extend([message])
         elif message["type"] == "periods":
-            self._periods.extend(zip(*(message["columns"][name] for name in PERIOD_COLUMNS), strict=True))
+            columns = (message["columns"][name] for name in PERIOD_COLUMNS)
+            self._streams["periods"].extend(zip(*columns, strict=True))
         elif message["type"] == "events":
-            self._events.extend(message["items"])
+            self._streams["events"].extend(message["items"])
         else:
             if message["type"] == "hello":
                 self._run = message["run"]
-                self._periods.restart(message["kept"])
-                self._events.restart(KEPT_EVENTS)
-                for stream in _OF_A_RUN:
-                    self._latest.pop(stream, None)
-            self._latest[message["type"]] = (self._count, message)
+                for stream in ("events", "periods", "now", "bus", PICTURE):
+                    self._streams[stream].clear()
+            self._streams[message["type"]].extend([message])
 
 
 class Viewer:
@@ -100,9 +90,9 @@ class Ring:
             self._items.append(item)
             self._count += 1
 
-    def restart(self, kept: int) -> None:
-        """Delete all items and set the capacity to `kept`; the numbering continues."""
-        self._items = deque(maxlen=kept)
+    def clear(self) -> None:
+        """Delete all items; the numbering continues."""
+        self._items.clear()
 
     def after(self, count: int, most: int) -> tuple[list[Any], int]:
         """Return at most `most` items with numbers above `count`, oldest first, and the number of the last item."""
@@ -120,8 +110,8 @@ STARTING: Final = "the loop starts; the first time, the flow solver is compiled,
 
 
 class Supervisor:
-    """The supervisor of one loop. Of its attributes, only `hub` may be used outside the event loop. `report` is called,
-    from any thread, with a line about any work for which viewers have to wait, and with the reason if the loop ends."""
+    """The supervisor of one loop, for use inside one event loop. `report` is called with a line about any work for
+    which viewers have to wait, and with the reason if the loop ends."""
 
     def __init__(
         self,
@@ -136,63 +126,64 @@ class Supervisor:
         self._watching = set[asyncio.Event]()
         self._waiting = dict[int, asyncio.Future[LiveAnswer]]()
         self._numbers = count(1)
-        self._process: LoopProcess | None = None
-        self._is_waking = False
+        self._send: Callable[[tuple[int, str]], asyncio.Future[None]] | None = None
         self._why = ""
 
     async def run(self) -> None:
         """Start the loop, and start it again after a failure, until this task is cancelled; then end the loop. Raises
         the error of a loop that ended shortly after its start."""
-        self._events = asyncio.get_running_loop()
-        self._sender = ThreadPoolExecutor(1, thread_name_prefix="requests")
-        try:
-            while True:
-                began = time.monotonic()
-                error = await self._until_it_ends()
-                self._why = f"the loop ended: {error}"
-                if time.monotonic() - began < self._short_life_s:
-                    self._put("ended", self._why)
-                    raise error
-        finally:
-            self._sender.shutdown(wait=False, cancel_futures=True)
+        while True:
+            began = time.monotonic()
+            error = await self._until_it_ends()
+            self._why = f"the loop ended: {error}"
+            if time.monotonic() - began < self._short_life_s:
+                self._put("ended", self._why)
+                raise error
 
     async def _until_it_ends(self) -> Exception:
-        ended: asyncio.Future[Exception] = self._events.create_future()
-        process = LoopProcess(
-            self._make,
-            fast=self._fast,
-            hear=self._heard,
-            answered=lambda *answer: self._later(self._settle, *answer),
-            ended=lambda error: self._later(_resolve, ended, error),
-        )
+        """Run the loop's process, and return the error with which it ended."""
         again = f"{self._why}; " if self._why else ""
         self._put("starting", again + STARTING)
-        process.start()
-        self._process = process
-        try:
-            return await ended
-        finally:
-            self._process = None
-            for number in list(self._waiting):
-                self._settle(number, {"error": "the loop has ended"})
-            # This call blocks on purpose, because the process must have ended when a cancelled task returns.
-            process.end()
+        in_thread = asyncio.get_running_loop().run_in_executor
+        # The exits block on purpose, because the process must have ended when a cancelled task returns.
+        with (
+            ThreadPoolExecutor(1, "answers") as receiving,
+            ThreadPoolExecutor(1, "requests") as sending,
+            started(self._make, fast=self._fast) as (process, pipe),
+        ):
+            self._send = lambda request: in_thread(sending, pipe.send, request)
+            try:
+                while True:
+                    kind, content = await in_thread(receiving, pipe.recv)
+                    if kind == "messages":
+                        self._hear(content)
+                    elif kind == "answer":
+                        self._settle(*content)
+                    else:
+                        error: Exception = content
+                        return error
+            except (EOFError, OSError):
+                process.join(LONGEST_END_S)
+                return StillwakeError(f"the loop's process ended {how(process.exitcode)}")
+            finally:
+                self._send = None
+                for number in list(self._waiting):
+                    self._settle(number, {"error": "the loop has ended"})
 
     async def ask(self, request: str) -> LiveAnswer:
         """Send a request in JSON to the loop, wait for the loop's answer, and return it."""
-        process = self._process
-        if process is None:
+        if self._send is None:
             return {"error": "the loop has ended"}
         if len(self._waiting) >= MOST_WAITING:
             return {"error": f"{MOST_WAITING} requests wait for the loop already: ask again when it has answered"}
         number = next(self._numbers)
-        answer: asyncio.Future[LiveAnswer] = self._events.create_future()
+        answer: asyncio.Future[LiveAnswer] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         try:
-            await self._events.run_in_executor(self._sender, process.ask, number, request)
+            await self._send((number, request))
             return await answer
-        except StillwakeError as error:
-            return {"error": str(error)}
+        except OSError:
+            return {"error": "the loop has ended"}
         finally:
             self._waiting.pop(number, None)
 
@@ -206,8 +197,8 @@ class Supervisor:
         finally:
             self._watching.discard(event)
 
-    def _heard(self, messages: Sequence[LiveMessage | bytes]) -> None:
-        """Store new messages. The receiving thread calls this method."""
+    def _hear(self, messages: Sequence[LiveMessage | bytes]) -> None:
+        """Store new messages."""
         self.hub.put(messages)
         for message in messages:
             if isinstance(message, bytes):
@@ -220,30 +211,13 @@ class Supervisor:
                 item = {"n": -1, "time_s": 0.0, "t": 0.0, "kind": "loop", "text": self._why}
                 self.hub.put([{"type": "events", "run": message["run"], "items": [item]}])
                 self._why = ""
-        # At most one wake-up is queued in the event loop, even if many messages arrive.
-        if not self._is_waking:
-            self._is_waking = True
-            self._later(self._wake)
-
-    def _put(self, state: str, text: str) -> None:
-        self.hub.put([{"type": "loop", "state": state, "text": text}])
-        self._report(text)
-        self._wake()
-
-    def _wake(self) -> None:
-        self._is_waking = False
         for event in self._watching:
             event.set()
 
+    def _put(self, state: str, text: str) -> None:
+        self._hear([{"type": "loop", "state": state, "text": text}])
+
     def _settle(self, number: int, answer: LiveAnswer) -> None:
         future = self._waiting.get(number)
-        if future is not None:
-            _resolve(future, answer)
-
-    def _later(self, call: Callable[..., None], *arguments: Any) -> None:
-        self._events.call_soon_threadsafe(call, *arguments)
-
-
-def _resolve(future: "asyncio.Future[Any]", value: Any) -> None:
-    if not future.done():
-        future.set_result(value)
+        if future is not None and not future.done():
+            future.set_result(answer)

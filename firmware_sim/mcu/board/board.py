@@ -25,7 +25,7 @@ from firmware_sim.mcu.board.flash_controller import (
     PowerCut,
 )
 from firmware_sim.mcu.board.small_parts import CPACR, CoreRegisters, Counter, RandomNumbers, SystemReset
-from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.build import Firmware
 from firmware_sim.mcu.emulator import FLASH, EmulatedCore
 
 BANK: Final = 0x0810_0000
@@ -78,7 +78,7 @@ class Board(EmulatedCore):
             bank or FlashBank(), self._flash_changed, counter=self.counter, times=times, cut_at=cut_at, seed=seed
         )
         self._bad_pages, self._bad_wanted = set[int](), set[int]()
-        self._is_closed = False
+        self._rights = _READABLE
         for page in range(0, BANK_BYTES, _PAGE):
             self._core.mem_map(BANK + page, _PAGE, _READABLE)
         self._flash_changed(0, BANK_BYTES)
@@ -139,16 +139,15 @@ class Board(EmulatedCore):
 
         def write(_core: Any, offset: int, size: int, value: int, _data: Any) -> None:
             self._guarded(lambda: part.write(_whole(offset, size) - shift, value & 0xFFFF_FFFF))
-            if part is self.flash:
-                self._close()
+            # Without the right to read, a read of the bank during a flash operation is detected.
+            if part is self.flash and self.flash.is_at_work:
+                self._protect(unicorn_const.UC_PROT_NONE)
             if part is self._registers and offset == CPACR and self._registers.has_floats:
                 self._core.reg_write(arm_const.UC_ARM_REG_FPEXC, 0x4000_0000)
 
         return read, None, write, None
 
     def _stored(self, _core: Any, _access: int, address: int, size: int, value: int, _data: Any) -> bool:
-        if not BANK <= address < BANK + BANK_BYTES:
-            return False
         data = (value & (1 << 8 * size) - 1).to_bytes(size, "little")
         self._guarded(lambda: self.flash.store(address - BANK, data))
         return True
@@ -175,7 +174,7 @@ class Board(EmulatedCore):
         operation is in progress. Hooks on every read would slow down the emulator."""
         if self.flash.is_at_work:
             return
-        self._open()
+        self._protect(_READABLE)
         for page in self._bad_wanted ^ self._bad_pages:
             self._core.mem_unmap(BANK + page, _PAGE)
             if page in self._bad_pages:
@@ -185,27 +184,17 @@ class Board(EmulatedCore):
                 self._core.mmio_map(BANK + page, _PAGE, *self._bad_page(page))
         self._bad_pages = set(self._bad_wanted)
 
-    def _close(self) -> None:
-        """Protect the bank against reads while a flash operation is in progress, so that such a read is detected."""
-        if self.flash.is_at_work and not self._is_closed:
-            self._is_closed = True
-            self._protect(unicorn_const.UC_PROT_NONE)
-
-    def _open(self) -> None:
-        if self._is_closed:
-            self._is_closed = False
-            self._protect(_READABLE)
-
     def _protect(self, rights: int) -> None:
-        for page in range(BANK, BANK + BANK_BYTES, _PAGE):
-            if page - BANK not in self._bad_pages:
-                self._core.mem_protect(page, _PAGE, rights)
+        """Give the core these rights to the bank."""
+        if rights != self._rights:
+            self._rights = rights
+            for page in range(BANK, BANK + BANK_BYTES, _PAGE):
+                if page - BANK not in self._bad_pages:
+                    self._core.mem_protect(page, _PAGE, rights)
 
-    def _read_amid(self, _core: Any, _access: int, address: int, _size: int, _value: int, _data: Any) -> bool:
-        if not BANK <= address < BANK + BANK_BYTES:
-            return False
+    def _read_amid(self, *_access: Any) -> bool:
         self.flash.stall()
-        self._open()
+        self._protect(_READABLE)
         return True
 
     def _bad_page(self, page: int) -> tuple[Any, ...]:

@@ -6,12 +6,14 @@ register. The board's time is then advanced to this deadline. Values for observe
 """
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final, Unpack
 
-from can_bridge.bus.interface import HEALTHY, BusHealth
+from can_bridge.bus.interface import HEALTHY, Bus, BusHealth
 from can_bridge.wire.frame import Frame
+from contract.atomic import replacing
 from contract.errors import McuError
 from ecu.ecu_state import Surroundings
 from ecu.in_c.c_ecu import CEcuState, bundle_hash_of
@@ -20,8 +22,7 @@ from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board import BACKUP, BACKUP_BYTES, SRAM, SRAM_BYTES, Board
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
 from firmware_sim.mcu.board.small_parts import SystemReset
-from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, bus_key_header, compile_board
-from firmware_sim.mcu.elf import Firmware, read_elf
+from firmware_sim.mcu.build import BUS_KEY, NO_COMPILER, Firmware, bus_key_header, compile_board, read_elf
 
 _SCRATCH: Final = SRAM + SRAM_BYTES - 16384
 """Start of the memory that is used for a debugger's data, after all linked sections."""
@@ -33,7 +34,7 @@ class BoardEcu(CEcuState):
 
     Args:
         sources: result of `ecu.in_c.c_ecu.ecu_sources`.
-        bank, now_ns, times, cut_at: see `Board`.
+        bank, now_ns, times: see `Board`.
         own: files that replace the board's files (`compile_board`).
         firmware: firmware compiled earlier from these sources.
         secret: key of the bus, as written into a board at production; None without `bus.key`.
@@ -55,7 +56,6 @@ class BoardEcu(CEcuState):
         firmware: Firmware | None = None,
         times: FlashTimes = STM32H743,
         now_ns: int = 0,
-        cut_at: int = 0,
         secret: bytes | None = None,
     ) -> None:
         compiler = zig_compiler()
@@ -74,7 +74,7 @@ class BoardEcu(CEcuState):
         self.resets = self.waited_ns = self.instructions = self.cycles = 0
         self._left = list[Frame]()
         self.description = f"emulated board, Cortex-M7 at {clock_mhz:g} MHz"
-        self.power_on(bank or FlashBank(), now_ns, cut_at=cut_at)
+        self.power_on(bank or FlashBank(), now_ns)
 
     def power_on(self, bank: FlashBank, now_ns: int, *, cut_at: int = 0) -> None:
         """Start a new power cycle. The battery-supplied SRAM keeps its contents."""
@@ -169,3 +169,42 @@ class BoardEcu(CEcuState):
         """Copy the ECU's state, without its workspace, from the board's memory."""
         size = self.structs.size("sw_ecu")
         self.structs.ffi.buffer(self._ecu, size)[:] = self.board.peek(self._place, size)
+
+
+LONGEST_UNSEEN_NS: Final = 20_000_000
+"""Longest advance in ns between two reads of the bus. With a slower emulation, the board's time falls behind."""
+
+
+def read_bank(path: Path) -> FlashBank:
+    """Read the flash from a file; return an erased bank if there is no file. Raises McuError for an unreadable file."""
+    try:
+        return FlashBank.unpack(path.read_bytes()) if path.exists() else FlashBank()
+    except OSError as error:
+        raise McuError(f"{path}: {error.strerror or error}") from error
+
+
+def serve(
+    ecu: BoardEcu,
+    bus: Bus,
+    path: Path,
+    *,
+    clock_ns: Callable[[], int],
+    wait: Callable[[], None],
+    is_stopped: Callable[[], bool],
+) -> None:
+    """Run the board until `is_stopped` is true, with a `wait` between two reads of the bus. Write the flash to the file
+    after each change. Raises BusError if the bus failed; McuError if the core stopped."""
+    kept, before_ns = ecu.board.flash.bank.pack() if path.exists() else b"", clock_ns()
+    until_ns = ecu.board.counter.now_ns
+    while not is_stopped():
+        now_ns = clock_ns()
+        # `until_ns` advances only with the wall clock; flash operations advance only the board's own counter.
+        until_ns, before_ns = until_ns + min(now_ns - before_ns, LONGEST_UNSEEN_NS), now_ns
+        frames = [replace(frame, timestamp_ns=ecu.board.counter.now_ns) for frame in bus.receive_all()]
+        for frame in ecu.advance(until_ns, frames):
+            bus.send(frame)
+        if (packed := ecu.board.flash.bank.pack()) != kept:
+            kept = packed
+            with replacing(path) as temporary:
+                temporary.write_bytes(packed)
+        wait()

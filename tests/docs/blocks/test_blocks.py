@@ -22,11 +22,9 @@ from contract.config.tree import Config
 from contract.controller.c_folder import read_sources
 from contract.recording import dataset
 from contract.release import bundle
-from ecu.c.sources import fmu_sources, plant_fmu_sources
 from ecu.in_c.compiler import host_compiler
 from firmware_sim.bench.closed_loop import run_closed_loop
-from firmware_sim.fmu.ecu_fmu import ecu_fmu
-from firmware_sim.fmu.plant_fmu import plant_fmu
+from firmware_sim.fmu.fmu_files import ecu_fmu, plant_fmu
 from firmware_sim.runs.run_log import RunFolder
 from firmware_sim.runs.run_page.report import write_report
 from tests.contract.recording.random_episodes import episode
@@ -144,8 +142,8 @@ def stand_ins(page: str, folder: Path, short: Path, made: Any) -> dict[str, Any]
             dataset.write(folder / "my.h5", dataset.Dataset(episodes=(episode(),)))
         case "use-the-fmu":
             sources = read_sources(made.folder)
-            (folder / "ecu.fmu").write_bytes(ecu_fmu(sources, fmu_sources("signals"), made.bundle, Config()))
-            (folder / "plant.fmu").write_bytes(plant_fmu(Config(), plant_fmu_sources()))
+            (folder / "ecu.fmu").write_bytes(ecu_fmu(sources, made.bundle, Config()))
+            (folder / "plant.fmu").write_bytes(plant_fmu(Config()))
         case "use-your-own-data":
             signals = dict.fromkeys(("action", "Cd", "Cl"), np.zeros(3))
             return {"np": np, "h5py": h5py, **signals, "Cp": np.zeros((3, 4))}

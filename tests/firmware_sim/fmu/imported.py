@@ -17,7 +17,7 @@ class Imported:
     """One instance, initialised at a time."""
 
     _make: Any = FMU3Slave
-    _token = "instantiationToken"
+    _token, _integer = "instantiationToken", "Int64"
 
     def __init__(self, path: Path, *, start: float = 0.0) -> None:
         self.description = read_model_description(str(path))
@@ -46,7 +46,11 @@ class Imported:
         self._access("set", name, [self.variables[name].valueReference], [value])
 
     def _access(self, verb: str, name: str, *arguments: Any) -> Any:
-        return getattr(self.fmu, verb + self.variables[name].type.replace("Enumeration", "Int64"))(*arguments)
+        return getattr(self.fmu, verb + self.variables[name].type.replace("Enumeration", self._integer))(*arguments)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        return {name: self[name] for name in self.variables}
 
     def step(self, size: float) -> None:
         self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=size)
@@ -62,15 +66,12 @@ class Imported:
 class Imported2(Imported):
     """One instance by FMI 2.0, with what `Imported` offers."""
 
-    _make, _token = FMU2Slave, "guid"
+    _make, _token, _integer = FMU2Slave, "guid", "Integer"
 
     def begin(self) -> None:
         self.fmu.setupExperiment(startTime=self.time)
         self.fmu.enterInitializationMode()
         self.fmu.exitInitializationMode()
-
-    def _access(self, verb: str, name: str, *arguments: Any) -> Any:
-        return getattr(self.fmu, verb + self.variables[name].type.replace("Enumeration", "Integer"))(*arguments)
 
 
 def refused(capsys: Any, words: str, call: Callable[[], object]) -> None:

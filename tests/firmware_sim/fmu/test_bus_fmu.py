@@ -56,7 +56,7 @@ class Oscillator:
 
 
 def test_on_the_simulated_bus_frames_are_those_of_a_run_with_the_ecu_in_c(release, fmu_of):
-    """In classic frames; in those of CAN FD two of them play below."""
+    """In classic frames; in those of CAN FD the container of others plays two of them below."""
     config = replace(CONFIG, bus=BusConfig(frames="classic"))
     path, sources = fmu_of(config, bus=True)
     lead_in, controlled = 10, 60
@@ -90,19 +90,6 @@ def linked(sources: dict[str, bytes], periods: int, *, hears: tuple[bool, bool])
             arrived_ns = ANSWER_NS + k * PERIOD_NS
             inboxes[i] = [replace(one, timestamp_ns=arrived_ns) for one in answers[1 - i] if heard]
     return sent
-
-
-def test_two_of_them_play_on_one_bus_and_find_each_other_as_two_of_the_ecu_in_c_do(fmu_of):
-    path, sources = fmu_of(bus=True)
-    nodes, data, sent = [TerminalNode(path), TerminalNode(path)], [b"", b""], [list[bytes](), list[bytes]()]
-    for at in (0, *(ANSWER_NS + k * PERIOD_NS for k in range(30))):
-        data = [node.event(at) for node in nodes]
-        for node, own, of_other in zip(nodes, sent, reversed(data), strict=True):
-            assert node.event(at, of_other) == b""
-            own += [data[nodes.index(node)]] if at else []
-    alone, both = linked(sources, 30, hears=(False, True))
-    assert sent == linked(sources, 30, hears=(True, True))
-    assert sent[0] == both != alone
 
 
 def test_the_fmu_container_of_others_connects_their_terminals_and_plays_them(fmu_of, tmp_path, monkeypatch):

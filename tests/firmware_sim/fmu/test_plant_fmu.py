@@ -13,11 +13,10 @@ from fmpy.validation import validate_fmu
 
 from contract.config.loading import to_tree
 from contract.config.tree import Config
-from ecu.c.sources import plant_fmu_sources
 from firmware_sim.bench.ecus import C, loop_ecu
 from firmware_sim.bench.simulation import Simulation, Spans
+from firmware_sim.fmu.fmu_files import plant_fmu
 from firmware_sim.fmu.kinds import FmuKind
-from firmware_sim.fmu.plant_fmu import plant_fmu
 from tests.ecu.in_c.exported import CONFIG
 from tests.firmware_sim.fmu.imported import Imported, Imported2, check_order_of_calls
 from wake.plant.drive import Drive
@@ -43,7 +42,7 @@ def start(coarse) -> Path:
 @pytest.fixture(scope="module")
 def plant_path(config, start, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("plant") / "plant.fmu"
-    path.write_bytes(plant_fmu(config, plant_fmu_sources(), start))
+    path.write_bytes(plant_fmu(config, start))
     return path
 
 
@@ -114,15 +113,13 @@ def test_its_stream_follows_the_vehicle_and_a_state_is_gone_back_to(plant_path, 
 
 def test_by_fmi_2_it_is_the_same_plant(plant_path, config, start, tmp_path):
     path = tmp_path / "plant2.fmu"
-    path.write_bytes(plant_fmu(config, plant_fmu_sources("fmi2"), start, FmuKind(fmi2=True)))
+    path.write_bytes(plant_fmu(config, start, FmuKind(fmi2=True)))
     assert validate_fmu(str(path)) == []
     plants = Imported(plant_path), Imported2(path)
     for plant in plants:
         plant["vehicle_speed"] = 24.0
         plant.step(PERIOD_S)
-    assert {name: plants[0][name] for name in plants[0].variables} == {
-        name: plants[1][name] for name in plants[1].variables
-    }
+    assert plants[0].values == plants[1].values
 
 
 def test_calls_out_of_order_are_refused_and_fmpys_own_step_is_served(plant_path, capsys):

@@ -56,7 +56,6 @@ class Live:
         self,
         *,
         wake: Callable[[str], LoopPlant] = oscillator,
-        kept: int = 400,
         lead_in: float = LEAD_IN,
         config: Config = CONFIG,
         **more: Any,
@@ -74,7 +73,6 @@ class Live:
             controllers=CONTROLLERS,
             plants=PLANTS,
             lead_in=lead_in,
-            kept=kept,
             clock=iter(np.arange(10**6) / 40.0).__next__,
             **more,
         )

@@ -17,7 +17,7 @@ import pytest
 
 from can_bridge.wire.messages import Mode
 from ecu.fail_safe import OperatingMode
-from firmware_sim.live.loop.messages import FieldPicture, pack_field
+from firmware_sim.live.loop.live_run import pack_field
 from firmware_sim.live.serving.server import serve
 from firmware_sim.live.settings import WEIGHT, LiveSettings
 from tests.browser import PHONE, Visit, chromium, visit
@@ -198,7 +198,7 @@ def test_every_viewer_can_use_it_on_a_phone_too(live, opened):
 
 def test_page_and_loop_mean_the_same_numbers(live):
     levels = np.arange(-8, 7, dtype=np.int8).reshape(3, 5) * 15
-    raw = pack_field(FieldPicture(k=70_000, t=2.5, levels=levels))
+    raw = pack_field(70_000, 2.5, levels)
     read = """bytes => {
         const {levels, ...head} = stillwake.unpackField(new Uint8Array(bytes).buffer);
         return {...head, levels: Array.from(levels)};

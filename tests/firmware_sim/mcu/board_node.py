@@ -22,9 +22,7 @@ from ecu.in_c.c_image import controller_image as image_of
 from ecu.in_c.c_image import read_packed
 from firmware_sim.mcu.board.board_ecu import BoardEcu
 from firmware_sim.mcu.board.flash_controller import STM32H743, FlashBank, FlashTimes
-from firmware_sim.mcu.board.on_a_bus import equipment_header
-from firmware_sim.mcu.build import EQUIPMENT
-from firmware_sim.mcu.elf import Firmware
+from firmware_sim.mcu.build import EQUIPMENT, Firmware, equipment_header
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, SECRET
 from tests.can_bridge.tester.line import Line, flash_over
@@ -56,14 +54,12 @@ class Built:
         return BoardEcu(self.sources, own=self.own, bank=bank, firmware=firmware, times=times)
 
     def image(self, name: str, version: int = 1) -> bytes:
-        """With a digest of its own."""
         manifest = replace(self._bundle.manifest, name=name, security_version=version)
         bundle = replace(self._bundle, manifest=manifest, digest=self.digest(version).hex())
         return image_of(self._files, bundle, self.config, RELEASE)
 
     @staticmethod
     def digest(version: int) -> bytes:
-        """Of a release by its security version."""
         return bytes([version]) * 32
 
 
@@ -137,13 +133,9 @@ class Traffic:
             assert self.now_ns - began_ns < seconds * 1e9, (request.hex(), answers)
         return answers
 
-    def unlock(self, level: int, *, right: bool = True) -> bytes:
-        """The answer to the key of a level; that to its seed if there is none."""
+    def unlock(self, level: int) -> bytes:
         _, seed = self.ask(bytes([0x27, level]))[-1]
-        if seed[0] == 0x7F:
-            return seed
-        key = KEY.answer(Level(level), seed[2:]) if right else bytes(16)
-        return self.ask(bytes([0x27, level + 1]) + key)[-1][1]
+        return self.ask(bytes([0x27, level + 1]) + KEY.answer(Level(level), seed[2:]))[-1][1]
 
 
 class BoardLine(Line):

@@ -1,10 +1,15 @@
-"""The whole firmware on the emulated board: it gives the host's frames and states, through registers alone."""
+"""The whole firmware on the emulated board: it gives the host's frames and states, through registers alone, also as
+Arm's GCC builds it from the exported folder."""
 
 import platform
+import re
+import shutil
+import subprocess
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import islice
+from pathlib import Path
 from unittest.mock import patch
 
 import pytest
@@ -19,9 +24,11 @@ from ecu.in_c.c_structs import differing
 from ecu.in_c.compiler import zig_compiler
 from firmware_sim.mcu.board.board import BACKUP
 from firmware_sim.mcu.board.board_ecu import BoardEcu
-from firmware_sim.mcu.build import COMMON
+from firmware_sim.mcu.build import COMMON, Firmware, read_elf
+from tests.can_bridge.flashing.releases import keys
 from tests.ecu.in_c.exported import CONFIG, WINDOW, Feed
 from tests.ecu.in_c.test_secoc_in_c import KEYED, SECRET, Sender
+from tests.firmware_sim.mcu.board_node import QUICK, BoardLine, Built
 
 pytestmark = pytest.mark.mcu
 OFF = BusHealth(state=BusState.BUS_OFF, tx_errors=256, bus_off=4)
@@ -143,3 +150,44 @@ def test_with_a_key_it_sends_the_hosts_frames_and_its_battery_keeps_the_freshnes
     blank = tuple((at, content.replace(SECRET, bytes(16))) for at, content in board.firmware.segments)
     assert blank != board.firmware.segments
     assert BoardEcu(own, firmware=replace(board.firmware, segments=blank)).step(now_ns, frames) == []
+
+
+MISSING = [name for name in ("arm-none-eabi-gcc", "cmake") if shutil.which(name) is None]
+LOST = WINDOW + 6
+WARNINGS = "-Wall -Wextra -Wpedantic -Wconversion -Werror"
+
+
+def built_by_its_rules(folder: Path) -> Firmware:
+    """By the two commands in the head of its CMakeLists.txt, with warnings as errors."""
+    rules = (folder / "CMakeLists.txt").read_text()
+    (lines,) = re.findall(r"^#     cmake -B arm .*\n(?:#     .*\n)+", rules, re.MULTILINE)
+    commands = lines.strip().replace("#     ", "").replace('FLAGS="', f'FLAGS="{WARNINGS} ') + " -j2"
+    done = subprocess.run(["sh", "-ec", commands], cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout[-2000:]
+    return read_elf((folder / "arm" / "board.elf").read_bytes())
+
+
+# Two builds by CMake. Day by day the firmware runs as clang builds it, and tests/export/to_c/test_library.py shows that
+# GCC takes the library without a warning.
+@pytest.mark.proofs
+@pytest.mark.compiler
+@pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)}")
+def test_built_without_a_warning_it_sends_the_hosts_frames_and_does_so_again_once_flashed(release, sources, tmp_path):
+    folder, node = shutil.copytree(release.folder, tmp_path / "c"), Built(release)
+    board = BoardEcu(sources, firmware=built_by_its_rules(folder))
+    host, decided = CEcu(sources), []
+    for now_ns, frames in Feed().periods(WINDOW + 30, lost=(LOST, LOST + 1, LOST + 2), damaged=(LOST + 4,)):
+        step_both(board, host, now_ns, frames, BusHealth())
+        decided.append((board.trace.mode, board.trace.action))
+    assert {Mode.CONTROL, Mode.HOLD, Mode.DECAY} <= {mode for mode, _ in decided}
+    assert board.board.stack_depth() < 2048
+    # With keys and the loader, which two files know of; the fresh board takes its release over CAN.
+    for name, content in node.own.items():
+        (folder / "board" / name).write_bytes(content)
+    board = node.ecu(firmware=built_by_its_rules(folder), times=QUICK)
+    BoardLine(board).provision(keys(), node.image("one"))
+    board = node.ecu(board.board.flash.bank, board.firmware)
+    for (now_ns, frames), expected in zip(Feed().periods(LOST), decided, strict=False):
+        board.step(now_ns, frames)
+        assert (board.trace.mode, board.trace.action) == expected
+    assert board.trace.mode is Mode.CONTROL

@@ -9,8 +9,7 @@ from contract.errors import McuError
 from firmware_sim.mcu.board.board import BANK, Board
 from firmware_sim.mcu.board.flash_controller import SECTOR, WORD, FlashBank, FlashTimes, PowerCut
 from firmware_sim.mcu.board.small_parts import SystemReset
-from firmware_sim.mcu.build import compile_board
-from firmware_sim.mcu.elf import Firmware, read_elf
+from firmware_sim.mcu.build import Firmware, compile_board, read_elf
 from tests.each import each
 
 pytestmark = pytest.mark.mcu

@@ -10,7 +10,7 @@ import unicorn
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.c_folder import RECORDED, ProgramSettings
+from contract.controller.c_folder import RECORDED, ProgramSettings, read_recorded, read_sources
 from contract.errors import LibraryError, McuError
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
@@ -19,9 +19,7 @@ from export.release.lowering import int8_library
 from export.release.pipeline import recorded_rows
 from export.to_c.library import c_library
 from firmware_sim.mcu import measure as mcu
-from firmware_sim.mcu.build import compile_for_cortex_m7
-from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7
-from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.build import CORTEX_M4F, CORTEX_M7, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
 from firmware_sim.mcu.measure import verdicts
 from firmware_sim.mcu.pipeline import Pipeline
@@ -151,10 +149,10 @@ def test_the_pipeline_model_keeps_its_rules():
 
 def test_what_cannot_be_measured_is_refused(tmp_path):
     with pytest.raises(LibraryError, match=r"recorded\.txt"):
-        mcu.measure_folder(tmp_path)
+        mcu.measure(read_sources(tmp_path), read_recorded(tmp_path))
     (tmp_path / RECORDED).write_text("1 2 3 4 5\n")
     with pytest.raises(LibraryError, match=r"sw_settings.h is missing"):
-        mcu.measure_folder(tmp_path)
+        mcu.measure(read_sources(tmp_path), read_recorded(tmp_path))
     sources, rows = sources_and_rows(random_program(0, model=SMALL, mpc=MpcConfig(horizon=4)), "float32")
     with pytest.raises(McuError, match="at least 6 rows of 5"):
         mcu.measure(sources, rows[:5])

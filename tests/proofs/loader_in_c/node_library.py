@@ -39,27 +39,25 @@ def sources(config: Config) -> dict[str, bytes]:
 
 
 def build(contents: Mapping[str, bytes], folder: Path, output: str, flags: Sequence[str] = QUICK) -> Path:
-    """A shared library, or a program if `output` is one of the sources; with `--coverage` it is compiled in the folder,
-    where its branches are counted then."""
+    """A shared library if the name of the output ends in .so, or a program; with `--coverage` it is compiled in the
+    folder, where its branches are counted then. Raises LibraryError if the compiler refuses the sources."""
     folder.mkdir(exist_ok=True)
-    path, kept = folder / output.removesuffix(".c"), {**contents}
-    if output != _FUZZ:
-        kept.pop(_FUZZ, None)
+    path = folder / output
+    if path.suffix == ".so":
+        contents = {name: content for name, content in contents.items() if name != _FUZZ}
         flags = (*flags, "-shared", "-fPIC")
     if "--coverage" not in flags:
-        compiler.compile_c(kept, path, compiler=compiler.host_compiler(), flags=flags)
+        compiler.compile_c(contents, path, compiler=compiler.host_compiler(), flags=flags)
         return path
-    for name, content in kept.items():
+    for name, content in contents.items():
         (folder / name).write_bytes(content)
-    sources_of = sorted(name for name in kept if name.endswith(".c"))
+    sources_of = sorted(name for name in contents if name.endswith(".c"))
     command = [*compiler.host_compiler(), *compiler.STANDARD, "-Werror", *flags, *sources_of, "-o", path.name]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return path
 
 
 class Library:
-    """One that was built, loaded."""
-
     def __init__(self, contents: Mapping[str, bytes], path: Path) -> None:
         self.structs = Structs(contents, compiler.host_compiler())
         self.ffi = self.structs.ffi

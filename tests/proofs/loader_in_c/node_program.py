@@ -10,9 +10,8 @@ from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
 from contract.config.diagnosis import CanId
 from ecu.flashable.links import isotp_settings
-from tests.proofs.loader_in_c.node_plans import Plan, any_of
-from tests.proofs.loader_in_c.node_requests import any_noise
-from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c
+from tests.proofs.loader_in_c.node_plans import Plan, any_noise, any_of
+from tests.proofs.loader_in_c.node_twin import MS, Twins, World, as_in_c, frame_to
 from tests.proofs.loader_in_c.xcp_tool import XcpTool
 
 _MOST_TICKS: Final = 1500
@@ -43,7 +42,7 @@ class Program:
                 separation_code=0 if calm else rng.choice((0, 0, 1, 0xF3, 0x80, 0xFF)),
             )
         )
-        self._tool = XcpTool(self._ids, f"{seed} tool", is_fd=self._is_fd, share=0.0 if calm else 0.8)
+        self._tool = XcpTool(of.config.bus, f"{seed} tool", share=0.0 if calm else 0.8)
         self._pace = rng.choice((1, 1, 1, 7))
         self._asks: bool | None = None
         self._seed: bytes | None = None
@@ -85,7 +84,7 @@ class Program:
 
     def burst(self, *requests: bytes) -> None:
         """Requests of at most 7 bytes, in one call."""
-        self.twins.service([self._frame(control_info.single(request), self._is_fd) for request in requests])
+        self.twins.service([self._frame(control_info.single(request)) for request in requests])
 
     def wait(self, by_ns: int) -> None:
         """Time passes, or goes back."""
@@ -96,7 +95,7 @@ class Program:
         """The last answer to a request; some are not waited for."""
         self.requests, rng = self.requests + 1, self._rng
         if self._ids.functional and len(request) < 8 and self._to_all_rng.random() < 0.1:
-            self._to_all.append(self._frame(control_info.single(request), self._is_fd, self._ids.functional))
+            self._to_all.append(self._frame(control_info.single(request), self._ids.functional))
         else:
             self._tester.send(request[:4095])
         patience = rng.choice((1, 30)) if rng.random() < self._trouble else _MOST_TICKS
@@ -142,14 +141,14 @@ class Program:
             kind = rng.choice(("lost", "twice", "altered", "shorter")) if rng.random() < self._trouble / 4 else ""
             if frame.data[0] == 0x30 and rng.random() < 10 * self._trouble:
                 # Not yet.
-                yield from rng.choice((1, 1, 99, 101)) * [self._frame(b"\x31" + frame.data[1:], frame.is_fd)]
+                yield from rng.choice((1, 1, 99, 101)) * [self._frame(b"\x31" + frame.data[1:])]
             data = bytearray(frame.data)
             if kind == "altered":
                 data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
             if kind == "shorter":
                 data = data[: rng.choice(CLASSIC_LENGTHS)]
             if kind != "lost":
-                yield self._frame(bytes(data), frame.is_fd)
+                yield self._frame(bytes(data))
             if kind == "twice":
                 yield frame
         while rng.random() < self._trouble:
@@ -167,12 +166,10 @@ class Program:
                 to = self._ids.functional
             if rng.random() < 0.02:
                 to = CanId(number & 0x7FF, not is_extended)
-            yield self._frame(bytes(data), self._is_fd, to)
+            yield self._frame(bytes(data), to)
 
-    def _frame(self, data: bytes, is_fd: bool, to: CanId | None = None) -> Frame:
-        number, is_extended = to or self._ids.request
-        now_ns = self.twins.now_ns
-        return Frame(frame_id=number, data=data, timestamp_ns=now_ns, is_fd=is_fd, is_extended=is_extended)
+    def _frame(self, data: bytes, to: CanId | None = None) -> Frame:
+        return frame_to(self._of.config.bus, data, to, self.twins.now_ns)
 
 
 def play(of: World, seed: int, *, drawn_by: str = "") -> Twins:

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections import Counter
+from functools import partial
 from typing import Final
 
 from can_bridge.e2e.sender import E2eSender
@@ -10,13 +11,10 @@ from can_bridge.isotp import control_info
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import Pressure
-from contract.config.diagnosis import CanId
 from ecu.flashable.links import isotp_settings
-from tests.can_bridge.flashing.releases import keys
-from tests.can_bridge.flashing.store_ecu import KEY, SECRET
-from tests.proofs.loader_in_c.node_library import BUSY, DRIVES_JETS, WAITS, WANTS_RESET, WRITES, Host
-from tests.proofs.loader_in_c.node_twin import MS, TEXTS, World, rules_of
+from tests.can_bridge.flashing.store_ecu import KEY
+from tests.proofs.loader_in_c.node_library import BUSY, DRIVES_JETS, WAITS, WANTS_RESET, WRITES
+from tests.proofs.loader_in_c.node_twin import MS, World, frame_to, powered, pressures
 
 _PENDING: Final = 0x78
 _MOST: Final = 3000
@@ -27,14 +25,11 @@ class Slow:
     """A node with release "one", and a tester; a look is a millisecond."""
 
     def __init__(self, of: World) -> None:
-        self.node, self._is_fd = Host(of.library, rules_of(of), SECRET, TEXTS), of.config.bus.frames == "fd"
-        image = of.pool.images["one"]
-        self.node.provision(keys(), image, hashlib.sha256(image).digest())
-        self.node.power_on()
-        self.ids = of.config.bus.diagnosis
-        self._end = Endpoint(isotp_settings(of.config.bus, is_tester=True))
-        self._pressures = E2eSender(message_set(of.config.bus).pressure.spec)
-        self._emit = message_set(of.config.bus).pressure.emit
+        self.node, bus = powered(of, of.images["one"]), of.config.bus
+        self.ids, self.frame = bus.diagnosis, partial(frame_to, bus)
+        self._end = Endpoint(isotp_settings(bus, is_tester=True))
+        self._pressures = E2eSender(message_set(bus).pressure.spec)
+        self._emit = message_set(bus).pressure.emit
         self.now_ns, self.asks = MS, False
         self.frames = Counter[int]()
 
@@ -50,13 +45,10 @@ class Slow:
     def control(self, periods: int) -> None:
         """So many, 20 ms apart, with pressures; looks in between."""
         for _ in range(periods):
-            self.period()
+            sent = self._pressures.frame(self._emit(pressures(self.asks)), now_ns=self.now_ns)
+            self.node.control(self.now_ns, [sent])
             for _ in range(20):
                 self.look()
-
-    def period(self) -> list[Frame]:
-        message = Pressure(pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=self.asks, age_ns=0)
-        return self.node.control(self.now_ns, [self._pressures.frame(self._emit(message), now_ns=self.now_ns)])
 
     def ask(self, request: bytes) -> list[tuple[int, bytes]]:
         """Answers, with the looks that each took."""
@@ -70,10 +62,6 @@ class Slow:
 
     def ask_later(self, request: bytes) -> None:
         self._end.send(request)
-
-    def frame(self, data: bytes, to: CanId | None = None) -> Frame:
-        number, is_extended = to or self.ids.request
-        return Frame(frame_id=number, data=data, is_fd=self._is_fd, is_extended=is_extended)
 
     def single(self, request: bytes) -> Frame:
         return self.frame(control_info.single(request))
@@ -108,7 +96,7 @@ def erased_beside(of: World) -> None:
     assert [answer[:3] for _, answer in found] == [b"\x7f\x27\x78", b"\x67\x03" + found[1][1][2:3]]
     assert found[0][0] < 27 and found[1][0] > 100
     assert slow.unlock(3)[-1][1] == b"\x67\x04"
-    image = of.pool.images["newest"]
+    image = of.images["newest"]
     slow.ask(b"\x10\x02")
     slow.unlock(1)
     announcement = len(image).to_bytes(4, "big") + hashlib.sha256(image).digest()
@@ -141,13 +129,15 @@ def beside_jets(of: World) -> None:
     slow = Slow(of)
     slow.control(5)
     slow.asks = True
-    slow.control(40)
+    slow.control(60)
     assert slow.node.fact(DRIVES_JETS)
     refused = b"\x7f\x27\x22"
     answers = list[bytes]()
     while not answers or answers[-1] != refused:
         slow.ask(b"\x10\x03")
         answers.append(slow.unlock(3)[-1][1])
+        # Nor is it left while nobody asks for anything.
+        slow.look()
         assert len(answers) < 40
     writes = slow.node.fact(WRITES)
     assert answers[:-1] == (len(answers) - 1) * [b"\x67\x04"] and len(answers) > 5

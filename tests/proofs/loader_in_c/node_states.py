@@ -23,10 +23,9 @@ from can_bridge.uds.services import Did, Routine, Service
 from contract.errors import StillwakeError
 from tests.proofs import command_line
 from tests.proofs.command_line import JsonFile, Processes, Seed, in_parts, report
+from tests.proofs.loader_in_c import node_plans as plans
 from tests.proofs.loader_in_c.node_library import GEOMETRY, Library, build, sources
-from tests.proofs.loader_in_c.node_plans import Plan, each, story
 from tests.proofs.loader_in_c.node_program import Program
-from tests.proofs.loader_in_c.node_requests import announced, any_noise, blocks, flashing, routine, unlocking
 from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, OTHERS, Twins, World, as_in_c, world
 
 REQUESTS: Final = 2_000
@@ -41,61 +40,59 @@ _BAD: Final = (
 )  # fmt: skip
 
 
-def _announced(rng: Random, of: World, most: int) -> Plan:
+def _announced(rng: Random, of: World, most: int) -> plans.Plan:
     """A transfer after so many blocks; 0: after the request for it."""
-    image = of.pool.images[rng.choice(("newest", "for this hardware"))]
-    yield from unlocking(Level.PROGRAMMING)
-    yield from blocks(image, (yield from announced(image)), 2000, most)
+    image = of.images[rng.choice(("newest", "for this hardware"))]
+    yield from plans.unlocking(Level.PROGRAMMING)
+    yield from plans.blocks(image, (yield from plans.announced(image)), 2000, most)
 
 
-def _refused(rng: Random, of: World, _: int = 0) -> Plan:
-    image = of.pool.images[rng.choice(_BAD)]
-    yield from unlocking(Level.PROGRAMMING)
-    yield from blocks(image, (yield from announced(image)), 4000)
-    yield from each(b"\x37", routine(Routine.CHECK))
+def _refused(rng: Random, of: World) -> plans.Plan:
+    image = of.images[rng.choice(_BAD)]
+    yield from plans.unlocking(Level.PROGRAMMING)
+    yield from plans.blocks(image, (yield from plans.announced(image)), 4000)
+    yield from plans.each(b"\x37", plans.routine(Routine.CHECK))
 
 
-def _wrong_keys(level: int, times: int) -> Plan:
+def _wrong_keys(level: int, times: int) -> plans.Plan:
     yield bytes([0x10, 2 if level == 1 else 3])
     for _ in range(times):
-        yield from each(bytes([0x27, level]), bytes([0x27, level + 1]) + bytes(15) + b"\1")
+        yield from plans.each(bytes([0x27, level]), bytes([0x27, level + 1]) + bytes(15) + b"\1")
 
 
-def _jets(*last: bytes) -> Plan:
-    yield lambda program: program.control(12, False)
-    yield lambda program: program.control(10, True)
-    yield from each(*last)
-
-
-def _then(plan: Plan, *last: Any) -> Plan:
+def _then(plan: plans.Plan, *last: Any) -> plans.Plan:
     yield from plan
-    yield from each(*last)
+    yield from plans.each(*last)
 
 
-LEADS: Final[Mapping[str, Callable[[Random, World], Plan]]] = {
-    "default session": lambda rng, of: each(b"\x10\x01"),
-    "extended session": lambda rng, of: each(b"\x10\x03"),
-    "programming session": lambda rng, of: each(b"\x10\x02"),
-    "a seed is out": lambda rng, of: each(*rng.choice(((b"\x10\x02", b"\x27\x01"), (b"\x10\x03", b"\x27\x03")))),
-    "programming unlocked": lambda rng, of: unlocking(Level.PROGRAMMING),
-    "calibration unlocked": lambda rng, of: unlocking(Level.CALIBRATION),
+_JETS: Final[tuple[plans.Step, ...]] = (
+    lambda program: program.control(12, False),
+    lambda program: program.control(10, True),
+)
+LEADS: Final[Mapping[str, Callable[[Random, World], plans.Plan]]] = {
+    "default session": lambda rng, of: plans.each(b"\x10\x01"),
+    "extended session": lambda rng, of: plans.each(b"\x10\x03"),
+    "programming session": lambda rng, of: plans.each(b"\x10\x02"),
+    "a seed is out": lambda rng, of: plans.each(*rng.choice(((b"\x10\x02", b"\x27\x01"), (b"\x10\x03", b"\x27\x03")))),
+    "programming unlocked": lambda rng, of: plans.unlocking(Level.PROGRAMMING),
+    "calibration unlocked": lambda rng, of: plans.unlocking(Level.CALIBRATION),
     "a wrong key": lambda rng, of: _wrong_keys(rng.choice((1, 3)), rng.choice((1, 2))),
     "time after wrong keys": lambda rng, of: _wrong_keys(rng.choice((1, 3)), 4),
     "a transfer asked for": lambda rng, of: _announced(rng, of, 0),
     "a transfer under way": lambda rng, of: _announced(rng, of, rng.choice((1, 2))),
     "a transfer left": lambda rng, of: _then(_announced(rng, of, 2), b"\x10\x03"),
     "an image refused": _refused,
-    "an image flashed, or not": flashing,
-    "an image checked": lambda rng, of: story(rng, of, 1),
-    "an image activated": lambda rng, of: story(rng, of, 2),
-    "on trial": lambda rng, of: _then(story(rng, of, 3), *([b"\x10\x02"] * rng.randrange(2))),
-    "tested, confirmed, or back": lambda rng, of: story(rng, of, 4),
-    "faults not recorded": lambda rng, of: each(b"\x10\x03", b"\x85\x02"),
-    "silent": lambda rng, of: each(b"\x10\x03", b"\x28\x01\x01"),
-    "the jets run": lambda rng, of: _jets(b"\x10\x03"),
-    "the jets run, unlocked": lambda rng, of: _then(unlocking(Level.CALIBRATION), *_jets()),
-    "control asked for": lambda rng, of: each(lambda program: program.control(3, True), b"\x10\x03"),
-    "the memory fails": lambda rng, of: _then(unlocking(Level.PROGRAMMING), lambda program: program.twins.fail(1)),
+    "an image flashed, or not": plans.flashing,
+    "an image checked": lambda rng, of: plans.story(rng, of, 1),
+    "an image activated": lambda rng, of: plans.story(rng, of, 2),
+    "on trial": lambda rng, of: _then(plans.story(rng, of, 3), *([b"\x10\x02"] * rng.randrange(2))),
+    "tested, confirmed, or back": lambda rng, of: plans.story(rng, of, 4),
+    "faults not recorded": lambda rng, of: plans.each(b"\x10\x03", b"\x85\x02"),
+    "silent": lambda rng, of: plans.each(b"\x10\x03", b"\x28\x01\x01"),
+    "the jets run": lambda rng, of: plans.each(*_JETS, b"\x10\x03"),
+    "the jets run, unlocked": lambda rng, of: _then(plans.unlocking(Level.CALIBRATION), *_JETS),
+    "control asked for": lambda rng, of: plans.each(lambda program: program.control(3, True), b"\x10\x03"),
+    "the memory fails": lambda rng, of: _then(plans.unlocking(Level.PROGRAMMING), lambda own: own.twins.fail(1)),
 }  # fmt: skip
 """Ways into states."""
 
@@ -133,7 +130,7 @@ class Prober(Program):
             self.follow(rng.choice(list(LEADS.values()))(rng, self._of), 2**30)
             for _ in range(min(stay, requests - self.requests)):
                 is_from_parts = rng.random() < 0.6
-                self._probe(_grid(rng) if is_from_parts else any_noise(rng, self.sent[-20:], self._seed) or b"\0")
+                self._probe(_grid(rng) if is_from_parts else plans.any_noise(rng, self.sent[-20:], self._seed) or b"\0")
                 if rng.random() < 0.01:
                     self.wait(rng.choice((2600, 5001, 11_000)) * MS)
         return self.twins

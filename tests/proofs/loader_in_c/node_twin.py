@@ -18,17 +18,18 @@ from can_bridge.e2e.sender import E2eSender
 from can_bridge.flashing.checking import Rules, fits_as, judge_image
 from can_bridge.flashing.store import Store
 from can_bridge.flashing.verdicts import Verdict
+from can_bridge.isotp import control_info
 from can_bridge.secoc.node import Authentication
 from can_bridge.secoc.securing import Freshness, secure
 from can_bridge.uds.services import Nrc, Refused
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import Pressure
-from contract.config.diagnosis import DiagnosisConfig
+from contract.config.diagnosis import CanId, DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BenefitCheckConfig, BusConfig, EcuConfig, SensorCheckConfig
 from contract.release import controller_image, key_list, signing
-from contract.release.checks import Bundle, dbc_sha256
+from contract.release.checks import Bundle
 from contract.release.controller_image import ImageFacts
 from ecu.flashable import power_cycle
 from ecu.flashable.equipment import Equipment
@@ -41,7 +42,7 @@ from tests.ecu.conftest import RecordingController
 from tests.proofs.ecu.hostile_world import small_bundle
 from tests.proofs.ecu_in_c.variants import KEY as BUS_KEY
 from tests.proofs.loader_in_c.node_library import SLOT_BYTES, WANTS_RESET, Host, Library
-from tests.proofs.loader_in_c.store_library import opens
+from tests.proofs.loader_in_c.store_library import FACTS, LAYOUT, opens, rules
 
 UNCHECKED: Final = EcuConfig(
     sensor_check=SensorCheckConfig(enabled=False), benefit_check=BenefitCheckConfig(enabled=False)
@@ -56,7 +57,6 @@ OTHERS: Final = {
     "without XCP": Config(ecu=UNCHECKED, bus=BusConfig(diagnosis=DiagnosisConfig(xcp=False))),
 }
 """Vehicles whose builds differ: requests in all states are asked of them as well."""
-LAYOUT: Final = hashlib.sha256(b"layout").digest()
 TEXTS: Final = (HARDWARE, "0815", "bench")
 MS: Final = 1_000_000
 
@@ -64,8 +64,6 @@ MS: Final = 1_000_000
 def facts(config: Config, name: str, version: int = 1, **changes: Any) -> ImageFacts:
     point = config.operating_point
     own = {
-        "layout": LAYOUT,
-        "dbc": bytes.fromhex(dbc_sha256()),
         "digest": hashlib.sha256(f"{name} {version}".encode()).digest(),
         "period_ns": config.period_ns,
         "operating_point": (point.width, point.speed, point.density),
@@ -73,24 +71,23 @@ def facts(config: Config, name: str, version: int = 1, **changes: Any) -> ImageF
         "sensors": 4,
         "hardware": None,
     }
-    return ImageFacts(name=name, security_version=version, **{**own, **changes})
+    return replace(FACTS, name=name, security_version=version, **{**own, **changes})
 
 
-class Pool(NamedTuple):
-    """What testers send: images by name, `one` is that of production; key lists signed by the root key; and others."""
-
-    images: dict[str, bytes]
-    key_lists: tuple[bytes, ...]
-    foreign_lists: tuple[bytes, ...]
+def pressures(enable: bool) -> Pressure:
+    return Pressure(pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=enable, age_ns=0)
 
 
 class World(NamedTuple):
-    """What both ECUs live in: a vehicle, a library for it, images and key lists."""
+    """What both ECUs live in: a vehicle, a library for it, and what testers send: images by name, `one` is that of
+    production; key lists signed by the root key; and others."""
 
     config: Config
     library: Library
     bundle: Bundle
-    pool: Pool
+    images: dict[str, bytes]
+    key_lists: tuple[bytes, ...]
+    foreign_lists: tuple[bytes, ...]
 
 
 def world(kind: str, library: Library) -> World:
@@ -127,18 +124,30 @@ def world(kind: str, library: Library) -> World:
     }
     lists = (keys(1), keys(2, RELEASE, SECOND), keys(3, RELEASE, revoked=(SECOND,)), keys(4, RELEASE, SECOND))
     evil = key_list.encode(replace(key_list.decode(lists[3], signing.public_key(ROOT)), version=9), STRANGER)
-    return World(config, library, bundle, Pool(images, lists, (evil, lists[1][:-1], lists[3] + b"\n")))
+    return World(config, library, bundle, images, lists, (evil, lists[1][:-1], lists[3] + b"\n"))
 
 
 def rules_of(of: World) -> bytes:
-    vehicle = controller_image.seal(b"", facts(of.config, "vehicle"), None)[controller_image.VEHICLE]
-    hardware = HARDWARE.encode().ljust(64, b"\0")
-    return signing.public_key(ROOT).raw + LAYOUT + bytes.fromhex(dbc_sha256()) + hardware + vehicle
+    return rules(controller_image.seal(b"", facts(of.config, "vehicle"), None))
+
+
+def powered(of: World, image: bytes) -> Host:
+    """A node in C just powered on, with a release that is confirmed, or none if it is empty."""
+    node = Host(of.library, rules_of(of), SECRET, TEXTS)
+    node.provision(keys(), image, hashlib.sha256(image).digest())
+    node.power_on()
+    return node
+
+
+def frame_to(bus: BusConfig, data: bytes, to: CanId | None = None, now_ns: int = 0) -> Frame:
+    """A frame of a bus, by default to the ECU alone."""
+    number, is_extended = to or bus.diagnosis.request
+    return Frame(frame_id=number, data=data, timestamp_ns=now_ns, is_fd=bus.frames == "fd", is_extended=is_extended)
 
 
 def may_run(of: World, image: bytes) -> bool:
     """Whether the image is in order, under one of the key lists."""
-    allowed = key_list.decode(of.pool.key_lists[1], signing.public_key(ROOT))
+    allowed = key_list.decode(of.key_lists[1], signing.public_key(ROOT))
     rules = Rules(keys=allowed, hardware=HARDWARE, fits=lambda release: Verdict.GOOD, least_security_version=0)
     return checked(image, rules, of=of)[0] is Verdict.GOOD
 
@@ -187,10 +196,8 @@ class Twins:
 
     def __init__(self, of: World, *, first: str | None = "one") -> None:
         self._config = of.config
-        image = b"" if first is None else of.pool.images[first]
-        self.c = Host(of.library, rules_of(of), SECRET, TEXTS)
-        self.c.provision(keys(), image, hashlib.sha256(image).digest())
-        self.c.power_on()
+        image = b"" if first is None else of.images[first]
+        self.c = powered(of, image)
         self.backing = provision(PlainBacking(capacity=SLOT_BYTES), image or None, check=partial(checked, of=of))
         equipment = Equipment(
             root=signing.public_key(ROOT),
@@ -229,6 +236,13 @@ class Twins:
         self._waits_for_control = False
         return self._compare("control", self.python.control(self.now_ns, frames), self.c.control(self.now_ns, frames))
 
+    def ask(self, *requests: bytes) -> list[Frame]:
+        """What both send to requests in one frame each, which come at once; AssertionError if they differ."""
+        bus = self._config.bus
+        sent = self.service([frame_to(bus, control_info.single(one), None, self.now_ns) for one in requests])
+        assert self.differences == []
+        return sent
+
     def service(self, frames: Sequence[Frame]) -> list[Frame]:
         in_python = self.python.service(self.now_ns, frames)
         if self.c.fact(WANTS_RESET):
@@ -261,8 +275,7 @@ class Twins:
         return replace(frame, data=data, is_fd=False)
 
     def _pressure(self, enable: bool) -> Frame:
-        message = Pressure(pressure_pa=(30.0, 60.0, 90.0, 10.0), valid=(True,) * 4, enable_request=enable, age_ns=0)
-        of = message_set(self._config.bus).pressure
-        frame, freshness = self._pressures.frame(of.emit(message), now_ns=self.now_ns), self._freshness
+        of, freshness = message_set(self._config.bus).pressure, self._freshness
+        frame = self._pressures.frame(of.emit(pressures(enable)), now_ns=self.now_ns)
         self._freshness = freshness.next()
         return frame if self._authentication is None else secure(frame, of.spec, BUS_KEY, freshness)

@@ -2,7 +2,6 @@
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -14,13 +13,13 @@ from contract.release import controller_image, signing
 from contract.release.checks import dbc_sha256
 from contract.release.controller_image import HEADER_BYTES, VEHICLE, ImageFacts, seal
 from ecu.c.sources import loader_sources
-from ecu.in_c import compiler
 from tests.can_bridge.flashing.releases import RELEASE, ROOT, SECOND, STRANGER
 
 SECTOR: Final = 8192
 SLOT_BYTES: Final = 2 * SECTOR
 WORD: Final = 32
 GEOMETRY: Final = (f"-DSW_FLASH_SECTOR={SECTOR}u", "-DSW_SLOT_SECTORS=2u")
+FLAGS: Final = ("-O1", *GEOMETRY)
 NEVER: Final = 2**64 - 1
 HARDWARE: Final = "bench"
 TWIN: Final = "store_twin.c"
@@ -97,16 +96,6 @@ WRONG: Final = {
 assert controller_image.read(ONE).facts == FACTS
 
 
-def built(
-    output: Path, contents: Mapping[str, bytes] | None = None, flags: Sequence[str] = ("-O1", "-shared", "-fPIC")
-) -> Path:
-    """A library or program of `sources`, or of these files, in which a planted fault may look odd to the compiler;
-    raises LibraryError if the compiler refuses them."""
-    made_from, odd = (sources(), ()) if contents is None else (contents, ("-w",))
-    compiler.compile_c(made_from, output, compiler=compiler.host_compiler(), flags=(*flags, *odd, *GEOMETRY))
-    return output
-
-
 class Library:
     """One that was built, loaded; its functions are those of the sources, with nameless structures."""
 
@@ -118,5 +107,5 @@ class Library:
             self.ffi.cdef(_STRUCTURE.sub(lambda match: "int" if match[1] else "void ", found) + ";")
         self.c = self.ffi.dlopen(str(path))
 
-    def judge(self, found: bytes, keys: bytes, least: int = 1) -> int:
-        return int(self.c.twin_judge(found, len(found), keys, len(keys), rules(ONE), least))
+    def judge(self, found: bytes, keys: bytes) -> int:
+        return int(self.c.twin_judge(found, len(found), keys, len(keys), rules(ONE), 1))

@@ -7,13 +7,11 @@ from zlib import crc32
 
 import pytest
 
-from can_bridge.flashing.backing import MediumError, RecordKind
+from can_bridge.flashing.backing import RecordKind
 from can_bridge.uds.fault_codes import CODES, SNAPSHOT_BYTES
 from can_bridge.uds.fault_memory import AGED_CYCLES
-from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
 from ecu.fail_safe import OperatingMode
-from tests.can_bridge.uds.addresses import REQUEST_ID
 from tests.proofs.ecu_in_c.branch_coverage import branches
 from tests.proofs.ecu_in_c.planted import changed
 from tests.proofs.loader_in_c.node_library import QUICK, Library, build, sources
@@ -52,18 +50,11 @@ class Course:
     def periods(self, count: int, enable: bool | None) -> None:
         for _ in range(count):
             self.twins.control(enable)
-            self.ask()
+            self.twins.ask()
             self.twins.now_ns += 20 * MS
-            assert self.twins.differences == []
 
-    def ask(self, request: bytes = b"") -> bytes:
-        data = bytes([len(request)]) + request
-        frames = [Frame(frame_id=REQUEST_ID, data=data, timestamp_ns=self.twins.now_ns, is_fd=True)] if request else []
-        sent = self.twins.service(frames)
-        assert self.twins.differences == []
-        if not sent:
-            return b""
-        first = sent[0].data
+    def ask(self, request: bytes) -> bytes:
+        first = next((frame.data for frame in self.twins.ask(request)), b"\0\0")
         return first[2 : 2 + first[1]] if first[0] == 0 else first[1 : 1 + first[0]]
 
     def reports(self) -> None:
@@ -127,20 +118,17 @@ def live(of: Any, library: Library) -> None:
         course.ask(request)
     course.reports()
     # A memory that takes nothing, first while nothing may be written to it anyway, and records that no ECU writes.
-    keep = course.twins.backing.keep
     for fails in (True, False):
         course.into_control()
         course.periods(8, None)
         if not fails:
             course.ask(b"\x14\xff\xff\xff")
-        library.c.host_fail(course.twins.c._room, 1)
-        course.twins.backing.keep = _worn  # type: ignore[method-assign]
+        course.twins.fail(1)
         course.into_control()
         if fails:
             course.periods(8, None)
             assert course.ask(b"\x14\xff\xff\xff") == b"\x7f\x14\x72"
-        library.c.host_fail(course.twins.c._room, 0)
-        course.twins.backing.keep = keep  # type: ignore[method-assign]
+        course.twins.fail(0)
         course.next_cycle()
         course.reports()
     kept = course.twins.backing.kept[RecordKind.FAULTS]
@@ -177,10 +165,6 @@ def live(of: Any, library: Library) -> None:
     empty.periods(3, True)
     empty.reports()
     assert empty.twins.python.state.fail_safe.reason is Reason.NO_RELEASE
-
-
-def _worn(kind: RecordKind, record: bytes) -> None:
-    raise MediumError("worn", 0)
 
 
 def lives(contents: Mapping[str, bytes], folder: Path, name: str, flags: tuple[str, ...] = QUICK) -> Library:

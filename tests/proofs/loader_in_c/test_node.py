@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -27,10 +28,10 @@ from tests.proofs.ecu_in_c.planted import changed
 from tests.proofs.loader_in_c.node_library import QUICK, SESSION, Library, build, sources
 from tests.proofs.loader_in_c.node_plans import confirmations, overtaken
 from tests.proofs.loader_in_c.node_program import play, play_plan
-from tests.proofs.loader_in_c.node_sizes import sizes
 from tests.proofs.loader_in_c.node_slow import beside_jets, erased_beside, with_few_places
 from tests.proofs.loader_in_c.node_states import visited
-from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, world
+from tests.proofs.loader_in_c.node_twin import CONFIGS, MS, Twins, World, as_in_c, frame_to, world
+from tests.proofs.loader_in_c.proof import sizes
 from tests.proofs.loader_in_c.xcp_tool import ask_what_is_rare
 
 pytestmark = pytest.mark.compiler
@@ -142,12 +143,8 @@ class Listened:
     """Both ECUs in the extended session, looked at every 10 ms."""
 
     def __init__(self, of: World) -> None:
-        self.twins, self._bus = Twins(of), of.config.bus
+        self.twins, self.frame = Twins(of), partial(frame_to, of.config.bus)
         self.single(b"\x10\x03")
-
-    def frame(self, data: bytes) -> Frame:
-        to, is_fd = self._bus.diagnosis.request, self._bus.frames == "fd"
-        return Frame(frame_id=to.number, is_extended=to.is_extended, data=data, timestamp_ns=0, is_fd=is_fd)
 
     def single(self, *requests: bytes) -> list[Frame]:
         return self.look([self.frame(control_info.single(request)) for request in requests])

@@ -9,8 +9,9 @@ from contract.release import key_list
 from contract.release.signing import public_key
 from tests.can_bridge.flashing.releases import ROOT
 from tests.proofs.loader_in_c import store_proof
+from tests.proofs.loader_in_c.node_library import build
 from tests.proofs.loader_in_c.store_forged import forged, logs
-from tests.proofs.loader_in_c.store_library import Library, built
+from tests.proofs.loader_in_c.store_library import FLAGS, Library, sources
 from tests.proofs.loader_in_c.store_pair import Pair
 from tests.proofs.loader_in_c.store_stories import LISTS, RARE, Cuts, any_calls
 
@@ -19,7 +20,7 @@ pytestmark = pytest.mark.compiler
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    return Library(built(tmp_path_factory.mktemp("store") / "store.so"))
+    return Library(build(sources(), tmp_path_factory.mktemp("store"), "store.so", FLAGS))
 
 
 def test_every_call_has_the_same_answer_and_leaves_the_same_store(library):
@@ -66,7 +67,7 @@ def test_a_forged_record_is_judged_alike_and_the_newest_of_a_log_is_found(librar
 
 @pytest.mark.slow  # compiles with sanitisers
 def test_altered_images_have_the_same_verdict_and_no_undefined_behaviour(tmp_path):
-    counts, different = store_proof.fuzz(built(tmp_path / "fuzz", flags=("-O0", *store_proof.SANITISED[1:])), 1, 600)
+    counts, different = store_proof.fuzz(build(sources(), tmp_path, "fuzz", (*store_proof.SANITISED, "-O0")), 1, 600)
     assert different == []
     assert len(counts) >= 12, counts
 

@@ -10,11 +10,11 @@ from can_bridge.calibration.xcp import Command
 from can_bridge.calibration.xcp_slave import IDLE_NS
 from can_bridge.flashing.access_level import Level
 from can_bridge.wire.frame import CLASSIC_LENGTHS, FD_LENGTHS, Frame
-from contract.config.diagnosis import DiagnosisConfig
+from contract.config.diagnosis import CanId
 from contract.config.vehicle import BusConfig
 from contract.controller.calibration import PACKED_BYTES
 from tests.can_bridge.flashing.store_ecu import KEY
-from tests.proofs.loader_in_c.node_twin import MS, Twins
+from tests.proofs.loader_in_c.node_twin import MS, Twins, frame_to
 
 _RARE_HEX: Final = """
 e400000000 e400000001 d6 d500000100 d5000100 d400000000 d400010001 d400000001 d30000000001 e20000000000 e1ff000000010020
@@ -28,8 +28,8 @@ _SMALL: Final = (0, 0, 0, 1, 1, 2, 3, 4, 7, 8, 16, 17, 0x80, 0x83, 0xFF)
 class XcpTool:
     """One tool. `share` is how often it says something in a look at diagnosis."""
 
-    def __init__(self, ids: DiagnosisConfig, seed: str, *, is_fd: bool, share: float = 0.8) -> None:
-        self._ids, self._rng, self._is_fd, self._share = ids, Random(seed), is_fd, share
+    def __init__(self, bus: BusConfig, seed: str, *, share: float) -> None:
+        self._bus, self._rng, self._share = bus, Random(seed), share
         self._plan: Iterator[bytes] = iter(())
         self._answer = b""
         self.heard = 0
@@ -43,7 +43,7 @@ class XcpTool:
 
     def hear(self, frames: list[Frame]) -> None:
         for frame in frames:
-            if frame.identifier == self._ids.xcp_response:
+            if frame.identifier == self._bus.diagnosis.xcp_response:
                 self._answer = frame.data if frame.data[0] == 0xFF else self._answer
                 self.heard += 1
 
@@ -146,26 +146,24 @@ class XcpTool:
         yield rng.choice((b"\xde\0\0\0", b"\xdd\0", b"\xdd\x02", b"\xfe", b"\xfd"))
 
     def _frame(self, data: bytes, now_ns: int) -> Frame:
-        lengths = FD_LENGTHS if self._is_fd else CLASSIC_LENGTHS
+        lengths = FD_LENGTHS if self._bus.frames == "fd" else CLASSIC_LENGTHS
         if self._rng.random() < 0.3:
             # Padded; not every tool does so.
             data = data.ljust(min(n for n in lengths if n >= max(8, len(data))), b"\xcc")
-        number, is_extended = self._ids.xcp_command
-        return Frame(frame_id=number, data=data, timestamp_ns=now_ns, is_fd=self._is_fd, is_extended=is_extended)
+        return frame_to(self._bus, data, self._bus.diagnosis.xcp_command, now_ns)
 
 
 def ask_what_is_rare(twins: Twins, bus: BusConfig) -> None:
     """What a tool at random hardly ever comes to: it unlocks both ECUs, measures, and is silent for too long, twice."""
-    number, is_extended = bus.diagnosis.xcp_command
+    own = bus.diagnosis.xcp_command
 
-    def ask(data: bytes, *, is_foreign: bool = False) -> bytes:
-        kind = {"is_fd": bus.frames == "fd", "is_extended": is_extended is not is_foreign}
-        sent = twins.service([Frame(frame_id=number, data=data, timestamp_ns=twins.now_ns, **kind)])
+    def ask(data: bytes, to: CanId = own) -> bytes:
+        sent = twins.service([frame_to(bus, data, to, twins.now_ns)])
         twins.now_ns += MS
         assert twins.differences == []
         return next((frame.data for frame in sent if frame.identifier == bus.diagnosis.xcp_response), b"")
 
-    ask(b"\xff\x00", is_foreign=True)
+    ask(b"\xff\x00", own._replace(is_extended=not own.is_extended))
     ask(b"\xff\x00")
     seed = ask(b"\xf8\x00\x01")[2:] + ask(b"\xf8\x01\x01")[2:]
     key = KEY.answer(Level.CALIBRATION, seed)

@@ -34,6 +34,7 @@ from contract.errors import StillwakeError
 from stillwake.console.outputs import save_json
 from stillwake.parts.c_release import library_folder
 from tests.proofs.command_line import JsonFile
+from tests.proofs.ecu_in_c.planted import changed
 
 HARNESSES: Final = Path(__file__).with_name("c")
 PLAN: Final = Path(__file__).with_name("items.toml")
@@ -60,10 +61,6 @@ _ALARM: Final = re.compile(r"^\[eva:alarm\] (?:\S*/)?(\S+:\d+): Warning: *\n *(.
 _STATEMENTS: Final = re.compile(r"(\d+) statements reached \(out of (\d+)\)")
 
 State = Literal["proved", "failed", "open"]
-
-
-class ProofError(StillwakeError):
-    """An item is no longer proved, or no proof detects a sabotage."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,12 +110,9 @@ class Sabotage:
     new: str
 
     def into(self, folder: Path) -> None:
-        """Change the line in a copy of the library; raise ProofError if the line does not occur exactly once."""
+        """Change the line in a copy of the library; raise ValueError if the line does not occur exactly once."""
         path = next(path for path in (folder / self.file, folder / "loader" / self.file) if path.exists())
-        before = path.read_text(encoding="utf-8")
-        if before.count(self.old) != 1:
-            raise ProofError(f"{self.file}: {self.old!r} stands there {before.count(self.old)} times: must be once")
-        path.write_text(before.replace(self.old, self.new), encoding="utf-8")
+        path.write_bytes(changed({self.file: path.read_bytes()}, self.file, self.old, self.new)[self.file])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +198,7 @@ def _judged(output: str, cpu_s: int, taken_s: float) -> tuple[State, str]:
         violated = _VIOLATED.search(output)
         return "failed", _PLACE.sub("", " ".join(violated[1].split())) if violated else "no property named"
     if re.search(r"^ERROR: (PARSING|CONVERSION)", output, re.MULTILINE):
-        raise ProofError(f"a harness does not compile: {output[:300]}")
+        raise StillwakeError(f"a harness does not compile: {output[:300]}")
     if taken_s >= cpu_s - 2:
         return "open", f"not decided in {cpu_s} s"
     last = next((line for line in reversed(output.splitlines()) if "ERROR" in line or "bad_alloc" in line), "")
@@ -262,7 +256,9 @@ def main(
     wrong = [name for name in chosen if done[name].state == "failed"]
     wrong += [one.what for one in sabotage if one.item in chosen and spoilt[one.what].state == "proved"]
     if wrong:
-        raise ProofError(f"{wrong[0]}: {'a property is violated' if wrong[0] in done else 'the sabotage is not found'}")
+        raise StillwakeError(
+            f"{wrong[0]}: {'a property is violated' if wrong[0] in done else 'the sabotage is not found'}"
+        )
 
 
 def _tell(name: str, outcome: Outcome) -> None:

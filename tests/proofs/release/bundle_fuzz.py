@@ -11,14 +11,14 @@ ends the run with the case's number.
 
 import hashlib
 import tempfile
-from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from random import Random
 from time import perf_counter
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
@@ -46,60 +46,48 @@ class FuzzError(StillwakeError):
 
 @dataclass(kw_only=True, eq=False)
 class Sound:
-    """What all cases are made from: a bundle's files, and the header of a C library of the same program."""
+    """What all cases are made from: a bundle's files, and the header of a C library of the same program; and what
+    memory the process had taken by then, in MB."""
 
     files: Mapping[str, bytes]
     header: bytes
     manifest: Manifest
-
-    @classmethod
-    def make(cls, folder: Path) -> "Sound":
-        """A small release that nobody trained, with the shipped release's facts around it."""
-        manifest, graph = untrained()
-        bundle.write(folder / "sound", manifest, {CONTROLLER: graph})
-        loaded = bundle.load(folder / "sound")
-        files = {item.name: item.read_bytes() for item in (folder / "sound").iterdir()}
-        return cls(files=files, header=c_library(small_program())[PROGRAM_SETTINGS], manifest=loaded.manifest)
+    max_rss_mb: float
 
 
-@dataclass(kw_only=True, eq=False)
-class Tally:
-    """What became of the cases so far; times in s of wall clock."""
+@cache
+def sound() -> Sound:
+    """A small release that nobody trained, with the shipped release's facts around it."""
+    manifest, graph = untrained()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name, "sound")
+        bundle.write(folder, manifest, {CONTROLLER: graph})
+        files = {item.name: item.read_bytes() for item in folder.iterdir()}
+        loaded, header = bundle.load(folder).manifest, c_library(small_program())[PROGRAM_SETTINGS]
+    return Sound(files=files, header=header, manifest=loaded, max_rss_mb=max_rss_kib() / 1024)
 
-    refused: defaultdict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
-    accepted: Counter[str] = field(default_factory=Counter)
-    slowest: dict[str, float] = field(default_factory=dict)
-    max_rss_mb: float = 0.0
-    max_rss_before_mb: float = 0.0
 
-    def add(self, other: "Tally") -> None:
-        """Count another one's cases, too."""
-        self.accepted += other.accepted
-        for kind, seconds in other.slowest.items():
-            self.refused[kind] += other.refused[kind]
-            self.slowest[kind] = max(self.slowest.get(kind, 0.0), seconds)
-        self.max_rss_mb = max(self.max_rss_mb, other.max_rss_mb)
-        self.max_rss_before_mb = max(self.max_rss_before_mb, other.max_rss_before_mb)
+class Ended(NamedTuple):
+    """How a case ended: with the error's name, or "" if it was accepted; after so many seconds of wall clock."""
 
-    def figures(self) -> dict[str, Any]:
-        """By kind: cases, how many were accepted and refused, the latter by error, and the slowest one's seconds."""
-        kinds = {
-            kind: {
-                "cases": self.accepted[kind] + self.refused[kind].total(),
-                "accepted": self.accepted[kind],
-                "refused": dict(self.refused[kind].most_common()),
-                "slowest_s": self.slowest[kind],
+    kind: str
+    error: str
+    seconds: float
+
+
+def figures(cases: Sequence[Ended]) -> dict[str, Any]:
+    """By kind: cases, how many were accepted and refused, the latter by error, and the slowest one's seconds."""
+    kinds = {}
+    for kind in KINDS:
+        if own := [case for case in cases if case.kind == kind]:
+            refused = Counter(case.error for case in own if case.error)
+            kinds[kind] = {
+                "cases": len(own),
+                "accepted": len(own) - refused.total(),
+                "refused": dict(refused.most_common()),
+                "slowest_s": max(case.seconds for case in own),
             }
-            for kind in KINDS
-            if kind in self.slowest
-        }
-        return {
-            "kinds": kinds,
-            "cases": sum(item["cases"] for item in kinds.values()),
-            "slowest_s": max(self.slowest.values()),
-            "max_rss_mb": self.max_rss_mb,
-            "max_rss_before_mb": self.max_rss_before_mb,
-        }
+    return {"kinds": kinds, "cases": len(cases), "slowest_s": max(case.seconds for case in cases)}
 
 
 def main(
@@ -109,58 +97,46 @@ def main(
     processes: Processes = 1,
 ) -> None:
     """Make them, have them read, and print what became of them."""
-    tally = Tally()
-    for part in in_parts(partial(run_cases, seed), cases, PIECE, processes, "cases"):
-        tally.add(part)
-    report(json_file, "damaged", tally.figures(), packages=("stillwake", "numpy", "onnxruntime"), seed=seed)
+    parts = list(in_parts(partial(run_cases, seed), cases, PIECE, processes, "cases"))
+    found = figures([case for part, _, _ in parts for case in part])
+    found |= {"max_rss_mb": max(most for _, _, most in parts), "max_rss_before_mb": max(most for _, most, _ in parts)}
+    report(json_file, "damaged", found, packages=("stillwake", "numpy", "onnxruntime"), seed=seed)
 
 
-@cache
-def _sound() -> tuple[Sound, float]:
-    """Of this process, and its memory before the first case in MB."""
+def run_cases(seed: int, numbers: range) -> tuple[list[Ended], float, float]:
+    """Run some cases; the process's memory in MB before the first and at most. Raises as `run_case` does."""
+    before = sound().max_rss_mb
     with tempfile.TemporaryDirectory() as folder:
-        sound = Sound.make(Path(folder))
-    return sound, max_rss_kib() / 1024
+        ended = [run_case(Path(folder), seed, number) for number in numbers]
+    return ended, before, max_rss_kib() / 1024
 
 
-def run_cases(seed: int, numbers: range) -> Tally:
-    """Run some cases; raises as `run_case` does."""
-    sound, before = _sound()
-    tally = Tally(max_rss_before_mb=before)
-    with tempfile.TemporaryDirectory() as folder:
-        for number in numbers:
-            run_case(Path(folder), sound, seed, number, tally)
-    tally.max_rss_mb = max_rss_kib() / 1024
-    return tally
-
-
-def run_case(folder: Path, sound: Sound, seed: int, number: int, tally: Tally) -> None:
-    """Make one case, have it read, and count it; raises FuzzError if it was accepted and should not have been, or the
-    error is not one printable line."""
+def run_case(folder: Path, seed: int, number: int) -> Ended:
+    """Make one case and have it read; raises FuzzError if it was accepted and should not have been, or the error is not
+    one printable line."""
     # Not `hash`, which differs between processes.
     rng = Random(int.from_bytes(hashlib.sha256(f"{seed} {number}".encode()).digest()[:8], "big"))
     kind = rng.choices(list(KINDS), weights=list(KINDS.values()))[0]
-    read = _reader(kind, folder, sound, rng)
+    read, refused = _reader(kind, folder, rng), ""
     began = perf_counter()
     try:
         read()
-        tally.accepted[kind] += 1
     except Exception as error:
         if isinstance(error, FuzzError) or not isinstance(error, StillwakeError) or not str(error).isprintable():
             raise FuzzError(f"case {number} of seed {seed}, {kind}: {error!r}") from error
-        tally.refused[kind][type(error).__name__] += 1
-    tally.slowest[kind] = max(tally.slowest.get(kind, 0.0), perf_counter() - began)
+        refused = type(error).__name__
+    return Ended(kind, refused, perf_counter() - began)
 
 
-def _reader(kind: str, folder: Path, sound: Sound, rng: Random) -> Callable[[], object]:
+def _reader(kind: str, folder: Path, rng: Random) -> Callable[[], object]:
     """Damage one of the sound files, put it into a folder, and have it read."""
-    path, files = folder / "damaged", dict(sound.files)
+    path, files = folder / "damaged", dict(sound().files)
     if kind == "C header":
-        content = damage.bytes_of(rng, sound.header)
+        content = damage.bytes_of(rng, sound().header)
         return lambda: _read_header(content)
     if kind == "image":
         content = damage.bytes_of(rng, image_of(files))
-        return lambda: _identical(read_checked(path, files_of(content)), sound)
+        return lambda: _identical(read_checked(path, files_of(content)))
     if kind == "graph":
         files |= damage.with_controller(files, CONTROLLER, damage.bytes_of(rng, files[CONTROLLER]))
     elif kind == "manifest's values":
@@ -173,7 +149,7 @@ def _reader(kind: str, folder: Path, sound: Sound, rng: Random) -> Callable[[], 
         (path / name).write_bytes(content)
     if kind == "graph":
         return lambda: OnnxController.of(bundle.load(path))
-    return lambda: bundle.load(path) if kind == "manifest's values" else _identical(bundle.load(path), sound)
+    return lambda: bundle.load(path) if kind == "manifest's values" else _identical(bundle.load(path))
 
 
 def _read_header(content: bytes) -> None:
@@ -183,7 +159,7 @@ def _read_header(content: bytes) -> None:
         settings.text(name)
 
 
-def _identical(loaded: Bundle, sound: Sound) -> None:
-    contents = {name: content for name, content in sound.files.items() if name != MANIFEST}
-    if (loaded.manifest, dict(loaded.files)) != (sound.manifest, contents):
+def _identical(loaded: Bundle) -> None:
+    contents = {name: content for name, content in sound().files.items() if name != MANIFEST}
+    if (loaded.manifest, dict(loaded.files)) != (sound().manifest, contents):
         raise FuzzError("accepted, though its content is another one")

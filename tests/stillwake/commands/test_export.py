@@ -16,8 +16,7 @@ from contract.release.checks import dbc_bytes
 from contract.release.controller_image import intel_hex, read
 from contract.shipped import BUNDLE
 from export.int8.rounded_program import rounded_to_nearest
-from firmware_sim.mcu.build import compile_board
-from firmware_sim.mcu.elf import read_elf
+from firmware_sim.mcu.build import compile_board, read_elf
 from firmware_sim.mcu.measure import flash_bytes, linked_ram
 from stillwake.console.endings import EXTRAS
 from stillwake.parts import c_release
@@ -34,7 +33,7 @@ XCP_BYTES = 5 * 1024
 def test_the_library_of_the_shipped_bundle_is_of_its_program(cli, refused, tmp_path, monkeypatch):
     """With the extra `c` alone; the folder has what other tools read beside the sources."""
     monkeypatch.setattr("export.release.pipeline.GATE_WINDOWS", 5)  # the release was gated by all when it was made
-    monkeypatch.setattr("firmware_sim.fmu.ecu_fmu.binaries", lambda sources, kind: {})  # compiled by its own tests
+    monkeypatch.setattr("firmware_sim.fmu.fmu_files.binaries", lambda sources, kind: {})  # compiled by its own tests
     with monkeypatch.context() as patch:
         for name in {name for names in EXTRAS.values() for name in names} - {*EXTRAS["c"]}:
             patch.setitem(sys.modules, name, None)

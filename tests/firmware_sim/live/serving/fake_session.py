@@ -4,35 +4,20 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from contract.errors import PlantError, StillwakeError
 from firmware_sim.live.loop.messages import PERIOD_COLUMNS, LiveAnswer, LiveMessage, Request
 
-KEPT = 50
 PICTURE_BYTES = 90_000
 
 
-def hello(run: int = 1, kept: int = KEPT) -> LiveMessage:
-    return {"type": "hello", "run": run, "kept": kept, "period_ms": 5.0}
+def hello(run: int = 1) -> LiveMessage:
+    return {"type": "hello", "run": run, "period_ms": 5.0}
 
 
 def periods(*numbers: int, run: int = 1) -> LiveMessage:
     return {"type": "periods", "run": run, "columns": {name: [float(k) for k in numbers] for name in PERIOD_COLUMNS}}
-
-
-@dataclass(frozen=True, kw_only=True)
-class MakeFake:
-    """Picklable maker of one, or of an error."""
-
-    error: str = ""
-
-    def __call__(self, show: Callable[[str], None]) -> Any:
-        if self.error:
-            raise StillwakeError(self.error)
-        return FakeSession(show)
 
 
 class FakeSession:

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim.live.loop.messages import LiveMessage
+from firmware_sim.live.loop.messages import KEPT_PERIODS, LiveMessage
 from firmware_sim.live.serving.supervisor import MOST_ROWS, STREAMS, Hub, Viewer
 from tests.examples import examples
 from tests.firmware_sim.live.serving.fake_session import hello, periods
@@ -21,7 +21,7 @@ NOW: list[LiveMessage] = [{"type": "now", "k": k} for k in range(3)]
 @examples(30)
 def test_no_period_is_missed_or_doubled(steps: list[int]):
     hub = Hub()
-    hub.put([hello(kept=1000)])
+    hub.put([hello()])
     viewer, given_so_far, seen = Viewer(hub), 0, list[float]()
     viewer.take("hello")
     for new in [*steps, 0]:
@@ -35,10 +35,10 @@ def test_no_period_is_missed_or_doubled(steps: list[int]):
 
 def test_a_viewer_who_is_late_gets_what_is_kept_in_parts_and_of_the_rest_the_newest_once():
     hub = Hub()
-    hub.put([hello(kept=2 * MOST_ROWS), periods(*range(3 * MOST_ROWS)), NOW[1], b"first", NOW[2], b"second"])
+    hub.put([hello(), periods(*range(KEPT_PERIODS + 2)), NOW[1], b"first", NOW[2], b"second"])
     for viewer in (Viewer(hub), Viewer(hub)):
-        assert rows_of(viewer.take("periods")) == list(range(MOST_ROWS, 2 * MOST_ROWS))
-        assert rows_of(viewer.take("periods")) == list(range(2 * MOST_ROWS, 3 * MOST_ROWS))
+        for begin in range(2, KEPT_PERIODS, MOST_ROWS):
+            assert rows_of(viewer.take("periods")) == list(range(begin, begin + MOST_ROWS))
         assert (viewer.take("now"), viewer.take("picture")) == (NOW[2], b"second")
         assert {viewer.take(stream) for stream in ("periods", "now", "picture")} == {None}
 

@@ -18,20 +18,14 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from contract.errors import StillwakeError
 from firmware_sim.live.serving import handlers, server
-from firmware_sim.live.serving.handlers import (
-    LONGEST_REQUEST,
-    MOST_UNANSWERED,
-    SEND_BUFFER,
-    TRY_AGAIN_LATER,
-    PageAccess,
-)
 from firmware_sim.live.serving.server import BoundedServer, application, serve
 from firmware_sim.live.serving.supervisor import Supervisor
-from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, MakeFake
+from tests.firmware_sim.live.serving.fake_session import PICTURE_BYTES, FakeSession
 
 PATIENCE_S = 60.0
 """A process is started on a machine that does other things."""
-OPEN = PageAccess(token=None)
+OPEN = handlers.PageAccess(token=None)
+FAKE: Any = FakeSession
 
 
 @dataclass(frozen=True)
@@ -49,15 +43,15 @@ class Place:
 
 @asynccontextmanager
 async def placed(
-    make: MakeFake | None = None,
-    access: PageAccess = OPEN,
+    make: Any = None,
+    access: handlers.PageAccess = OPEN,
     *,
     stalled_s: float = 30.0,
     short_life_s: float = 30.0,
     idle_s: float = 30.0,
 ) -> AsyncIterator[Place]:
     """A server, with a loop if there is what makes one."""
-    supervisor = Supervisor(make or MakeFake(), short_life_s=short_life_s)
+    supervisor = Supervisor(make or FAKE, short_life_s=short_life_s)
     listening, port = bind_unused_port()
     serving = BoundedServer(application(supervisor, access, stalled_s=stalled_s), idle_s=idle_s)
     serving.add_socket(listening)
@@ -126,7 +120,7 @@ async def test_the_page_has_its_files_and_no_other_can_be_had() -> None:
 
 @in_a_loop
 async def test_who_has_not_the_token_or_is_another_page_is_refused() -> None:
-    async with placed(access=PageAccess(token="right")) as place:
+    async with placed(access=handlers.PageAccess(token="right")) as place:
         evil = {"Origin": "http://evil.example"}
         for path in ("/", "/static/ring.js", "/stream", "/control", "/none"):
             for query, origin in (("", {}), ("?token=wrong", {}), ("?token=right", evil)):
@@ -155,7 +149,7 @@ async def test_only_so_many_can_look(monkeypatch) -> None:
     async with placed() as place, asyncio.timeout(PATIENCE_S):
         viewers = [await place.connect("/stream") for _ in range(3)]
         assert await viewers[2].read_message() is None
-        assert viewers[2].close_code == TRY_AGAIN_LATER
+        assert viewers[2].close_code == handlers.TRY_AGAIN_LATER
         # A place that is given up can be had: there is something to be read.
         place.supervisor.hub.put([b"picture"])
         viewers[0].close()
@@ -169,7 +163,7 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
     async def ask(number: int, **given: object) -> None:
         await control.write_message(json.dumps({"id": number, "set": given}, default=str))
 
-    async with placed(MakeFake()) as place:
+    async with placed(FAKE) as place:
         viewers = [await place.connect("/stream") for _ in range(2)]
         for viewer in viewers:
             assert (await heard(viewer))["type"] == "loop"
@@ -199,27 +193,27 @@ async def test_viewers_see_and_ask(tmp_path) -> None:
         await ask(12, make=tmp_path, fail=True)
         assert (await read(control))["error"] == "it cannot be made"
         # Who asks without end is refused, and the others are not.
-        for number in range(MOST_UNANSWERED + 1):
+        for number in range(handlers.MOST_UNANSWERED + 1):
             await ask(number, wait=tmp_path / "all")
         refused = await read(control)
-        assert refused["id"] == MOST_UNANSWERED and "wait for the loop already" in refused["error"]
+        assert refused["id"] == handlers.MOST_UNANSWERED and "wait for the loop already" in refused["error"]
         (tmp_path / "all").touch()
-        answered = [await read(control) for _ in range(MOST_UNANSWERED)]
-        assert {one["id"] for one in answered if "error" not in one} == set(range(MOST_UNANSWERED))
+        answered = [await read(control) for _ in range(handlers.MOST_UNANSWERED)]
+        assert {one["id"] for one in answered if "error" not in one} == set(range(handlers.MOST_UNANSWERED))
         # Nothing comes while it is paused, and it still answers.
         await answer(control, '{"pause": true}')
         assert len({(await answer(control, "{}"))["note"] for _ in range(3)}) == 1
-        await control.write_message("x" * (LONGEST_REQUEST + 1))
+        await control.write_message("x" * (handlers.LONGEST_REQUEST + 1))
         async with asyncio.timeout(PATIENCE_S):
             assert await control.read_message() is None
 
 
-def silent(port: int, path: str = "/stream") -> socket.socket:
+def silent(port: int) -> socket.socket:
     """A viewer that opens a channel and never reads."""
     viewer = socket.socket()
     viewer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     viewer.connect(("127.0.0.1", port))
-    head = (f"GET {path} HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade")
+    head = ("GET /stream HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade")
     key = ("Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Version: 13", "", "")
     viewer.sendall("\r\n".join((*head, *key)).encode())
     return viewer
@@ -228,13 +222,13 @@ def silent(port: int, path: str = "/stream") -> socket.socket:
 @pytest.mark.processes
 @in_a_loop
 async def test_who_does_not_read_holds_up_no_one_and_is_closed(caplog) -> None:
-    async with placed(MakeFake(), stalled_s=0.5) as place:
+    async with placed(FAKE, stalled_s=0.5) as place:
         reading = await place.connect("/stream")
         await heard(reading, type="picture")
         with silent(place.port) as stalled:
             begin = int((await heard(reading, type="now"))["k"])
             # It could have had some ten times as much as the machine keeps for it.
-            pictures = 10 * SEND_BUFFER // PICTURE_BYTES
+            pictures = 10 * handlers.SEND_BUFFER // PICTURE_BYTES
             rows = list[float]()
             while len(rows) < pictures * 2:
                 rows += (await heard(reading, type="periods"))["columns"]["k"]
@@ -243,7 +237,7 @@ async def test_who_does_not_read_holds_up_no_one_and_is_closed(caplog) -> None:
             stalled.settimeout(PATIENCE_S)
             taken = await asyncio.to_thread(_until_closed, stalled)
         # What it finds at the end is what the machine kept, and no more than a message of the server's.
-        assert taken < 2 * SEND_BUFFER + 3 * PICTURE_BYTES
+        assert taken < 2 * handlers.SEND_BUFFER + 3 * PICTURE_BYTES
     gc.collect()
     assert caplog.records == []
 
@@ -279,7 +273,7 @@ async def test_idle_connections_are_closed_and_more_than_a_bound_refused(monkeyp
 @pytest.mark.processes
 @in_a_loop
 async def test_a_loop_that_ends_reports_why_and_starts_again() -> None:
-    async with placed(MakeFake(), short_life_s=0.0) as place:
+    async with placed(FAKE, short_life_s=0.0) as place:
         for order, reason in (("diverge", "the flow diverged at t = 1.0"), ("die", "SIGKILL")):
             stream, control = await place.connect("/stream"), await place.connect("/control")
             await heard(stream, type="hello")
@@ -291,11 +285,14 @@ async def test_a_loop_that_ends_reports_why_and_starts_again() -> None:
                 pass
 
 
+def no_session(show: Callable[[str], None]) -> Any:
+    raise StillwakeError("no data are installed")
+
+
 @pytest.mark.processes
 def test_a_loop_that_cannot_start_ends_the_server():
     lines = list[str]()
-    make = MakeFake(error="no data are installed")
-    served = serve(make, port=0, is_stopped=lambda: False, ready=lambda url: None, report=lines.append)
+    served = serve(no_session, port=0, is_stopped=lambda: False, ready=lambda url: None, report=lines.append)
     with pytest.raises(StillwakeError, match="no data are installed"):
         asyncio.run(asyncio.wait_for(served, PATIENCE_S))
     assert len(lines) == 2

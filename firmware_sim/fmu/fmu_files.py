@@ -1,7 +1,13 @@
-"""The ECU in C as one FMU, with its compiled library and its sources, for any tool that imports FMI 3.0 or 2.0."""
+"""The files of both FMUs, for any tool that imports FMI 3.0 or 2.0.
+
+The ECU in C has its compiled library and its sources. The plant has settings, a script that `pythonfmu3` runs, and a
+binary that first checks each call.
+"""
 
 import hashlib
+import json
 import platform
+import shutil
 import sys
 import tempfile
 import uuid
@@ -12,10 +18,12 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
+from contract.config.loading import to_tree
 from contract.config.tree import Config
 from contract.controller.c_folder import library_sources
 from contract.errors import ConfigError, LibraryError
 from contract.release.checks import Bundle
+from ecu.c.sources import fmu_sources, plant_fmu_sources
 from ecu.in_c.compiler import compile_c, host_compiler, zig_compiler
 from firmware_sim.fmu.descriptions import as_fmi2, bus_files, model_description, xml_bytes
 from firmware_sim.fmu.ecu_variables import IDENTIFIER, ecu_variables, wrapper_settings
@@ -33,18 +41,12 @@ _SETTINGS: Final = "sw_fmu_settings.h"
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 
 
-def ecu_fmu(
-    ecu: Mapping[str, bytes], wrapper: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS
-) -> bytes:
-    """Return the FMU's file; equal arguments and an equal compiler give equal bytes. Raises LibraryError if there is no
-    compiler, or the compiler rejects the sources; ConfigError if the step offset or the compute time is not shorter
-    than the control period.
-
-    Args:
-        ecu: `ecu.in_c.c_ecu.ecu_sources` of this verified release and vehicle.
-        wrapper: `ecu.c.sources.fmu_sources` of this kind.
-    """
-    sources = library_sources(ecu) | dict(wrapper)
+def ecu_fmu(ecu: Mapping[str, bytes], bundle: Bundle, config: Config, kind: FmuKind = WITH_SIGNALS) -> bytes:
+    """Return the FMU's file; equal arguments and an equal compiler give equal bytes. `ecu` has the
+    `ecu.in_c.c_ecu.ecu_sources` of this verified release and vehicle. Raises LibraryError if there is no compiler, or
+    the compiler rejects the sources; ConfigError if the step offset or the compute time is not shorter than the control
+    period."""
+    sources = library_sources(ecu) | fmu_sources(*kind.sources)
     variables = ecu_variables(bundle.manifest.sensors, config, bus=kind.bus)
     for name in ("step_offset_ms", "compute_time_ms") if kind.bus else ():
         value, period_ms = getattr(config.ecu, name), config.period_ns / 1e6
@@ -105,3 +107,57 @@ def _build_description(sources: Mapping[str, bytes]) -> bytes:
         if name.endswith(".c"):
             add(files, "SourceFile", name=name)
     return xml_bytes(root)
+
+
+_PLANT_SETTINGS: Final = "sw_plant_settings.h"
+BEHIND: Final = "pythonfmu.so"
+"""File name that the FMU gives to the binary of `pythonfmu3`; the binary that checks the calls loads this file."""
+_DESCRIPTION: Final = "modelDescription.xml"
+
+
+def plant_fmu(config: Config, start: Path | None = None, kind: FmuKind = WITH_SIGNALS) -> bytes:
+    """Return the FMU's file, after creating the plant once as a check. `start` is the file of the initial flow state;
+    if None, the shipped state. Raises PlantError if the start is a state of another plant, or the plant is not stable;
+    LibraryError if there is no compiler, or `pythonfmu3` has no binary for this machine; ModuleNotFoundError if
+    `pythonfmu3` is not installed (extra fmu)."""
+    from pythonfmu3.builder import FmuBuilder
+
+    from firmware_sim.fmu import plant_slave
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        files = [folder / plant_slave.SETTINGS]
+        files[0].write_text(json.dumps(to_tree(config)), encoding="utf-8")
+        if start is not None:
+            files.append(folder / plant_slave.START)
+            shutil.copyfile(start, files[-1])
+        made = FmuBuilder.build_FMU(Path(plant_slave.__file__), folder, files, canGetAndSetFMUState=True)
+        with zipfile.ZipFile(made) as archive:
+            contents = {item: archive.read(item) for item in archive.namelist() if not item.endswith("/")}
+        about = ElementTree.fromstring(contents[_DESCRIPTION])
+        simulated = about.find("CoSimulation")
+        assert simulated is not None
+        simulated.set("fixedInternalStepSize", repr(config.period_ns / 1e9))
+        binary = f"binaries/{PLATFORM}/{simulated.get('modelIdentifier')}.so"
+        if binary not in contents:
+            raise LibraryError(f"no FMU of the plant for {PLATFORM}: pythonfmu3 brings no binary for it")
+        of_pythonfmu = contents.pop(binary)
+        compiled = folder / "front.so"
+        front = plant_fmu_sources(*kind.sources[1:]) | {_PLANT_SETTINGS: _plant_settings(about)}
+        compile_c(front, compiled, compiler=host_compiler(), flags=(*FLAGS, "-ldl"))
+        place, described = f"binaries/{platform_of(PLATFORM, kind)}", as_fmi2(about) if kind.fmi2 else about
+        own = {f"{place}/{Path(binary).name}": compiled.read_bytes(), f"{place}/{BEHIND}": of_pythonfmu}
+        return zipped(contents | {_DESCRIPTION: xml_bytes(described)} | own)
+
+
+def _plant_settings(about: ElementTree.Element) -> bytes:
+    """Return `sw_plant_settings.h`; the value references of the inputs must be consecutive."""
+    variables = about.findall("ModelVariables/*")
+    inputs = [int(item.get("valueReference", "")) for item in variables if item.get("causality") == "input"]
+    assert inputs == list(range(inputs[0], inputs[-1] + 1))
+    return (
+        "/* Generated: the variables of the plant's FMU. */\n"
+        f'#define SW_PLANT_TOKEN "{about.get("instantiationToken")}"\n'
+        f"#define SW_PLANT_VARIABLES {len(variables)}u\n"
+        f"#define SW_PLANT_FIRST_INPUT {inputs[0]}u\n#define SW_PLANT_LAST_INPUT {inputs[-1]}u\n"
+    ).encode()
