@@ -6,10 +6,10 @@ on this machine and on a microcontroller, and the same functions also read the m
 """
 
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import cffi
 import numpy as np
@@ -36,7 +36,8 @@ from ecu.timing import StepTiming
 
 T = TypeVar("T")
 _HEADER: Final = "sw_ecu.h"
-_LARGEST: Final = {"int64": 2**63 - 1, "uint64": 2**64 - 1, "uint32": 2**32 - 1}
+_RANGES: Final = {"uint32_t": (0, 2**32 - 1), "int64_t": (-(2**63), 2**63 - 1)}
+"""Ranges of counts and of times in C."""
 # The scratch memory is the last member of the ECU, so an opaque type can replace it: no other member moves.
 _STANDING_IN: Final = {
     "sw_workspace.h": b"typedef struct { char not_shown; } sw_workspace;\n",
@@ -47,7 +48,15 @@ _STANDING_IN: Final = {
 _MODES: Final = tuple(OperatingMode)
 _STREAMS: Final = tuple(StreamState)
 _SENSOR_ARRAYS: Final = ("fast", "slow", "noise", "score", "estimates")
-_HEALTH_COUNTS: Final = ("tx_errors", "rx_errors", "bus_off")
+
+
+class Leaf(NamedTuple):
+    """A number or an array of numbers in a struct: its name, its bytes `begin` to `end`, and its type in cffi."""
+
+    name: str
+    begin: int
+    end: int
+    kind: Any
 
 
 class Structs:
@@ -95,7 +104,7 @@ class Structs:
     def surround(
         self, surroundings: Any, health: BusHealth, *, fault: Reason | None = None, updating: bool = False
     ) -> None:
-        self._set_health(surroundings.health, health)
+        self._fill(surroundings.health, health, is_bus_off=health.state is BusState.BUS_OFF)
         surroundings.fault = Reason.NONE if fault is None else fault
         surroundings.updating = updating
 
@@ -169,60 +178,93 @@ class Structs:
             ),
         )
 
-    def set_state(self, state: Any, value: EcuState) -> None:
+    def set_state(self, pointer: Any, value: EcuState) -> None:
         """Fill in a `sw_ecu_state`; counts saturate, and a library without a key has no state of authentication."""
-        self.ffi.buffer(state)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
-        self._set_memory(state.memory, value.memory)
-        self._set_sensors(state.sensors, value.sensors)
-        for item in fields(BenefitCheckState):
-            setattr(state.benefit, item.name, getattr(value.benefit, item.name))
-        _set_received(state.pressures, value.pressures)
-        if self._serves_speeds:
-            self._set_speed(state.speed, value.speed)
+        self.ffi.buffer(pointer)[:] = bytes(self.ffi.sizeof("sw_ecu_state"))
+        state, memory, sensors = pointer[0], value.memory, value.sensors
+        self._fill(
+            state,
+            value,
+            command_counter=value.commands.counter,
+            status_counter=value.statuses.counter,
+            has_pressures=value.pressure_ns is not None,
+        )
+        frozen, actions = len(memory.under_way.pending), list(memory.under_way.values)
+        self._fill(state.memory, memory, plan=memory.plan.astype(np.float32), frozen=frozen, under_way=actions)
+        judged, has_read = not np.isnan(sensors.residual).any(), not np.isnan(sensors.readings).any()
+        self._fill(
+            state.sensors,
+            sensors,
+            set_aside=-1 if sensors.set_aside is None else sensors.set_aside,
+            judged=judged,
+            has_read=has_read,
+            flat=np.minimum(sensors.flat, _RANGES["uint32_t"][1]).astype(np.uint32),
+            residual=sensors.residual if judged else None,
+            readings=sensors.readings if has_read else None,
+        )
+        self._fill(state.fail_safe, value.fail_safe, mode=_MODES.index(value.fail_safe.mode))
+        self._fill(state.timing, value.timing, has_step=value.timing.step_ns is not None)
+        self._fill(state.other_ecu, value.other_ecu, is_there=value.other_ecu.until_ns is not None)
+        self._fill(state.benefit, value.benefit)
+        self._fill(state.health, value.health, is_bus_off=value.health.state is BusState.BUS_OFF)
+        self._set_received(state.pressures, value.pressures, value.verifier)
         if self._has_key:
-            state.freshness.trip, state.freshness.count = value.freshness.trip, value.freshness.count
-            _set_verified(state.pressures, value.verifier)
-            if self._serves_speeds:
-                _set_verified(state.speed.receiver, value.speed.verifier)
-        fail_safe, safe = state.fail_safe, value.fail_safe
-        fail_safe.mode, fail_safe.reason = _MODES.index(safe.mode), safe.reason
-        fail_safe.enable_request, fail_safe.lost = safe.enable_request, safe.lost
-        fail_safe.misses, fail_safe.good = _count(safe.misses), _count(safe.good)
-        timing, timed = state.timing, value.timing
-        timing.has_step, timing.step_ns = timed.step_ns is not None, c_time(timed.step_ns or 0)
-        timing.fault = Reason.NONE if timed.fault is None else timed.fault
-        timing.off_time, timing.lag_ns, timing.skipped = timed.off_time, c_time(timed.lag_ns), c_time(timed.skipped)
-        other, heard = state.other_ecu, value.other_ecu
-        other.is_there, other.frames = heard.until_ns is not None, _count(heard.frames)
-        other.until_ns = c_time(heard.until_ns or 0)
-        state.command_counter, state.status_counter = value.commands.counter, value.statuses.counter
-        state.has_pressures = value.pressure_ns is not None
-        state.pressure_counter, state.pressure_ns = value.pressure_counter or 0, c_time(value.pressure_ns or 0)
-        state.overruns, state.missed = _count(value.overruns), _count(value.missed)
-        self._set_health(state.health, value.health)
+            self._fill(state.freshness, value.freshness)
+        if memory.past is not None:
+            self._fill(state.memory.past, memory.past)
+        if self._serves_speeds:
+            self._fill(state.speed, value.speed, known=value.speed.ratio is not None)
+            self._set_received(state.speed.receiver, value.speed.receiver, value.speed.verifier)
+            if hasattr(state.speed, "air"):
+                self._fill(state.speed.air, value.speed.air)
 
-    def _set_memory(self, memory: Any, value: ControllerMemory) -> None:
-        memory.rows, memory.gap = value.rows, _count(value.gap)
-        self.copy(memory.window, value.window)
-        self.copy(memory.plan, value.plan.astype(np.float32))
-        memory.frozen, memory.under_way = len(value.under_way.pending), list(value.under_way.values)
-        if value.past is not None:
-            memory.past.count = value.past.count
-            self.copy(memory.past.rows, value.past.rows)
-            self.copy(memory.past.speeds, value.past.speeds)
+    def _fill(self, place: Any, value: Any, **given: Any) -> None:
+        """Fill in those members of a struct that have the name of a field of a dataclass, or are given. Nothing is
+        written for None or into a struct in it. A count or a time out of C's range is replaced by the nearest one."""
+        values = {item.name: getattr(value, item.name) for item in fields(value)} | given
+        for name, member in self.ffi.typeof(place).fields:
+            content = values.get(name)
+            if content is None or member.type.kind == "struct":
+                continue
+            if isinstance(content, np.ndarray):
+                self.copy(getattr(place, name), content)
+            elif (limits := _RANGES.get(member.type.cname)) is not None:
+                setattr(place, name, min(max(content, limits[0]), limits[1]))
+            else:
+                setattr(place, name, content)
 
-    def _set_sensors(self, sensors: Any, value: SensorCheckState) -> None:
-        sensors.set_aside = -1 if value.set_aside is None else value.set_aside
-        sensors.implausible, sensors.doubt = value.implausible, _count(value.doubt)
-        sensors.judged = not np.isnan(value.residual).any()
-        sensors.has_read = not np.isnan(value.readings).any()
-        sensors.flat = [_count(int(item)) for item in value.flat]
-        if sensors.judged:
-            self.copy(sensors.residual, value.residual)
-        if sensors.has_read:
-            self.copy(sensors.readings, value.readings)
-        for name in _SENSOR_ARRAYS:
-            self.copy(getattr(sensors, name), getattr(value, name))
+    def _set_received(self, receiver: Any, value: ReceiverState, verifier: VerifierState) -> None:
+        self._fill(
+            receiver,
+            value,
+            stream=_STREAMS.index(value.stream),
+            has_counter=value.last_counter is not None,
+            checks=len(value.window),
+            window=[item.value for item in value.window],
+            counts=[min(item, _RANGES["uint32_t"][1]) for item in value.counts],
+        )
+        if self._has_key:
+            self._fill(receiver.verifier, verifier)
+
+    def leaves(self, kind: Any, name: str = "", offset: int = 0) -> Iterator[Leaf]:
+        """Yield the numbers, and arrays of numbers, of a struct, of which cffi's type is `kind`."""
+        if kind.kind == "array" and kind.item.kind == "struct":
+            size = self.ffi.sizeof(kind.item)
+            for index in range(kind.length):
+                yield from self.leaves(kind.item, f"{name}[{index}]", offset + index * size)
+        elif kind.kind == "struct":
+            for part, item in kind.fields:
+                yield from self.leaves(item.type, f"{name}.{part}" if name else part, offset + item.offset)
+        else:
+            yield Leaf(name, offset, offset + self.ffi.sizeof(kind), kind)
+
+    def differing(self, found: Any, expected: EcuState) -> list[str]:
+        """Return the names of the numbers in which a `sw_ecu_state` differs from a state, bit for bit."""
+        place = self.ffi.new("sw_ecu_state *")
+        self.set_state(place, expected)
+        one, other = (bytes(self.ffi.buffer(self.ffi.addressof(item))) for item in (found, place[0]))
+        leaves = self.leaves(self.ffi.typeof(place[0]))
+        return [leaf.name for leaf in leaves if one[leaf.begin : leaf.end] != other[leaf.begin : leaf.end]]
 
     def copy(self, member: Any, values: Array) -> None:
         """Copy an array's bytes into a member of the same shape and type."""
@@ -242,20 +284,6 @@ class Structs:
             if hasattr(speed, "air")
             else AirSpeedState(),
         )
-
-    def _set_speed(self, speed: Any, value: SpeedState) -> None:
-        speed.known, speed.ratio = value.ratio is not None, value.ratio or 0.0
-        speed.density, speed.measured_ns, speed.is_off = value.density, c_time(value.measured_ns), value.is_off
-        if hasattr(speed, "air"):
-            speed.air.correction, speed.air.driven = value.air.correction, value.air.driven
-            self.copy(speed.air.means, value.air.means)
-        _set_received(speed.receiver, value.receiver)
-
-    @staticmethod
-    def _set_health(health: Any, value: BusHealth) -> None:
-        health.is_bus_off = value.state is BusState.BUS_OFF
-        for name in _HEALTH_COUNTS:
-            setattr(health, name, _count(getattr(value, name)))
 
     def _array(self, member: Any, dtype: Any = np.float64) -> Array:
         """Return a copy of an array with one or two dimensions, as float64."""
@@ -291,77 +319,12 @@ def _received(receiver: Any) -> ReceiverState:
     )
 
 
-def _set_received(receiver: Any, value: ReceiverState) -> None:
-    receiver.stream = _STREAMS.index(value.stream)
-    receiver.has_counter, receiver.last_counter = value.last_counter is not None, value.last_counter or 0
-    receiver.checks, receiver.window = len(value.window), [item.value for item in value.window]
-    receiver.counts = [_count(item) for item in value.counts]
-
-
 def _verified(receiver: Any) -> VerifierState:
     """Return the authentication state of a `sw_receiver`; in a library without a key, the state at power-on."""
     return _value(VerifierState, receiver.verifier) if hasattr(receiver, "verifier") else VerifierState()
 
 
-def _set_verified(receiver: Any, value: VerifierState) -> None:
-    found = receiver.verifier
-    found.freshness, found.not_authentic = value.freshness, _count(value.not_authentic)
-    found.not_fresh = _count(value.not_fresh)
-
-
-def flattened(value: object, name: str = "") -> dict[str, Any]:
-    """Return a state, or any part of it, as a dictionary from dotted names to the values of single fields."""
-    if is_dataclass(value) and not isinstance(value, type | DelayLine):
-        parts = ((item.name, getattr(value, item.name)) for item in fields(value))
-        return {
-            key: leaf
-            for part, content in parts
-            for key, leaf in flattened(content, f"{name}.{part}" if name else part).items()
-        }
-    return {name: value}
-
-
-def as_c_has_it(state: EcuState, *, is_keyed: bool) -> dict[str, Any]:
-    """Return a state field by field, as far as C stores it: counts saturate, and authentication needs a key."""
-    left_out = () if is_keyed else _OF_KEY
-    found = {name: leaf for name, leaf in flattened(state).items() if not name.startswith(left_out)}
-    found["health.state"] = found["health.state"] is BusState.BUS_OFF
-    for name in ("pressures.counts", "speed.receiver.counts"):
-        found[name] = tuple(map(_count, found[name]))
-    found |= {name: _count(found[name]) for name in _COUNTED if name in found}
-    found["sensors.flat"] = np.minimum(state.sensors.flat, _LARGEST["uint32"])
-    return found
-
-
-_OF_KEY: Final = ("verifier.", "freshness.", "speed.verifier.")
-_COUNTED: Final = (
-    "memory.gap", "other_ecu.frames", "fail_safe.misses", "fail_safe.good", "overruns", "missed", "sensors.doubt",
-    "health.tx_errors", "health.rx_errors", "health.bus_off", "verifier.not_authentic", "verifier.not_fresh",
-    "speed.verifier.not_authentic", "speed.verifier.not_fresh",
-)  # fmt: skip
-
-
-def differing(one: EcuState, other: EcuState, *, is_keyed: bool = False) -> list[str]:
-    """Return the names of the fields that differ bit for bit, as far as C stores them; any two NaN are equal."""
-    first, second = as_c_has_it(one, is_keyed=is_keyed), as_c_has_it(other, is_keyed=is_keyed)
-    return [name for name, value in first.items() if not _same(value, second[name])]
-
-
-def _same(one: Any, other: Any) -> bool:
-    if isinstance(one, DelayLine) and isinstance(other, DelayLine):
-        one, other = np.array(one.values), np.array(other.values)
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        # Zeros must have equal signs; any two NaNs count as equal, even if their bits differ.
-        return one.shape == other.shape and bool(
-            ((one == other) & (np.signbit(one) == np.signbit(other)) | np.isnan(one) & np.isnan(other)).all()
-        )
-    return bool(one == other)
-
-
-def _count(value: int) -> int:
-    return min(value, _LARGEST["uint32"])
-
-
 def c_time(value: int) -> int:
     """Return a time in the range of C: the nearest one, if the time is out of this range because the clock is wrong."""
-    return max(-_LARGEST["int64"] - 1, min(value, _LARGEST["int64"]))
+    least, most = _RANGES["int64_t"]
+    return max(least, min(value, most))
