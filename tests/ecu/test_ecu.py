@@ -38,12 +38,6 @@ def test_it_warms_up_until_the_window_is_full(bench, bundle_of):
     assert bench.status.bundle_hash == bundle_of().short_hash == 0x01234567
 
 
-def test_without_a_request_it_stays_off_and_fills_the_window(bench):
-    assert {command.mode for command in bench.good(WINDOW + 2, enable=False)} == {Mode.OFF}
-    assert bench.controller.calls == []
-    assert bench.good(1)[0].mode is Mode.CONTROL
-
-
 @each("plan_ahead, delay", product([False, True], [0, 1, 3]))
 def test_a_row_is_the_pressures_now_and_the_action_before_and_what_is_under_way_is_settled(bench_of, plan_ahead, delay):
     bench = bench_of(numbered(), plan_ahead=plan_ahead, delay_steps=delay)
