@@ -19,10 +19,8 @@ from contract.controller.interface import Controller
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.connection import Connection
-from ecu.daemon.counters import Counters
-from ecu.daemon.process import ProcessOptions, ServedEcu, authentication_of, check, run
-from ecu.daemon.reporter import Reporter
-from ecu.daemon.service import WARM_UP_STEPS
+from ecu.daemon.process import WARM_UP_STEPS, ProcessOptions, ServedEcu, authentication_of, check, run
+from ecu.daemon.reporter import Counters, Reporter
 from ecu.flashable.ecu_folder import EcuFolder, held
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu
@@ -127,7 +125,7 @@ def serve_store(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
 ) -> Counters:
-    """Run the ECU like `ecu.daemon.service.serve`. Also raises StillwakeError if another process runs this ECU, or if a
+    """Run the ECU like `ecu.daemon.process.serve`. Also raises StillwakeError if another process runs this ECU, or if a
     reset within the process failed; then the process must be started again to boot."""
     check(config, options)
     times, log = PlanTimes(), _EarlyLog()

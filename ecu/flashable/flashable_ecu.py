@@ -19,9 +19,7 @@ from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.links import MOST_FRAMES
-from ecu.flashable.power_cycle import PowerCycle, TesterAccess, log_access
-from ecu.flashable.watched_control import VehicleRequest
-from ecu.shut_ecu import ShutEcu
+from ecu.flashable.power_cycle import PowerCycle, ShutEcu, TesterAccess, VehicleRequest, log_access
 from ecu.stepped import CalibratedEcu
 
 

@@ -23,7 +23,6 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Reason
 from contract.arrays import Array
 from contract.errors import LibraryError
-from ecu.air_speed import AirSpeedState
 from ecu.benefit_check import BenefitCheckState
 from ecu.controller_memory import ControllerMemory, DelayLine, Past
 from ecu.ecu_state import EcuState, Trace
@@ -31,7 +30,7 @@ from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.in_c.compiler import preprocessed
 from ecu.pressure_reception import OtherEcu
 from ecu.sensor_check import SensorCheckState
-from ecu.speed_reception import SpeedState
+from ecu.speed_reception import AirSpeedState, SpeedState
 from ecu.timing import StepTiming
 
 T = TypeVar("T")

@@ -9,7 +9,7 @@ from contract.arrays import Array
 from contract.config.vehicle import SpeedConfig
 from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feature_count, features, weight_count
 from contract.release.manifest import SpeedRange
-from ecu.air_speed import MOST_REST, RATE, TOLERATED, AirSpeed, AirSpeedState
+from ecu.speed_reception import MOST_REST, RATE, TOLERATED, AirSpeed, AirSpeedState
 from tests.ecu.conftest import RecordingController, make_bench, make_bundle
 
 ROWS, MOST = max(LAGS) + 2, 0.12
