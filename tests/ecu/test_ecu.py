@@ -151,7 +151,7 @@ def test_frames_that_cannot_be_used_do_not_make_the_command_younger(bench_of):
     assert bench.step(aged(bench, 25.0, in_queue=True)).enable
     seen = []
     for _ in range(3):
-        command = bench.step(bench.pressure(valid=(True, True, True, False)))
+        command = bench.step(bench.pressure((0.1, 0.2, 0.3, np.nan)))
         seen.append((command.mode, command.enable, bench.status.reason))
     # At 45, 65 and 85 ms.
     held = (Mode.HOLD, True, Reason.SENSOR_INVALID)
@@ -237,7 +237,7 @@ def bench_at(plan: float = 0.01, **settings) -> Bench:
 def drive(bench: Bench, ratio: float | None, periods: int, cp: float = 0.1, **stated) -> list:
     """Periods at a speed, with this Cp at the present dynamic pressure on all sensors."""
     pressure = (cp * (1.0 if ratio is None else ratio) ** 2,) * 4
-    return [bench.step(bench.speed(ratio, **stated), bench.pressure(pressure)) for _ in range(periods)]
+    return [bench.step(bench.at_speed(ratio, **stated), bench.pressure(pressure)) for _ in range(periods)]
 
 
 def status(bench: Bench) -> EcuStatus:
@@ -255,7 +255,7 @@ def test_the_window_has_steps_of_the_present_speed_and_the_jets_follow_it():
     for ratio in [1.2] * 8 + [1.15, 1.1, 1.05, 1.05, 1.1]:
         at += ratio
         # Cp grows along the way: Pa follow the present dynamic pressure.
-        bench.step(bench.speed(ratio), bench.pressure((0.02 * at * ratio**2,) * 4))
+        bench.step(bench.at_speed(ratio), bench.pressure((0.02 * at * ratio**2,) * 4))
     window, _, _ = bench.controller.calls[-1]
     # Half a step of a pressure on the wire, of 375 Pa at the design speed.
     np.testing.assert_allclose(window[:, 0], 0.02 * (at - np.arange(WINDOW)[::-1]), atol=1.5e-4)
@@ -280,7 +280,7 @@ def test_without_a_speed_the_last_one_stands_for_a_while_and_then_no_pressure_is
     bench = bench_at()
     drive(bench, 1.0, 6)
     assert status(bench).state is Mode.CONTROL
-    for unknown in (lambda: (), lambda: (bench.speed(None),)):
+    for unknown in (lambda: (), lambda: (bench.at_speed(None),)):
         modes = []
         while reason(bench) is Reason.NONE:
             modes.append(bench.step(*unknown(), bench.pressure()).mode)
@@ -289,7 +289,7 @@ def test_without_a_speed_the_last_one_stands_for_a_while_and_then_no_pressure_is
         modes = [bench.step(bench.pressure()).mode for _ in range(3)]
         assert modes == [Mode.DECAY, Mode.DECAY, Mode.FAULT]
         # As after any latched fault: a new request, and the stream of speeds is to be trusted again.
-        [bench.step(bench.speed(1.0), bench.pressure(enable=False)) for _ in range(2)]
+        [bench.step(bench.at_speed(1.0), bench.pressure(enable=False)) for _ in range(2)]
         drive(bench, 1.0, 6)
         assert status(bench).state is Mode.CONTROL
 

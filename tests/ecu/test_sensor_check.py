@@ -283,7 +283,7 @@ def started(bundle: Bundle = RELEASE, **settings: Any) -> Any:
 
 def drive(bench: Any, pressures, steps, read=lambda cp, k: cp, *, enable=True, first=None):
     """Steps from where the bench stands in the recording; the commands."""
-    begin = bench.frames if first is None else first
+    begin = bench.frames_sent if first is None else first
     return [
         bench.step(bench.pressure(read(pressures[k].copy(), k), enable=enable)) for k in range(begin, begin + steps)
     ]
@@ -305,7 +305,7 @@ def test_control_goes_on_without_a_dead_sensor_and_the_status_names_it_until_a_r
     assert (bench.status.set_aside, bench.status.reason) == (1 << j, Reason.NONE)
     # The controller sees the estimate, in all rows, also in those from before the fault was noticed.
     window = bench.controller.calls[-1][0]
-    seen = pressures[bench.frames - len(window) : bench.frames]
+    seen = pressures[bench.frames_sent - len(window) : bench.frames_sent]
     true = seen[:, j]
     assert np.sqrt(np.mean(np.square(window[:, j] - true))) < 0.25 * true.std()
     others = [i for i in range(4) if i != j]

@@ -23,11 +23,11 @@ from ecu.daemon.reception import FrameReception
 from ecu.ecu import Ecu
 from ecu.real_time.stage_times import EcuStage, StageTimes, TimedController
 from firmware_sim.bench.vehicle_node import VehicleNode
+from tests.ecu.conftest import NAMES
 
 CHANNELS = count()
 PATIENCE_S = 10.0
 """How long a test waits for another thread before it fails; never reached when all is well."""
-NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 START_NS = 10**12
 
 

@@ -16,6 +16,7 @@ from can_bridge.wire.messages import EcuStatus, JetCommand
 from contract import sensors
 from contract.config.tree import Config
 from firmware_sim.bench.vehicle_node import VehicleNode
+from tests.ecu.conftest import NAMES
 
 PATIENCE_S = 120.0
 """How long a test waits for another process before it fails; never reached when all is well."""
@@ -27,7 +28,7 @@ class Vehicle:
     """Samples and drives every period while it is asked to."""
 
     def __init__(self, config: Config, bus: PythonCanBus, authentication: Authentication | None = None) -> None:
-        self.node = VehicleNode(("upper_39", "lower_39", "base_0", "base_9"), config, authentication=authentication)
+        self.node = VehicleNode(NAMES, config, authentication=authentication)
         self._bus, self._period_s, self._messages = bus, config.period_ns / 1e9, message_set(config.bus)
         self._due = time.monotonic()
         self._phase = 0

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_bridge.secoc.key import Key
-from can_bridge.secoc.node import Authentication, secured
+from can_bridge.secoc.node import Authentication
 from can_bridge.secoc.securing import LARGEST_HALF, Freshness, verify
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import SECURED
@@ -108,13 +108,13 @@ class Sender:
     """A vehicle that authenticates, and whoever else can put frames on its bus."""
 
     def __init__(self) -> None:
-        self.feed, self.freshness, self.sent = Feed(KEYED), Freshness(trip=2), list[Frame]()
+        self.feed = Feed(KEYED, Authentication(key=Key(SECRET), trip=2))
+        self.forger = Feed(KEYED, Authentication(key=Key(bytes(range(16))), trip=2))
+        self.sent = list[Frame]()
 
-    def genuine(self, key: bytes = SECRET) -> Frame:
-        frame = secured(self.feed.frame(), spec=SECURED.pressure.spec, key=Key(key), freshness=self.freshness)
-        self.freshness = self.freshness.next()
-        self.sent.append(frame)
-        return frame
+    def genuine(self) -> Frame:
+        self.sent.append(self.feed.frame())
+        return self.sent[-1]
 
     def periods(self) -> Iterator[tuple[int, list[Frame]]]:
         """(time, frames) of a bus under attack, a deed a period once the ECU is in control."""
@@ -125,7 +125,7 @@ class Sender:
                 flipped = frames[0].data[:-1] + bytes([frames[0].data[-1] ^ 1])
                 frames = [replace(frames[0], data=flipped), *frames]
             elif deed == 2:
-                frames += [self.genuine(key=bytes(range(16)))]
+                frames += [self.forger.frame()]
             elif deed == 4:
                 frames = [*self.sent[:5], *frames, frames[0]]
             elif deed in (6, 7):

@@ -127,7 +127,7 @@ def test_with_a_key_it_sends_the_hosts_frames_and_its_battery_keeps_the_freshnes
         step_both(board, host, now_ns, frames, BusHealth())
         assert board.differing(host.state) == []
     heard = board.state.verifier.freshness
-    assert heard == 2 << 32 | WINDOW + 12
+    assert heard == 2 << 32 | WINDOW + 11
     for trip in (2, 3):
         board.power_on(board.board.flash.bank, now_ns)
         assert (board.state.freshness.trip, board.state.verifier.freshness) == (trip, heard)
