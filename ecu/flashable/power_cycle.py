@@ -27,6 +27,7 @@ from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import COUNT_LIMIT, SENSORS, EcuStatus, JetCommand, Reason
 from contract.config.tree import Config
 from contract.release.checks import Bundle
+from ecu.ecu import Ecu
 from ecu.ecu_state import EcuState, Trace, answers
 from ecu.fail_safe import FailSafe, OperatingMode
 from ecu.flashable.equipment import Equipment, Log, identification
@@ -226,7 +227,7 @@ class PowerCycle:
         if bundle is None or controller is None:
             self.ecu = ShutEcu(config, authentication=authentication)
         else:
-            self.ecu = ecu = equipment.ecu_of(bundle, controller, config, authentication)
+            self.ecu = ecu = Ecu(bundle, controller, config, authentication)
             self.calibration = CalibrationLink(bundle, ecu, self.store, config, equipment, refusal=jets)
         self._services = EcuServices(
             self.store,

@@ -18,6 +18,7 @@ from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.release.image import image_of
 from ecu.calibrating import release_calibration
+from ecu.flashable import power_cycle
 from ecu.in_c.c_ecu import CEcu, ecu_sources
 from tests.can_bridge.flashing.plain_backing import UnreadableError
 from tests.can_bridge.flashing.releases import RELEASE
@@ -190,7 +191,7 @@ def test_nothing_is_stored_for_a_release_whose_slot_is_being_written(rig: Rig) -
 
 
 @pytest.mark.compiler
-def test_uds_and_xcp_calibrate_the_ecu_in_c(release: Exported, tmp_path: Path) -> None:
+def test_uds_and_xcp_calibrate_the_ecu_in_c(release: Exported, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through the same link as the ECU in Python: the limits are of its release, the bytes are those of its struct."""
     made = list[CEcu]()
 
@@ -198,8 +199,9 @@ def test_uds_and_xcp_calibrate_the_ecu_in_c(release: Exported, tmp_path: Path) -
         made.append(CEcu(ecu_sources(release.folder, release.bundle, config), flags=("-O1", "-ffp-contract=off")))
         return made[-1]
 
+    monkeypatch.setattr(power_cycle, "Ecu", in_c)
     provision(tmp_path / "ecu", image_of(bundles.pack(release.bundle.manifest, release.bundle.files, RELEASE)))
-    rig = Rig(tmp_path / "ecu", IN_C, controller_of=lambda bundle: RecordingController(), ecu_of=in_c)
+    rig = Rig(tmp_path / "ecu", IN_C, controller_of=lambda bundle: RecordingController())
     (ecu,) = made
     assert rig.good(READ)[3:] == ecu.calibration.pack()
     unlock(rig)

@@ -80,8 +80,6 @@ class Rig(FlashingSteps):
             controller_of=(lambda bundle: RecordingController()) if controller_of is None else controller_of,
             log=self.log,
         )
-        if (ecu_of := others.pop("ecu_of", None)) is not None:
-            self.equipment = replace(self.equipment, ecu_of=ecu_of)
         self.folder, self.others = folder, others
         self.now_ns = MS
         self.due_ns = self.now_ns
