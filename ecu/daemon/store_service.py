@@ -147,7 +147,7 @@ def serve_store(
     )
     with held(folder.folder), _switching():
         freshness, authentication = authentication_of(config, options)
-        ecu = FlashableEcu(folder.backing(), config, equipment, authentication=authentication, serviced_apart=True)
+        ecu = FlashableEcu(folder.backing(), config, equipment, authentication=authentication)
         connections: list[Connection] = []
         fatal: list[BaseException] = []
 

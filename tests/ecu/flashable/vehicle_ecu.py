@@ -101,7 +101,7 @@ class Rig(FlashingSteps):
         if self.now_ns >= self.due_ns:
             self.due_ns += self.config.period_ns
             frames = [] if self.request is None else [self.pressure(self.request), self.vehicle.at_speed(1.0)]
-            commanded = self.ecu.control(self.now_ns, frames)
+            commanded = self.ecu.step(self.now_ns, frames)
             self.controls.append((self.now_ns, frames, commanded))
             self.take(commanded)
         self.take(self.ecu.service(self.now_ns, [*self.extra, *self.tester.poll(self.now_ns)]))

@@ -227,7 +227,7 @@ class Twins:
         """A control period, with pressures unless `enable` is None."""
         frames = [] if enable is None or self.is_void else [self._pressure(enable)]
         self._waits_for_control = False
-        return self._compare("control", self.python.control(self.now_ns, frames), self.c.control(self.now_ns, frames))
+        return self._compare("control", self.python.step(self.now_ns, frames), self.c.control(self.now_ns, frames))
 
     def service(self, frames: Sequence[Frame]) -> list[Frame]:
         in_python = self.python.service(self.now_ns, frames)
