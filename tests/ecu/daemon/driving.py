@@ -10,7 +10,6 @@ import numpy as np
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.node import Authentication
-from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import EcuStatus, JetCommand
 from contract import sensors
@@ -44,11 +43,19 @@ class Vehicle:
         self._phase += 1
         cp = 0.3 * np.sin(0.25 * self._phase + np.arange(sensors.COUNT))
         self._bus.send(self.node.sample(cp, enable_request=request, now_ns=time.monotonic_ns()))
+        self.largest_action = max(self.largest_action, abs(self.hear()))
+
+    def hear(self) -> float:
+        """Read what came, and do what was commanded: the jets' action."""
+        command, status = self._messages.command, self._messages.status
         heard = self._bus.receive_all()
-        self._read(heard)
-        spec = self._messages.command.spec
-        self.action = self.node.apply_commands([frame for frame in heard if spec.names(frame)]).action
-        self.largest_action = max(self.largest_action, abs(self.action))
+        for frame in heard:
+            if command.spec.names(frame) and (said := command.parse(frame.data[: command.spec.protected])):
+                self.commands.append(said)
+            if status.spec.names(frame) and (told := status.parse(frame.data[: status.spec.protected])):
+                self.statuses.append(told)
+        self.action = self.node.apply_commands([frame for frame in heard if command.spec.names(frame)]).action
+        return self.action
 
     def until(self, condition: Callable[[], object], *, request: bool | None = None) -> None:
         """Drive until it holds; without a stated request, one that is raised anew again and again."""
@@ -62,11 +69,3 @@ class Vehicle:
     def into_control(self) -> None:
         self.largest_action = 0.0
         self.until(lambda: self.largest_action > 0.0)
-
-    def _read(self, frames: list[Frame]) -> None:
-        command, status = self._messages.command, self._messages.status
-        for frame in frames:
-            if command.spec.names(frame) and (said := command.parse(frame.data[: command.spec.protected])):
-                self.commands.append(said)
-            if status.spec.names(frame) and (told := status.parse(frame.data[: status.spec.protected])):
-                self.statuses.append(told)
