@@ -46,7 +46,7 @@ _STANDING_IN: Final = {
 }
 _MODES: Final = tuple(OperatingMode)
 _STREAMS: Final = tuple(StreamState)
-_SENSOR_ARRAYS: Final = ("fast", "slow", "noise", "score", "estimates")
+_NUMBERS: Final = {"double": np.float64, "float": np.float32, "uint32_t": np.uint32}
 
 
 class Leaf(NamedTuple):
@@ -108,7 +108,7 @@ class Structs:
         surroundings.updating = updating
 
     def trace(self, ecu: Any) -> Trace:
-        forces = self._array(ecu.output.forces, np.float32) if ecu.trace.planned else None
+        forces = self._array(ecu.output.forces) if ecu.trace.planned else None
         if forces is not None and self._serves_speeds:
             # The plan's forces are in units of the newest row's speed; the trace is in units of the design speed.
             forces = forces * list(ecu.state.memory.past.speeds)[-1] ** 2
@@ -122,60 +122,79 @@ class Structs:
     def state(self, state: Any) -> EcuState:
         """Return the state in a `sw_ecu_state`. C stores only whether the CAN controller is bus-off, no other error
         state. Raises ValueError or IndexError if a value is not in its enumeration."""
-        memory, sensors = state.memory, state.sensors
-        fail_safe, timing, other = state.fail_safe, state.timing, state.other_ecu
+        memory, sensors, fail_safe, timing = state.memory, state.sensors, state.fail_safe, state.timing
+        nothing = np.full(self._array(sensors.residual).shape, np.nan)
         return EcuState(
-            memory=ControllerMemory(
-                window=self._array(memory.window),
-                rows=memory.rows,
-                gap=memory.gap,
-                plan=self._array(memory.plan, np.float32),
+            memory=self._read(
+                ControllerMemory,
+                memory,
                 under_way=DelayLine(tuple(memory.under_way)[: memory.frozen + 1]),
-                past=_value(
-                    Past, memory.past, rows=self._array(memory.past.rows), speeds=self._array(memory.past.speeds)
-                )
-                if self._serves_speeds
-                else None,
+                past=self._read(Past, memory.past) if self._serves_speeds else None,
             ),
-            fail_safe=_value(
-                FailSafe,
-                fail_safe,
-                mode=_MODES[fail_safe.mode],
-                reason=Reason(fail_safe.reason),
-                enable_request=bool(fail_safe.enable_request),
-            ),
+            fail_safe=self._read(FailSafe, fail_safe, mode=_MODES[fail_safe.mode], reason=Reason(fail_safe.reason)),
             pressures=_received(state.pressures),
-            verifier=_verified(state.pressures),
-            freshness=_value(Freshness, state.freshness) if self._has_key else Freshness(),
+            verifier=self._verified(state.pressures),
+            freshness=self._read(Freshness, state.freshness) if self._has_key else Freshness(),
             speed=self._speed(state.speed) if self._serves_speeds else SpeedState(),
             commands=SenderState(counter=state.command_counter),
             statuses=SenderState(counter=state.status_counter),
-            timing=_value(
+            timing=self._read(
                 StepTiming,
                 timing,
                 step_ns=timing.step_ns if timing.has_step else None,
                 fault=Reason(timing.fault) or None,
             ),
-            other_ecu=_value(OtherEcu, other, until_ns=other.until_ns if other.is_there else None),
+            other_ecu=self._read(
+                OtherEcu, state.other_ecu, until_ns=state.other_ecu.until_ns if state.other_ecu.is_there else None
+            ),
             pressure_ns=state.pressure_ns if state.has_pressures else None,
             pressure_counter=state.pressure_counter if state.has_pressures else None,
             overruns=state.overruns,
             missed=state.missed,
-            sensors=_value(
+            sensors=self._read(
                 SensorCheckState,
                 sensors,
-                residual=self._known(sensors.residual, known=sensors.judged),
-                **{name: self._array(getattr(sensors, name)) for name in _SENSOR_ARRAYS},
-                readings=self._known(sensors.readings, known=sensors.has_read),
-                flat=self._array(sensors.flat, np.uint32),
+                residual=self._array(sensors.residual) if sensors.judged else nothing,
+                readings=self._array(sensors.readings) if sensors.has_read else nothing[0],
                 set_aside=None if sensors.set_aside < 0 else sensors.set_aside,
-                implausible=bool(sensors.implausible),
             ),
-            benefit=_value(BenefitCheckState, state.benefit),
-            health=_value(
+            benefit=self._read(BenefitCheckState, state.benefit),
+            health=self._read(
                 BusHealth, state.health, state=BusState.BUS_OFF if state.health.is_bus_off else BusState.ERROR_ACTIVE
             ),
         )
+
+    def _speed(self, speed: Any) -> SpeedState:
+        return self._read(
+            SpeedState,
+            speed,
+            ratio=speed.ratio if speed.known else None,
+            receiver=_received(speed.receiver),
+            verifier=self._verified(speed.receiver),
+            air=self._read(AirSpeedState, speed.air) if hasattr(speed, "air") else AirSpeedState(),
+        )
+
+    def _verified(self, receiver: Any) -> VerifierState:
+        """Return the authentication state of a `sw_receiver`; in a library without a key, the state at power-on."""
+        return self._read(VerifierState, receiver.verifier) if self._has_key else VerifierState()
+
+    def _read(self, kind: type[T], place: Any, **given: Any) -> T:
+        """Return a dataclass. A field that is not in `given` has the value of the struct's member of the same name; an
+        array is copied as float64."""
+        for item in fields(kind):  # type: ignore[arg-type]  # any dataclass
+            if item.name not in given:
+                value = getattr(place, item.name)
+                value = self._array(value) if isinstance(value, self.ffi.CData) else value
+                given[item.name] = bool(value) if item.type is bool else value
+        return kind(**given)
+
+    def _array(self, member: Any) -> Array:
+        """Return a copy of an array with one or two dimensions, as float64."""
+        shape, kind = list[int](), self.ffi.typeof(member)
+        while kind.kind == "array":
+            shape.append(kind.length)
+            kind = kind.item
+        return np.frombuffer(self.ffi.buffer(member), dtype=_NUMBERS[kind.cname]).astype(np.float64).reshape(shape)
 
     def set_state(self, pointer: Any, value: EcuState) -> None:
         """Fill in a `sw_ecu_state`; counts saturate, and a library without a key has no state of authentication."""
@@ -271,29 +290,6 @@ class Structs:
         assert content.nbytes == self.ffi.sizeof(member)
         self.ffi.memmove(member, content, content.nbytes)
 
-    def _speed(self, speed: Any) -> SpeedState:
-        return _value(
-            SpeedState,
-            speed,
-            ratio=speed.ratio if speed.known else None,
-            is_off=bool(speed.is_off),
-            receiver=_received(speed.receiver),
-            verifier=_verified(speed.receiver),
-            air=_value(AirSpeedState, speed.air, means=self._array(speed.air.means))
-            if hasattr(speed, "air")
-            else AirSpeedState(),
-        )
-
-    def _array(self, member: Any, dtype: Any = np.float64) -> Array:
-        """Return a copy of an array with one or two dimensions, as float64."""
-        flat = np.frombuffer(self.ffi.buffer(member), dtype=dtype).astype(np.float64)
-        rows = self.ffi.typeof(member)
-        return flat if rows.item.kind == "primitive" else flat.reshape(rows.length, -1)
-
-    def _known(self, member: Any, *, known: int) -> Array:
-        found = self._array(member)
-        return found if known else np.full_like(found, np.nan)
-
 
 def fill_frame(place: Any, frame: Frame) -> None:
     """Fill in a `sw_frame`. A time out of C's range is replaced by the nearest time in this range."""
@@ -303,12 +299,6 @@ def fill_frame(place: Any, frame: Frame) -> None:
     place.data[0 : len(frame.data)] = frame.data
 
 
-def _value(kind: type[T], place: Any, **given: Any) -> T:
-    """Return a dataclass. A field that is not in `given` has the value of the struct's member of the same name."""
-    names = (item.name for item in fields(kind) if item.name not in given)  # type: ignore[arg-type]  # any dataclass
-    return kind(**{name: getattr(place, name) for name in names}, **given)
-
-
 def _received(receiver: Any) -> ReceiverState:
     return ReceiverState(
         stream=_STREAMS[receiver.stream],
@@ -316,11 +306,6 @@ def _received(receiver: Any) -> ReceiverState:
         window=tuple(map(FrameCheck, list(receiver.window)[: receiver.checks])),
         counts=tuple(receiver.counts),
     )
-
-
-def _verified(receiver: Any) -> VerifierState:
-    """Return the authentication state of a `sw_receiver`; in a library without a key, the state at power-on."""
-    return _value(VerifierState, receiver.verifier) if hasattr(receiver, "verifier") else VerifierState()
 
 
 def c_time(value: int) -> int:
