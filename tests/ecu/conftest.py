@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from itertools import count
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -40,6 +41,24 @@ class RecordingController:
         shifted = np.append(plan[1:], plan[-1])
         forces, terms = np.full((len(plan), 2), 0.5), np.zeros(8)
         return ControlStep(plan=np.where(free > 0.5, new, shifted), forces=forces, terms=terms, cost=1.0)
+
+
+class Answering:
+    """A controller that returns what it is given, or raises it."""
+
+    def __init__(self, answer: object) -> None:
+        self.answer = answer
+
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
+        if isinstance(self.answer, BaseException):
+            raise self.answer
+        return cast(ControlStep, self.answer)
+
+
+def answer_of(horizon: int = 4, **changes: Any) -> ControlStep:
+    """A sound answer but for these parts of it."""
+    sound: dict[str, Any] = {"plan": np.zeros(horizon), "forces": np.zeros((horizon, 2)), "terms": np.zeros(8)}
+    return ControlStep(**{**sound, "cost": 0.0, **changes})
 
 
 def numbered() -> RecordingController:

@@ -121,16 +121,3 @@ def test_the_gate_holds_the_vehicles_bounds_though_the_limits_fail(bench_of, mon
     monkeypatch.setattr(CalibrationLimits, "check", lambda limits, calibration: None)
     calibrate(bench, action_limit=1.2 * LIMIT, command_step=1.2 * LIMIT)
     assert [command.flow_m2_per_s <= LIMIT * SCALE for command in bench.good(3)] == [True] * 3
-
-
-def test_a_state_goes_with_its_calibration(bench_of):
-    bench = bench_of(numbered())
-    bench.into_control()
-    state = bench.ecu.state
-    calibrate(bench, delay_steps=2)
-    with pytest.raises(ValueError, match="calibration"):
-        bench.ecu.restore(state)
-    fresh = Ecu(bench.bundle, numbered(), bench.config)
-    fresh.calibrate(calibration_of(bench, delay_steps=2))
-    fresh.restore(bench.ecu.state)
-    assert fresh.state == bench.ecu.state

@@ -10,9 +10,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.command_gate import Intervention
-from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
@@ -203,21 +201,6 @@ def test_lost_frames_hold_and_decay_and_a_stream_not_to_be_trusted_shuts_at_once
         ]
         modes += bench.step(*frames).mode.name[0]
     assert (modes, bench.status.reason) == (expected, reason)
-
-
-def test_errors_of_the_can_controller_are_reported_and_borne_short_of_bus_off(bench):
-    bench.into_control()
-    for health, mode, reason in [
-        (BusHealth(state=BusState.ERROR_PASSIVE, tx_errors=200, rx_errors=130), Mode.CONTROL, Reason.NONE),
-        (BusHealth(bus_off=1), Mode.FAULT, Reason.BUS_OFF),  # which it was and is no more
-    ]:
-        answers = bench.ecu.step(bench.now_ns, [bench.pressure()], health)
-        bench.now_ns += bench.config.period_ns
-        command, status = codec.parse_jet_command(answers[0].data), codec.parse_ecu_status(answers[1].data)
-        assert command is not None and status is not None
-        assert (command.mode, status.reason) == (mode, reason)
-        reported = (status.tx_errors, status.rx_errors, status.bus_off)
-        assert reported == (health.tx_errors, health.rx_errors, health.bus_off)
 
 
 PERIOD_MS = 20.0

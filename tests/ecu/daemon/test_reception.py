@@ -23,12 +23,6 @@ def pressure(stamp_ns: int = 0) -> Frame:
     return Frame(frame_id=PRESSURE.frame_id, data=bytes(PRESSURE.length), timestamp_ns=stamp_ns)
 
 
-@given(age=st.integers(0, LONGEST_AGE_NS), date=st.integers(LONGEST_AGE_NS, 10**19), now=st.integers(10**9, 10**18))
-@examples(100)
-def test_a_sound_stamp_is_moved_to_the_other_clock_exactly(age, date, now):
-    assert received_ns(date - age, monotonic_ns=now, date_ns=date) == now - age
-
-
 @given(age=st.integers(0, 10**7), step=st.integers(-(10**18), 10**18))
 @examples(200)
 def test_a_date_that_is_set_between_stamp_and_look_does_bounded_harm(age, step):

@@ -202,10 +202,3 @@ def test_the_control_goes_on_while_a_reset_boots_and_then_with_what_was_booted(t
         ecu.step(clock.now_ns(), [])
         assert ecu.state.commands.counter == 1
         assert tester.ask(b"\x22\xf1\x86") == b"\x62\xf1\x86\x01"
-
-
-def test_what_ends_the_thread_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FlashableEcu, "service", lambda ecu, now_ns, frames: 1 // 0)
-    with pytest.raises(AssertionError, match="ZeroDivisionError"), served(tmp_path) as (_, tester):
-        tester.send(b"\x22\xf1\x8c")
-        wait_for(lambda: tester.failures)
