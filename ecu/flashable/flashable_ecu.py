@@ -10,8 +10,6 @@ from dataclasses import replace
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.flashing.backing import Backing
-from can_bridge.flashing.boot import Boot
-from can_bridge.flashing.store import Store
 from can_bridge.secoc.node import Authentication
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
@@ -19,7 +17,7 @@ from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.links import MOST_FRAMES
-from ecu.flashable.power_cycle import PowerCycle, ShutEcu, TesterAccess, VehicleRequest, log_access
+from ecu.flashable.power_cycle import PowerCycle, ShutEcu, VehicleRequest, log_access
 from ecu.stepped import CalibratedEcu
 
 
@@ -65,17 +63,9 @@ class FlashableEcu:
         return self._ecu.frames_rejected
 
     @property
-    def boot(self) -> Boot:
-        return self._serviced.boot
-
-    @property
-    def store(self) -> Store:
-        """The store as of the latest boot."""
-        return self._serviced.store
-
-    @property
-    def access(self) -> TesterAccess:
-        return self._serviced.access
+    def cycle(self) -> PowerCycle:
+        """The parts since the latest boot."""
+        return self._serviced
 
     @property
     def is_busy(self) -> bool:

@@ -84,8 +84,8 @@ def test_the_end_of_the_session_leads_back_to_the_release_before(rig: Rig, end: 
         assert rig.ecu.resets == 0
         rig.run(200)
     assert rig.ecu.resets == 1
-    assert rig.ecu.boot.bundle is not None
-    assert rig.ecu.boot.bundle.name == "first"
+    assert rig.ecu.cycle.boot.bundle is not None
+    assert rig.ecu.cycle.boot.bundle.name == "first"
     assert rig.statuses[-1].reason is not Reason.UPDATING
     rig.programming()
     assert 0 < rig.announce(second) <= received
@@ -126,7 +126,7 @@ def test_a_reset_leaves_nothing_behind_where_the_collector_is_off(rig: Rig) -> N
     """Any node on the bus can ask for one, and in real time nothing collects what refers to itself."""
     rig.programming()
     rig.run(100)
-    cycle = rig.ecu._serviced
+    cycle = rig.ecu.cycle
     assert cycle.calibration is not None
     before = [weakref.ref(part) for part in (cycle.store, cycle.link._server, cycle.calibration._xcp)]
     del cycle

@@ -58,8 +58,8 @@ def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -
     assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
     rig.good(REVERT)
     rig.reset()
-    assert rig.ecu.boot.bundle is not None
-    assert rig.ecu.boot.bundle.name == "first"
+    assert rig.ecu.cycle.boot.bundle is not None
+    assert rig.ecu.cycle.boot.bundle.name == "first"
 
 
 @pytest.mark.slow

@@ -153,7 +153,7 @@ class Rig(FlashingSteps):
     def reset(self) -> None:
         before = self.ecu.resets
         self.good(b"\x11\x01")
-        while self.ecu.resets == before or self.ecu.store.last_boot is None:
+        while self.ecu.resets == before or self.ecu.cycle.store.last_boot is None:
             self.millisecond()
         self.run(2 * self.config.period_ns // MS)
 

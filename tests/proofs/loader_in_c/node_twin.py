@@ -215,7 +215,7 @@ class Twins:
     @property
     def is_void(self) -> bool:
         """Whether the release that was booted is written over."""
-        return self.python.boot.slot is not None and self.python.store.running is None
+        return self.python.cycle.boot.slot is not None and self.python.cycle.store.running is None
 
     def fail(self, what: int) -> None:
         """From now on: 0 nothing, 1 the memory, 2 the source of random bytes gives zeros, 3 it gives none, 4 and 5
