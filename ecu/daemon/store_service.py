@@ -8,7 +8,7 @@ During a long operation it repeats this every ms. After a reset it boots a relea
 import secrets
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from threading import Event, Thread
 from typing import Final, Self
 
@@ -145,7 +145,10 @@ def serve_store(
         controller_of=controller_of,
         log=log.tell,
     )
-    with held(folder.folder), _switching():
+    with ExitStack() as stack:
+        stack.enter_context(held(folder.folder))
+        stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         freshness, authentication = authentication_of(config, options)
         ecu = FlashableEcu(folder.backing(), config, equipment, authentication=authentication)
         connections: list[Connection] = []
@@ -187,13 +190,3 @@ def serve_store(
     if fatal:
         raise fatal[0]
     return counters
-
-
-@contextmanager
-def _switching() -> Iterator[None]:
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)
