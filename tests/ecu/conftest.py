@@ -33,9 +33,11 @@ class RecordingController:
     def __init__(self, plan: Callable[[int], float] = lambda i: 0.01) -> None:
         self.plan = plan
         self.calls: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self.settings: list[tuple[np.ndarray | None, float, float | None]] = []
 
     def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         self.calls.append((window.copy(), plan.copy(), free.copy()))
+        self.settings.append((weights, speed, limit))
         # As the graph does: the shifted plan where it is committed, new actions elsewhere.
         new = np.array([self.plan(i) for i in range(len(plan))])
         shifted = np.append(plan[1:], plan[-1])

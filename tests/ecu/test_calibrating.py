@@ -55,19 +55,13 @@ def test_the_releases_own_values_change_no_bit(bench_of, delay, plan_ahead):
 
 
 def test_weights_and_limit_are_those_of_the_period_in_the_order_of_the_controllers_input(bench_of):
-    given: list[tuple[float, ...]] = []
-
-    class Weighed(RecordingController):
-        def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None):
-            given.append((*weights.tolist(), limit))
-            return super().control_step(window, plan, free)
-
-    bench = bench_of(Weighed())
+    bench = bench_of()
     bench.into_control()
     own = (*bench.bundle.manifest.mpc.weights.as_tuple(), LIMIT)
     wanted = (*(float(k) for k in range(1, len(TERMS) + 1)), 0.5 * LIMIT)
     calibrate(bench, **dict(zip((*TERMS, "action_limit"), wanted, strict=True)))
     bench.good(2)
+    given = [(*weights.tolist(), limit) for weights, _, limit in bench.controller.settings]
     np.testing.assert_allclose(given, [own, *[wanted] * 2], rtol=1e-7)
 
 

@@ -179,8 +179,6 @@ def test_of_several_frames_the_newest_counts_and_a_repeated_one_is_a_miss_and_no
         ("c c c c", "HDFF", Reason.STREAM_INVALID),
         ("c G c G c", "HCHCF", Reason.STREAM_INVALID),
         ("cG cG cG", "CCF", Reason.STREAM_INVALID),
-        ("Gc Gc Gc", "CCF", Reason.STREAM_INVALID),
-        ("ccG Gcc cGc", "CCF", Reason.STREAM_INVALID),
         ("cccG cccG cccG cccG", "CCFF", Reason.STREAM_INVALID),
         ("x c x c x", "HDDFF", Reason.STREAM_LOST),
         ("G c c x G c c x", "CHDDCFFF", Reason.STREAM_INVALID),
