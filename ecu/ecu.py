@@ -44,16 +44,6 @@ class StepOutcome(NamedTuple):
     trace: Trace
 
 
-class _Decision(NamedTuple):
-    """The request to the command gate in one period: the memory with or without a plan, the action in U_inf W, and the
-    predicted (Cd, Cl) over the H steps of the horizon, (H, 2). If a needed action is missing, it has the reason."""
-
-    memory: ControllerMemory
-    action: float
-    forces: Array | None = None
-    fault: Reason | None = None
-
-
 class Ecu:
     """An ECU with one controller of one bundle. `next` computes a control period from a state; `step` also stores the
     new state. Raises BundleError if the bundle was made for another vehicle, or for another number of sensors than the
@@ -238,11 +228,13 @@ class Ecu:
 
     def _act(self, state: EcuState, before: StepTiming, now_ns: int) -> tuple[EcuState, GatedCommand, Array | None]:
         """Return the state with this period's action, the result of the command gate, and the predicted forces."""
-        latest = state.memory.under_way.newest
-        decision = self._decide(state.fail_safe.mode, state.memory)
-        fail_safe = state.fail_safe if decision.fault is None else state.fail_safe.latch(decision.fault)
+        fail_safe, memory, latest = state.fail_safe, state.memory, state.memory.under_way.newest
+        try:
+            memory, action, forces = self._decide(fail_safe.mode, memory)
+        except ControllerError:
+            action, forces, fail_safe = 0.0, None, fail_safe.latch(Reason.INTERNAL)
         passed = gate(
-            decision.action * self._flow_scale,
+            action * self._flow_scale,
             enable=fail_safe.mode.drives_jets,
             previous_m2_per_s=latest * self._flow_scale,
             previous_ns=before.step_ns,
@@ -252,9 +244,9 @@ class Ecu:
         )
         # The action as it is sent, rounded to the message's resolution.
         sent_m2_per_s = round(passed.flow_m2_per_s / FLOW_RESOLUTION_M2_PER_S) * FLOW_RESOLUTION_M2_PER_S
-        memory = decision.memory.commanded(sent_m2_per_s / self._flow_scale)
+        memory = memory.commanded(sent_m2_per_s / self._flow_scale)
         after = replace(state, memory=memory, fail_safe=_told_by_the_gate(fail_safe, passed))
-        return after, passed, decision.forces
+        return after, passed, forces
 
     def _after_silence(self, memory: ControllerMemory, timing: StepTiming) -> ControllerMemory:
         """Return the memory with a row for each skipped period, in which the last command stayed in force."""
@@ -288,22 +280,20 @@ class Ecu:
         cp = memory.window[-1, :-1] if usable else None
         return self._benefit_check.next(state.benefit, cp, drives=state.fail_safe.mode.drives_jets, speed=speed)
 
-    def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> _Decision:
-        """Return the request to the command gate in this mode; the memory already has this period's row."""
+    def _decide(self, mode: OperatingMode, memory: ControllerMemory) -> tuple[ControllerMemory, float, Array | None]:
+        """Return the memory with or without a plan, the action in U_inf W that is requested of the command gate, and
+        the predicted (Cd, Cl) over the H steps of the horizon, (H, 2); `memory` already has this period's row. Raises
+        ControllerError if the controller fails."""
         latest = memory.under_way.newest
         if mode is OperatingMode.CONTROL:
-            try:
-                planned, answer = memory.planned(self._controller, self._weights, self._config.flow.action_limit)
-            except ControllerError:
-                return _Decision(memory=memory, action=0.0, fault=Reason.INTERNAL)
+            planned, answer = memory.planned(self._controller, self._weights, self._config.flow.action_limit)
             speed, wanted = memory.speed, float(answer.plan[self._config.ecu.frozen_actions])
-            action = followed(latest, wanted * speed, speed * speed)
-            return _Decision(memory=planned, action=action, forces=answer.forces * speed**2)
+            return planned, followed(latest, wanted * speed, speed * speed), answer.forces * speed**2
         if mode is OperatingMode.HOLD:
-            return _Decision(memory=memory, action=latest)
+            return memory, latest, None
         if mode is OperatingMode.DECAY:
-            return _Decision(memory=memory, action=0.5 * latest)
-        return _Decision(memory=memory.without_plan(), action=0.0)
+            return memory, 0.5 * latest, None
+        return memory.without_plan(), 0.0, None
 
 
 def _bus_fault(before: BusHealth, now: BusHealth) -> Reason | None:

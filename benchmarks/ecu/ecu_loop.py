@@ -34,7 +34,6 @@ from contract.release.checks import Bundle
 from contract.results import versions
 from ecu.ecu_state import EcuState, Surroundings
 from ecu.in_c.c_ecu import CEcu, ecu_sources
-from ecu.in_c.c_structs import differing
 from ecu.in_c.compiler import zig_compiler
 from ecu.stepped import CalibratedEcu, LoopEcu
 from firmware_sim.bench.ecus import MCU, C, loop_ecu
@@ -141,7 +140,7 @@ class Lockstep:
         differences: descriptions of the first differences, one line each.
     """
 
-    def __init__(self, driver: CalibratedEcu, other: CalibratedEcu) -> None:
+    def __init__(self, driver: Any, other: CalibratedEcu) -> None:
         self._driver, self._other = driver, other
         self.steps = self.frames = self.differing_frames = self.differing_states = 0
         self.differences: list[str] = []
@@ -168,7 +167,7 @@ class Lockstep:
         self.frames += max(len(sent), len(expected))
         same = sum(one == other for one, other in zip(sent, expected, strict=False))
         differs = max(len(sent), len(expected)) - same
-        fields = differing(self._driver.state, self._other.state)
+        fields = self._driver.differing(self._other.state)
         self.differing_frames += differs
         self.differing_states += bool(fields)
         if (differs or fields) and len(self.differences) < MOST_DIFFERENCES:

@@ -1,6 +1,6 @@
 /* The vehicle's speed through the air, for the conversion of pressures to coefficients and of actions to flow rates.
  * While no new speed is accepted, the last accepted speed stays in force for a limited time. This file corresponds to
- * ecu/speed_reception.py and ecu/air_speed.py.
+ * ecu/speed_reception.py.
  */
 #include "sw_ecu_parts.h"
 

@@ -15,8 +15,8 @@ from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.errors import ConfigError
 from ecu.daemon.connection import Back, Connection, Lost
-from ecu.daemon.counters import Counters
 from ecu.daemon.reception import FrameReception
+from ecu.daemon.reporter import Counters
 from ecu.fail_safe import FailSafe
 from ecu.pressure_reception import OtherEcu
 from ecu.real_time import clock

@@ -18,16 +18,20 @@ from can_bridge.wire.message_sets import SETS, message_set
 from contract.atomic import check_writable
 from contract.config.diagnosis import CanId
 from contract.config.tree import Config
+from contract.controller.calibration import Calibration
+from contract.controller.interface import RunnableController
 from contract.errors import ConfigError
+from contract.release.checks import Bundle
 from ecu.daemon.connection import Connection
 from ecu.daemon.control_loop import ControlLoop, check_offset
-from ecu.daemon.counters import Counters
 from ecu.daemon.reception import FrameReception
-from ecu.daemon.reporter import DatedEvent, Reporter, plain
+from ecu.daemon.reporter import Counters, DatedEvent, Reporter, plain
 from ecu.daemon.systemd import Notifier
+from ecu.ecu import Ecu
+from ecu.fit import check_vehicle
 from ecu.real_time import clock
 from ecu.real_time.privileges import Wanted, in_words, taken
-from ecu.real_time.stage_times import USUAL_PERIODS, EcuStage, PlanTimes, StageTimes
+from ecu.real_time.stage_times import USUAL_PERIODS, EcuStage, PlanTimes, StageTimes, TimedController
 from ecu.stepped import SteppedEcu
 
 FRESHNESS: Final = "freshness.json"
@@ -111,7 +115,7 @@ def run(
     write: Callable[[str], object],
     freshness: FreshnessStore | None,
 ) -> Counters:
-    """Run the ECU until it is stopped; see `ecu.daemon.service.serve`."""
+    """Run the ECU until it is stopped; see `ecu.daemon.process.serve`."""
     messages = message_set(config.bus)
     pressure, speed = messages.pressure.spec, messages.speed.spec
     reception = FrameReception(messages=messages, interface=config.bus.interface)
@@ -187,3 +191,48 @@ def run(
     if stages is not None and options.stage_times is not None:
         stages.save(options.stage_times)
     return loop.counters
+
+
+WARM_UP_STEPS: Final = 50
+"""Number of warm-up steps of the controller on zeros, and of the ECU without frames. They take half a second."""
+
+
+def serve(
+    release: Bundle,
+    controller: RunnableController,
+    config: Config,
+    options: ProcessOptions,
+    *,
+    is_stopped: Callable[[], bool],
+    write: Callable[[str], object],
+    signature: str,
+    calibration: Calibration | None = None,
+) -> Counters:
+    """Run the ECU on a real bus until it is stopped. Its last frames shut the jets, whatever the cause of the end.
+    `signature` says who signed the release; `calibration` is in force from the first step on. Raises StillwakeError
+    if the release does not fit the vehicle, the bus cannot be opened, or a file cannot be written."""
+    check_vehicle(release, config)
+    check(config, options)
+    freshness, authentication = authentication_of(config, options)
+    controller.warm_up(WARM_UP_STEPS)
+    timed = TimedController(controller, clock.now_ns)
+    ecu = Ecu(release, timed, config, authentication)
+    if calibration is not None:
+        ecu.calibrate(calibration)
+    now_ns = clock.now_ns()
+    for _ in range(WARM_UP_STEPS):
+        ecu.next(ecu.state, now_ns, [])
+    name = f"{release.manifest.name} {release.digest[:12]}"
+    served = ServedEcu(
+        ecu=ecu,
+        times=timed.times,
+        name=name,
+        line=f"runs bundle {name} ({signature}) by {controller.description}",
+        fields={
+            "bundle": release.manifest.name,
+            "digest": release.digest,
+            "signature": signature,
+            "controller": controller.description,
+        },
+    )
+    return run(served, config, options, is_stopped=is_stopped, write=write, freshness=freshness)

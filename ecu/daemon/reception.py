@@ -7,7 +7,7 @@ the age of a frame when the frame is read; this age is limited. The time of a fr
 
 import time
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final
 
 from can_bridge.bus.heard import Heard
 from can_bridge.wire.frame import Frame
@@ -21,14 +21,6 @@ STAMPED_WITH_THE_DATE: Final = frozenset({"socketcan", "udp_multicast", "slcan"}
 drivers have clocks of their own; on these interfaces a frame counts as received when it is read."""
 ROOM: Final = 256
 """Largest number of frames that are stored for a step. Only a flood reaches this number; the checks then take 2 ms."""
-
-
-class Taken(NamedTuple):
-    """The frames received since the last step, oldest first, stamped in the ECU's clock. `others` has VehicleSpeed
-    frames, and frames with identifiers of the ECU itself, which only another ECU can send."""
-
-    pressures: list[Frame]
-    others: list[Frame]
 
 
 def received_ns(stamp_ns: int, *, monotonic_ns: int, date_ns: int) -> int:
@@ -72,8 +64,10 @@ class FrameReception:
         elif any(spec.names(frame) for spec in self._rest):
             self._others.put(frame)
 
-    def take(self) -> Taken:
-        return Taken(self._pressures.take(), self._others.take())
+    def take(self) -> tuple[list[Frame], list[Frame]]:
+        """Remove and return the frames since the last step, oldest first, stamped in the ECU's clock: pressures, and
+        others. These are VehicleSpeed frames, and frames of the ECU itself, which only another ECU can send."""
+        return self._pressures.take(), self._others.take()
 
     def _stamp(self, frame: Frame) -> int:
         monotonic_ns = self._monotonic_ns()

@@ -8,7 +8,7 @@ During a long operation it repeats this every ms. After a reset it boots a relea
 import secrets
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from threading import Event, Thread
 from typing import Final, Self
 
@@ -19,10 +19,8 @@ from contract.controller.interface import Controller
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.daemon.connection import Connection
-from ecu.daemon.counters import Counters
-from ecu.daemon.process import ProcessOptions, ServedEcu, authentication_of, check, run
-from ecu.daemon.reporter import Reporter
-from ecu.daemon.service import WARM_UP_STEPS
+from ecu.daemon.process import WARM_UP_STEPS, ProcessOptions, ServedEcu, authentication_of, check, run
+from ecu.daemon.reporter import Counters, Reporter
 from ecu.flashable.ecu_folder import EcuFolder, held
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu
@@ -127,7 +125,7 @@ def serve_store(
     is_stopped: Callable[[], bool],
     write: Callable[[str], object],
 ) -> Counters:
-    """Run the ECU like `ecu.daemon.service.serve`. Also raises StillwakeError if another process runs this ECU, or if a
+    """Run the ECU like `ecu.daemon.process.serve`. Also raises StillwakeError if another process runs this ECU, or if a
     reset within the process failed; then the process must be started again to boot."""
     check(config, options)
     times, log = PlanTimes(), _EarlyLog()
@@ -147,9 +145,12 @@ def serve_store(
         controller_of=controller_of,
         log=log.tell,
     )
-    with held(folder.folder), _switching():
+    with ExitStack() as stack:
+        stack.enter_context(held(folder.folder))
+        stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         freshness, authentication = authentication_of(config, options)
-        ecu = FlashableEcu(folder.backing(), config, equipment, authentication=authentication, serviced_apart=True)
+        ecu = FlashableEcu(folder.backing(), config, equipment, authentication=authentication)
         connections: list[Connection] = []
         fatal: list[BaseException] = []
 
@@ -189,13 +190,3 @@ def serve_store(
     if fatal:
         raise fatal[0]
     return counters
-
-
-@contextmanager
-def _switching() -> Iterator[None]:
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)

@@ -4,7 +4,6 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from can_bridge.secoc.node import Authentication
 from can_bridge.uds.security import AccessKey
 from can_bridge.uds.services import Did
 from contract.config.tree import Config
@@ -12,8 +11,6 @@ from contract.controller.interface import Controller
 from contract.release.checks import Bundle, dbc_sha256
 from contract.release.signing import PublicKey
 from contract.runtime.onnx_session import OnnxController
-from ecu.ecu import Ecu
-from ecu.stepped import CalibratedEcu
 
 Log = Callable[..., None]
 """The function that logs an event, called with the event's name, its text line, and its fields."""
@@ -38,7 +35,6 @@ class Equipment:
     serial: str = "0"
     software: str = ""
     controller_of: Callable[[Bundle], Controller] = OnnxController.of
-    ecu_of: Callable[[Bundle, Controller, Config, Authentication | None], CalibratedEcu] = Ecu
     log: Log = lambda event, line, **fields: None
 
 

@@ -1,8 +1,8 @@
 """The ECU in a vehicle: it boots a release from its store, controls, and can be flashed and calibrated.
 
-`step` runs a control period and one call of diagnosis. A caller that has time between two periods calls `control` once
-a period and `service` any number of times in between, possibly in another thread. A reset has the effect of a power
-loss: the release is booted again and every counter begins at 0. Only freshness values continue.
+A caller calls `step` once a period, and `service` any number of times in between, possibly in another thread. A reset
+has the effect of a power loss: the release is booted again and every counter begins at 0. Only freshness values
+continue.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,6 @@ from dataclasses import replace
 
 from can_bridge.bus.interface import HEALTHY, BusHealth
 from can_bridge.flashing.backing import Backing
-from can_bridge.flashing.store import Boot, Store
 from can_bridge.secoc.node import Authentication
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import EcuStatus, Reason
@@ -18,19 +17,13 @@ from contract.config.tree import Config
 from ecu.ecu_state import EcuState, Trace
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.links import MOST_FRAMES
-from ecu.flashable.power_cycle import PowerCycle, TesterAccess, log_access
-from ecu.flashable.watched_control import VehicleRequest
-from ecu.shut_ecu import ShutEcu
+from ecu.flashable.power_cycle import PowerCycle, ShutEcu, VehicleRequest, log_access
 from ecu.stepped import CalibratedEcu
 
 
 class FlashableEcu:
     """An `ecu.stepped.SteppedEcu` with a store, just powered on. Raises ConfigError if only one of `bus.key` and
     `authentication` is given.
-
-    Args:
-        boot_ns: time in ns for which the ECU is silent after a reset, not including the time of the boot itself.
-        serviced_apart: whether `step` is only a control period, and another thread calls `service`.
 
     Attributes:
         resets: number of resets since power-on.
@@ -43,14 +36,10 @@ class FlashableEcu:
         equipment: Equipment,
         *,
         authentication: Authentication | None = None,
-        boot_ns: int = 0,
-        serviced_apart: bool = False,
     ) -> None:
         self._made_of, self._log = (backing, config, equipment, authentication), equipment.log
-        self._boot_ns, self._serviced_apart = boot_ns, serviced_apart
-        self._heard, self._xcp_command = config.bus.diagnosis.heard, config.bus.diagnosis.xcp_command
+        self._xcp_command = config.bus.diagnosis.xcp_command
         self._request = VehicleRequest()
-        self._silent_until_ns: int | None = None
         self._service_ns = 0
         self._wants_reset = False
         self.resets = 0
@@ -74,17 +63,9 @@ class FlashableEcu:
         return self._ecu.frames_rejected
 
     @property
-    def boot(self) -> Boot:
-        return self._serviced.boot
-
-    @property
-    def store(self) -> Store:
-        """The store as of the latest boot."""
-        return self._serviced.store
-
-    @property
-    def access(self) -> TesterAccess:
-        return self._serviced.access
+    def cycle(self) -> PowerCycle:
+        """The parts since the latest boot."""
+        return self._serviced
 
     @property
     def is_busy(self) -> bool:
@@ -111,18 +92,8 @@ class FlashableEcu:
         return self._ecu.status()
 
     def step(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """Run one control period and, unless `serviced_apart`, one call of `service`. Returns frames of diagnosis, and
-        JetCommand and EcuStatus, unless a tester silenced these two and no jet can run; no frames during a boot."""
-        if self._serviced_apart:
-            return self.control(now_ns, frames, health)
-        for_service = [frame for frame in frames if frame.identifier in self._heard]
-        for_control = [frame for frame in frames if frame.identifier not in self._heard] if for_service else frames
-        return self.control(now_ns, for_control, health) + self.service(now_ns, for_service)
-
-    def control(self, now_ns: int, frames: Sequence[Frame], health: BusHealth = HEALTHY) -> list[Frame]:
-        """Run one control period without diagnosis; the arguments are as in `step`."""
-        if self._is_silent(now_ns):
-            return []
+        """Run one control period, without diagnosis. Returns a JetCommand and an EcuStatus, unless a tester silenced
+        them and no jet can run."""
         self._take_over()
         if self._controlled.calibration is not None:
             self._controlled.calibration.hand_over()
@@ -139,10 +110,10 @@ class FlashableEcu:
 
     def service(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Process up to `MOST_FRAMES` frames of diagnosis and a part of a long operation; return the frames to send."""
-        if self._is_silent(now_ns) or self._serviced is not self._controlled:
+        if self._serviced is not self._controlled:
             return []
         if self._wants_reset:
-            self._reset(now_ns)
+            self._reset()
             return []
         self._service_ns = now_ns
         cycle, frames = self._serviced, frames[:MOST_FRAMES]
@@ -162,15 +133,11 @@ class FlashableEcu:
             *self._made_of, request=lambda: self._request, now_ns=lambda: self._service_ns, on_reset=self._ask_for_reset
         )
 
-    def _is_silent(self, now_ns: int) -> bool:
-        return self._silent_until_ns is not None and now_ns < self._silent_until_ns
-
     def _ask_for_reset(self) -> None:
         self._wants_reset = True
 
-    def _reset(self, now_ns: int) -> None:
+    def _reset(self) -> None:
         self._serviced = self._power_on()
-        self._silent_until_ns = now_ns + self._boot_ns
         self.resets += 1
 
     def _take_over(self) -> None:

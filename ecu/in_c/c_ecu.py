@@ -76,6 +76,10 @@ class CEcuState(NeverCopied):
             name, value = CALIBRATION_NAMES[number - 1], calibration.values[number - 1]
             raise ConfigError(f"calibration: {name} = {value:g}: out of the limits of this release and vehicle")
 
+    def differing(self, state: EcuState) -> list[str]:
+        """Return the names of the numbers in which this ECU's state differs from a state, bit for bit."""
+        return self.structs.differing(self._ecu.state, state)
+
     def saved(self) -> bytes:
         """Return the bytes of the state in C's memory."""
         return bytes(self.structs.ffi.buffer(self.structs.ffi.addressof(self._ecu.state)))

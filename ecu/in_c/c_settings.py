@@ -30,12 +30,11 @@ from contract.errors import ConfigError, LibraryError
 from contract.release import manifest as manifests
 from contract.release.checks import Bundle
 from contract.release.manifest import Manifest
-from ecu import air_speed, benefit_check, sensor_check
+from ecu import benefit_check, sensor_check, speed_reception
 from ecu.benefit_check import BenefitCheck, resting_of
 from ecu.calibrating import limits_of, release_calibration
 from ecu.fit import check_vehicle
 from ecu.pressure_reception import SILENCE_NS
-from ecu.speed_reception import SHORTEST_S
 from ecu.timing import LATEST_NS
 
 HEADER: Final = ECU_SETTINGS
@@ -214,13 +213,13 @@ def _of_speeds(manifest: Manifest, config: SpeedConfig) -> dict[str, int | float
         "SW_AIR_LAGS": f"{{{', '.join(map(str, LAGS))}}}",
         "SW_AIR_MEAN_PERIODS": f"{MEAN_PERIODS}u",
         "SW_AIR_FIRST_PERIOD": f"{FIRST_PERIOD}u",
-        "SW_AIR_TOLERATED": air_speed.TOLERATED,
-        "SW_AIR_MOST_REST": air_speed.MOST_REST,
-        "SW_AIR_RATE": air_speed.RATE,
+        "SW_AIR_TOLERATED": speed_reception.TOLERATED,
+        "SW_AIR_MOST_REST": speed_reception.MOST_REST,
+        "SW_AIR_RATE": speed_reception.RATE,
         "SW_MOST_CORRECTION": float(config.most_correction),
         "SW_SPEED_MARGIN": float(config.margin),
         "SW_OLDEST_SPEED_NS": f"INT64_C({round(config.oldest_ms * 1e6)})",
-        "SW_SHORTEST_S": SHORTEST_S,
+        "SW_SHORTEST_S": speed_reception.SHORTEST_S,
         "SW_MOST_ACCELERATION": float(config.most_acceleration),
     }
 

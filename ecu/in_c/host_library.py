@@ -129,10 +129,6 @@ class CController(NeverCopied):
         if status != _OK:
             raise ControllerError(f"the C library returned status {status}: {REFUSALS[status]}")
 
-    def poison_workspace(self) -> None:
-        """Fill the scratch memory with NaN, to show that no result depends on its earlier contents."""
-        self._workspace[:] = 0xFF
-
 
 def _structure(name: str, **members: Any) -> Any:
     return type(name, (ctypes.Structure,), {"_fields_": list(members.items())})()

@@ -23,11 +23,10 @@ _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 
 
 class Privilege(NamedTuple):
-    """A privilege. If the process does not have it, `why` is the reason; otherwise `why` is empty."""
+    """A privilege; `refused_because` is empty if the process has it."""
 
     what: str
-    granted: bool
-    why: str = ""
+    refused_because: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +54,8 @@ def taken(wanted: Wanted) -> Iterator[list[Privilege]]:
 
 def in_words(privileges: list[Privilege]) -> str:
     """Return one line: the granted privileges, and the refused privileges with the reasons."""
-    granted = ", ".join(item.what for item in privileges if item.granted) or "none"
-    refused = ", ".join(f"{item.what} ({item.why})" for item in privileges if not item.granted)
+    granted = ", ".join(item.what for item in privileges if not item.refused_because) or "none"
+    refused = ", ".join(f"{item.what} ({item.refused_because})" for item in privileges if item.refused_because)
     return f"{granted}; not granted: {refused}" if refused else granted
 
 
@@ -77,11 +76,10 @@ def _attempt(what: str, ask: Callable[[ExitStack], None], undo: ExitStack) -> Pr
     try:
         ask(undo)
     except AttributeError:
-        return Privilege(what, granted=False, why=f"not on {sys.platform}")
+        return Privilege(what, f"not on {sys.platform}")
     except (OSError, ValueError) as error:
-        why = (getattr(error, "strerror", None) or str(error)).lower()
-        return Privilege(what, granted=False, why=why)
-    return Privilege(what, granted=True)
+        return Privilege(what, (getattr(error, "strerror", None) or str(error)).lower())
+    return Privilege(what)
 
 
 def _no_collector(undo: ExitStack) -> None:

@@ -181,7 +181,7 @@ def _run_release(
 ) -> None:
     from contract.controller.interface import RunnableController
     from contract.runtime.onnx_session import OnnxController
-    from ecu.daemon import service
+    from ecu.daemon import process
     from ecu.in_c.host_library import open_library
 
     loaded = settings("ecu", given, uses=_USES)
@@ -190,7 +190,7 @@ def _run_release(
     calibration = asked_calibration(loaded, release)
     controller: RunnableController = OnnxController.of(release) if library is None else open_library(library, release)
     with until_stopped() as is_stopped:
-        counters = service.serve(
+        counters = process.serve(
             release,
             controller,
             loaded.config,

@@ -2,24 +2,29 @@
 
 from collections.abc import Callable, Sequence
 from itertools import count
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.secoc.node import Authentication
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
-from can_bridge.wire.messages import EcuStatus, JetCommand, Pressure, VehicleSpeed
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND
+from can_bridge.wire.messages import EcuStatus, JetCommand
 from contract.config.controller import MpcConfig
 from contract.config.tree import Config
 from contract.config.vehicle import EcuConfig
 from contract.controller.interface import ControlStep
 from contract.release.checks import Bundle
 from contract.release.manifest import Manifest, Scaling
+from contract.sensors import COUNT, TRUCK
 from ecu.ecu import Ecu
+from firmware_sim.bench.vehicle_node import VehicleNode
 
 WINDOW, HORIZON = 4, 5
+NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 
 
 class RecordingController:
@@ -28,14 +33,34 @@ class RecordingController:
     def __init__(self, plan: Callable[[int], float] = lambda i: 0.01) -> None:
         self.plan = plan
         self.calls: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self.settings: list[tuple[np.ndarray | None, float, float | None]] = []
 
     def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
         self.calls.append((window.copy(), plan.copy(), free.copy()))
+        self.settings.append((weights, speed, limit))
         # As the graph does: the shifted plan where it is committed, new actions elsewhere.
         new = np.array([self.plan(i) for i in range(len(plan))])
         shifted = np.append(plan[1:], plan[-1])
         forces, terms = np.full((len(plan), 2), 0.5), np.zeros(8)
         return ControlStep(plan=np.where(free > 0.5, new, shifted), forces=forces, terms=terms, cost=1.0)
+
+
+class Answering:
+    """A controller that returns what it is given, or raises it."""
+
+    def __init__(self, answer: object) -> None:
+        self.answer = answer
+
+    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
+        if isinstance(self.answer, BaseException):
+            raise self.answer
+        return cast(ControlStep, self.answer)
+
+
+def answer_of(horizon: int = 4, **changes: Any) -> ControlStep:
+    """A sound answer but for these parts of it."""
+    sound: dict[str, Any] = {"plan": np.zeros(horizon), "forces": np.zeros((horizon, 2)), "terms": np.zeros(8)}
+    return ControlStep(**{**sound, "cost": 0.0, **changes})
 
 
 def numbered() -> RecordingController:
@@ -44,38 +69,46 @@ def numbered() -> RecordingController:
     return RecordingController(lambda i: 0.0016 * (next(numbers) % 40))
 
 
-class Bench:
+class ByHand(VehicleNode):
+    """A vehicle whose pressures and speed are given, and whose clock stands still between its frames."""
+
+    def __init__(self, config: Config, authentication: Authentication | None = None) -> None:
+        super().__init__(NAMES, config, authentication=authentication)
+        self.config, self.now_ns = config, 1_000_000
+
+    def pressures(self, cp: ArrayLike, *, asks: bool, age_ns: int = 0) -> Frame:
+        """A frame sent now; cp, (4,), in units of the dynamic pressure: NaN is an invalid one."""
+        wall = np.zeros(COUNT)
+        wall[TRUCK.indices(NAMES)] = cp
+        return self.sample(wall, enable_request=asks, now_ns=self.now_ns, age_ns=age_ns)
+
+    def at_speed(self, ratio: float | None, *, age_ns: int = 0, density: float | None = None) -> Frame:
+        """A frame with the vehicle's speed, in design speeds."""
+        self.stated_speed = None if ratio is None else ratio * self.operating_point.speed
+        self.stated_density = density
+        frame = self.speed_frame(now_ns=self.now_ns, age_ns=age_ns)
+        assert frame is not None
+        return frame
+
+
+class Bench(ByHand):
     """One ECU, stepped period by period with frames made by hand."""
 
     def __init__(self, bundle: Bundle, config: Config, controller) -> None:
-        self.bundle, self.config = bundle, config
-        self.controller = controller
+        super().__init__(config)
+        self.bundle, self.controller = bundle, controller
         self.ecu = Ecu(bundle, controller, config)
-        self.now_ns = 1_000_000
         self.status: EcuStatus | None = None
-        self.sender, self.speed_sender = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED)
-        self.frames = 0
         # Of the vehicle, with every step; None for one that sends no speed.
         self.cruises = None if bundle.manifest.speeds is None else 1.0
 
-    def pressure(self, cp=(0.1, 0.2, 0.3, 0.4), *, enable=True, valid=(True,) * 4, age_ns=0) -> Frame:
-        """A frame sent now; cp in units of the dynamic pressure. The request is raised in the second frame of all."""
-        enable, self.frames = enable and self.frames > 0, self.frames + 1
-        scale = self.config.operating_point.dynamic_pressure
-        message = Pressure(
-            pressure_pa=tuple(value * scale for value in cp), valid=valid, enable_request=enable, age_ns=age_ns
-        )
-        return self.sender.frame(codec.emit_pressure(message), now_ns=self.now_ns)
-
-    def speed(self, ratio: float | None, *, age_ns: int = 0, density: float | None = None) -> Frame:
-        """A frame with the vehicle's speed, in design speeds."""
-        speed = None if ratio is None else ratio * self.config.operating_point.speed
-        message = VehicleSpeed(speed_m_per_s=speed, age_ns=age_ns, density_kg_per_m3=density)
-        return self.speed_sender.frame(codec.emit_vehicle_speed(message), now_ns=self.now_ns)
+    def pressure(self, cp=(0.1, 0.2, 0.3, 0.4), *, enable=True, age_ns=0) -> Frame:
+        """The request is raised in the second frame of all."""
+        return self.pressures(cp, asks=enable and self.frames_sent > 0, age_ns=age_ns)
 
     def step(self, *frames: Frame, periods: int = 1) -> JetCommand:
         """One step with these frames; the clock then moves on by `periods`."""
-        speed = [] if self.cruises is None else [self.speed(self.cruises)]
+        speed = [] if self.cruises is None else [self.at_speed(self.cruises)]
         answers = self.ecu.step(self.now_ns, [*frames, *speed])
         self.now_ns += periods * self.config.period_ns
         assert [frame.frame_id for frame in answers] == [JET_COMMAND.frame_id, ECU_STATUS.frame_id]
@@ -92,7 +125,7 @@ class Bench:
         return self.good(WINDOW + 1)[-1]
 
 
-def make_bundle(*, sensors: Sequence[str] = ("upper_39", "lower_39", "base_0", "base_9"), **changes) -> Bundle:
+def make_bundle(*, sensors: Sequence[str] = NAMES, **changes) -> Bundle:
     """A release of a few periods' window and horizon; there is no model in it."""
     config = Config()
     facts = {

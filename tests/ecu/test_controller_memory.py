@@ -1,16 +1,17 @@
 import copy
 import pickle
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contract.controller.interface import ControllerError, ControlStep
+from contract.controller.interface import ControllerError
 from ecu.controller_memory import ControllerMemory, DelayLine
 from tests.each import each
+from tests.ecu.conftest import Answering, answer_of
 
 
 def memory_of(length: int, *, sensors=1, horizon=4, delay=0) -> ControllerMemory:
@@ -19,23 +20,6 @@ def memory_of(length: int, *, sensors=1, horizon=4, delay=0) -> ControllerMemory
 
 def after(memory: ControllerMemory, cp: list[float], action: float) -> ControllerMemory:
     return replace(memory, under_way=DelayLine((action,))).observed(np.array(cp))
-
-
-class Answering:
-    """A controller that returns what it is given, or raises it."""
-
-    def __init__(self, answer: object) -> None:
-        self.answer = answer
-
-    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
-        if isinstance(self.answer, BaseException):
-            raise self.answer
-        return cast(ControlStep, self.answer)
-
-
-def answer_of(**changes: Any) -> ControlStep:
-    sound: dict[str, Any] = {"plan": np.zeros(4), "forces": np.zeros((4, 2)), "terms": np.zeros(8), "cost": 0.0}
-    return ControlStep(**{**sound, **changes})
 
 
 NO_ANSWERS = [

@@ -10,9 +10,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from can_bridge.bus.interface import BusHealth, BusState
 from can_bridge.command_gate import Intervention
-from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import EcuStatus, Mode, Reason
@@ -36,12 +34,6 @@ def test_it_warms_up_until_the_window_is_full(bench, bundle_of):
     assert len(bench.controller.calls) == 3
     assert (bench.status.state, bench.status.overruns) == (Mode.CONTROL, 0)
     assert bench.status.bundle_hash == bundle_of().short_hash == 0x01234567
-
-
-def test_without_a_request_it_stays_off_and_fills_the_window(bench):
-    assert {command.mode for command in bench.good(WINDOW + 2, enable=False)} == {Mode.OFF}
-    assert bench.controller.calls == []
-    assert bench.good(1)[0].mode is Mode.CONTROL
 
 
 @each("plan_ahead, delay", product([False, True], [0, 1, 3]))
@@ -157,7 +149,7 @@ def test_frames_that_cannot_be_used_do_not_make_the_command_younger(bench_of):
     assert bench.step(aged(bench, 25.0, in_queue=True)).enable
     seen = []
     for _ in range(3):
-        command = bench.step(bench.pressure(valid=(True, True, True, False)))
+        command = bench.step(bench.pressure((0.1, 0.2, 0.3, np.nan)))
         seen.append((command.mode, command.enable, bench.status.reason))
     # At 45, 65 and 85 ms.
     held = (Mode.HOLD, True, Reason.SENSOR_INVALID)
@@ -187,8 +179,6 @@ def test_of_several_frames_the_newest_counts_and_a_repeated_one_is_a_miss_and_no
         ("c c c c", "HDFF", Reason.STREAM_INVALID),
         ("c G c G c", "HCHCF", Reason.STREAM_INVALID),
         ("cG cG cG", "CCF", Reason.STREAM_INVALID),
-        ("Gc Gc Gc", "CCF", Reason.STREAM_INVALID),
-        ("ccG Gcc cGc", "CCF", Reason.STREAM_INVALID),
         ("cccG cccG cccG cccG", "CCFF", Reason.STREAM_INVALID),
         ("x c x c x", "HDDFF", Reason.STREAM_LOST),
         ("G c c x G c c x", "CHDDCFFF", Reason.STREAM_INVALID),
@@ -211,21 +201,6 @@ def test_lost_frames_hold_and_decay_and_a_stream_not_to_be_trusted_shuts_at_once
     assert (modes, bench.status.reason) == (expected, reason)
 
 
-def test_errors_of_the_can_controller_are_reported_and_borne_short_of_bus_off(bench):
-    bench.into_control()
-    for health, mode, reason in [
-        (BusHealth(state=BusState.ERROR_PASSIVE, tx_errors=200, rx_errors=130), Mode.CONTROL, Reason.NONE),
-        (BusHealth(bus_off=1), Mode.FAULT, Reason.BUS_OFF),  # which it was and is no more
-    ]:
-        answers = bench.ecu.step(bench.now_ns, [bench.pressure()], health)
-        bench.now_ns += bench.config.period_ns
-        command, status = codec.parse_jet_command(answers[0].data), codec.parse_ecu_status(answers[1].data)
-        assert command is not None and status is not None
-        assert (command.mode, status.reason) == (mode, reason)
-        reported = (status.tx_errors, status.rx_errors, status.bus_off)
-        assert reported == (health.tx_errors, health.rx_errors, health.bus_off)
-
-
 PERIOD_MS = 20.0
 
 
@@ -243,7 +218,7 @@ def bench_at(plan: float = 0.01, **settings) -> Bench:
 def drive(bench: Bench, ratio: float | None, periods: int, cp: float = 0.1, **stated) -> list:
     """Periods at a speed, with this Cp at the present dynamic pressure on all sensors."""
     pressure = (cp * (1.0 if ratio is None else ratio) ** 2,) * 4
-    return [bench.step(bench.speed(ratio, **stated), bench.pressure(pressure)) for _ in range(periods)]
+    return [bench.step(bench.at_speed(ratio, **stated), bench.pressure(pressure)) for _ in range(periods)]
 
 
 def status(bench: Bench) -> EcuStatus:
@@ -261,7 +236,7 @@ def test_the_window_has_steps_of_the_present_speed_and_the_jets_follow_it():
     for ratio in [1.2] * 8 + [1.15, 1.1, 1.05, 1.05, 1.1]:
         at += ratio
         # Cp grows along the way: Pa follow the present dynamic pressure.
-        bench.step(bench.speed(ratio), bench.pressure((0.02 * at * ratio**2,) * 4))
+        bench.step(bench.at_speed(ratio), bench.pressure((0.02 * at * ratio**2,) * 4))
     window, _, _ = bench.controller.calls[-1]
     # Half a step of a pressure on the wire, of 375 Pa at the design speed.
     np.testing.assert_allclose(window[:, 0], 0.02 * (at - np.arange(WINDOW)[::-1]), atol=1.5e-4)
@@ -286,7 +261,7 @@ def test_without_a_speed_the_last_one_stands_for_a_while_and_then_no_pressure_is
     bench = bench_at()
     drive(bench, 1.0, 6)
     assert status(bench).state is Mode.CONTROL
-    for unknown in (lambda: (), lambda: (bench.speed(None),)):
+    for unknown in (lambda: (), lambda: (bench.at_speed(None),)):
         modes = []
         while reason(bench) is Reason.NONE:
             modes.append(bench.step(*unknown(), bench.pressure()).mode)
@@ -295,7 +270,7 @@ def test_without_a_speed_the_last_one_stands_for_a_while_and_then_no_pressure_is
         modes = [bench.step(bench.pressure()).mode for _ in range(3)]
         assert modes == [Mode.DECAY, Mode.DECAY, Mode.FAULT]
         # As after any latched fault: a new request, and the stream of speeds is to be trusted again.
-        [bench.step(bench.speed(1.0), bench.pressure(enable=False)) for _ in range(2)]
+        [bench.step(bench.at_speed(1.0), bench.pressure(enable=False)) for _ in range(2)]
         drive(bench, 1.0, 6)
         assert status(bench).state is Mode.CONTROL
 

@@ -46,8 +46,8 @@ def periods_of(bench, events: str) -> list[Period]:
     """What arrives in each period; the bench only makes the frames."""
     rng, latest, periods = np.random.default_rng(5), bench.pressure(), []
     for event in events:
-        cp = (4.0,) * 4 if event == "P" else tuple(rng.uniform(-1.0, 1.0, 4))
-        frame = latest if event == "R" else bench.pressure(cp, enable=event != "g", valid=(event != "i",) * 4)
+        cp = {"P": (4.0,) * 4, "i": (np.nan,) * 4}.get(event, rng.uniform(-1.0, 1.0, 4))
+        frame = latest if event == "R" else bench.pressure(cp, enable=event != "g")
         if event == "c":
             frame = replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1]))
         if event == "S":

@@ -7,7 +7,7 @@ fields that a change affects.
 import gzip
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from math import nan
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,7 @@ from can_bridge.bus.interface import BusHealth
 from can_bridge.wire.frame import Frame
 from contract.atomic import replacing
 from contract.errors import StillwakeError
-from ecu.in_c.c_structs import flattened
+from ecu.controller_memory import DelayLine
 from ecu.stepped import CalibratedEcu
 
 SHELF: Final = Path(__file__).parent / "shelf"
@@ -63,6 +63,18 @@ class Answers:
         self.reasons.append(int(state.fail_safe.reason))
         for name, value in flattened(state).items():
             self.states.setdefault(name, []).append(zlib.crc32(_content(value)))
+
+
+def flattened(value: object, name: str = "") -> dict[str, Any]:
+    """Return a state, or any part of it, as a dictionary from dotted names to the values of single fields."""
+    if is_dataclass(value) and not isinstance(value, type | DelayLine):
+        parts = ((item.name, getattr(value, item.name)) for item in fields(value))
+        return {
+            key: leaf
+            for part, content in parts
+            for key, leaf in flattened(content, f"{name}.{part}" if name else part).items()
+        }
+    return {name: value}
 
 
 def _content(value: Any) -> bytes:

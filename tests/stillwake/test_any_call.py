@@ -34,7 +34,7 @@ BEGINNINGS = (
     *("export.release.pipeline.lower", "firmware_sim.mcu.measure.compile_for_cortex_m7"),
     *("wake.recording.recorder.run_parallel", "firmware_sim.campaign.conduct.spread"),
     *("wake.pictures.drawing.save_figure", "can_bridge.tools.raw_bus.open_bus"),
-    *("can_bridge.tester.transport.open_client", "ecu.daemon.service.serve"),
+    *("can_bridge.tester.transport.open_client", "ecu.daemon.process.serve"),
     *("ecu.daemon.store_service.serve_store", "firmware_sim.latency.running.recorded"),
     "firmware_sim.live.serving.server.serve",
 )

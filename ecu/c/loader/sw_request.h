@@ -1,5 +1,5 @@
 /* The reasons for which a tester's request is refused now, as UDS codes: either the vehicle requests control, or the
- * store refuses. This file corresponds to ecu/flashable/watched_control.py.
+ * store refuses. This file corresponds to ecu/flashable/power_cycle.py.
  */
 #ifndef SW_REQUEST_H
 #define SW_REQUEST_H

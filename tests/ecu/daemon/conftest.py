@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from can_bridge.bus.backends.python_can import PythonCanBus
-from can_bridge.wire import codec
 from can_bridge.wire.message_sets import FD
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE
-from can_bridge.wire.messages import EcuStatus, JetCommand
+from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from contract import sensors
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig
@@ -22,12 +20,11 @@ from ecu.daemon.control_loop import ControlLoop
 from ecu.daemon.reception import FrameReception
 from ecu.ecu import Ecu
 from ecu.real_time.stage_times import EcuStage, StageTimes, TimedController
-from firmware_sim.bench.vehicle_node import VehicleNode
+from tests.ecu.daemon.driving import Vehicle
 
 CHANNELS = count()
 PATIENCE_S = 10.0
 """How long a test waits for another thread before it fails; never reached when all is well."""
-NAMES = ("upper_39", "lower_39", "base_0", "base_9")
 START_NS = 10**12
 
 
@@ -54,8 +51,8 @@ class Rig:
         self.period_ns = self.config.period_ns
         self.now = START_NS
         self.next_sample = START_NS + phase_ns
-        self.vehicle = VehicleNode(NAMES, self.config)
         self.vehicle_bus = PythonCanBus.open(self.bus_config)
+        self.vehicle = Vehicle(self.config, self.vehicle_bus)
         self.controller = controller
         self.timed = TimedController(controller, lambda: self.now)
         self.ecu = Ecu(bundle, self.timed, self.config)
@@ -80,8 +77,7 @@ class Rig:
         self.samples = 0
         self.delay = lambda number: 0
         self.pending: list[tuple[int, object]] = []
-        self.commands: list[JetCommand] = []
-        self.statuses: list[EcuStatus] = []
+        self.commands, self.statuses = self.vehicle.commands, self.vehicle.statuses
         self.actions: list[float] = []
 
     def open_bus(self) -> PythonCanBus:
@@ -104,10 +100,10 @@ class Rig:
         self.now = max(self.now, due_ns)
 
     def _sample(self) -> None:
-        self._apply()
+        self.actions.append(self.vehicle.hear())
         # The request is raised in the second frame of all: one that stands at power-on is none.
         cp = np.full(sensors.COUNT, 0.1)
-        frame = self.vehicle.sample(cp, enable_request=self.request and self.samples > 0, now_ns=self.now)
+        frame = self.vehicle.node.sample(cp, enable_request=self.request and self.samples > 0, now_ns=self.now)
         late_ns = self.delay(self.samples)
         self.samples += 1
         self.next_sample += self.period_ns
@@ -130,21 +126,10 @@ class Rig:
         read = self.connection._bus
         return read is not None and read.receiver.fault is None
 
-    def _apply(self) -> None:
-        heard = self.vehicle_bus.receive_all()
-        self.commands += [
-            c for f in heard if f.frame_id == JET_COMMAND.frame_id and (c := codec.parse_jet_command(f.data))
-        ]
-        self.statuses += [
-            s for f in heard if f.frame_id == ECU_STATUS.frame_id and (s := codec.parse_ecu_status(f.data))
-        ]
-        commands = [frame for frame in heard if frame.frame_id == JET_COMMAND.frame_id]
-        self.actions.append(self.vehicle.apply_commands(commands).action)
-
     def run(self, steps: int) -> None:
         """So many more control steps; what they sent is then in `commands` and `statuses`."""
         self.loop.run(lambda: False, self.loop.counters.steps + steps)
-        self._apply()
+        self.actions.append(self.vehicle.hear())
 
     def into_control(self) -> None:
         self.run(30)

@@ -10,12 +10,12 @@ import numpy as np
 
 from can_bridge.bus.backends.python_can import PythonCanBus
 from can_bridge.secoc.node import Authentication
-from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_sets import message_set
 from can_bridge.wire.messages import EcuStatus, JetCommand
 from contract import sensors
 from contract.config.tree import Config
 from firmware_sim.bench.vehicle_node import VehicleNode
+from tests.ecu.conftest import NAMES
 
 PATIENCE_S = 120.0
 """How long a test waits for another process before it fails; never reached when all is well."""
@@ -27,7 +27,7 @@ class Vehicle:
     """Samples and drives every period while it is asked to."""
 
     def __init__(self, config: Config, bus: PythonCanBus, authentication: Authentication | None = None) -> None:
-        self.node = VehicleNode(("upper_39", "lower_39", "base_0", "base_9"), config, authentication=authentication)
+        self.node = VehicleNode(NAMES, config, authentication=authentication)
         self._bus, self._period_s, self._messages = bus, config.period_ns / 1e9, message_set(config.bus)
         self._due = time.monotonic()
         self._phase = 0
@@ -43,11 +43,19 @@ class Vehicle:
         self._phase += 1
         cp = 0.3 * np.sin(0.25 * self._phase + np.arange(sensors.COUNT))
         self._bus.send(self.node.sample(cp, enable_request=request, now_ns=time.monotonic_ns()))
+        self.largest_action = max(self.largest_action, abs(self.hear()))
+
+    def hear(self) -> float:
+        """Read what came, and do what was commanded: the jets' action."""
+        command, status = self._messages.command, self._messages.status
         heard = self._bus.receive_all()
-        self._read(heard)
-        spec = self._messages.command.spec
-        self.action = self.node.apply_commands([frame for frame in heard if spec.names(frame)]).action
-        self.largest_action = max(self.largest_action, abs(self.action))
+        for frame in heard:
+            if command.spec.names(frame) and (said := command.parse(frame.data[: command.spec.protected])):
+                self.commands.append(said)
+            if status.spec.names(frame) and (told := status.parse(frame.data[: status.spec.protected])):
+                self.statuses.append(told)
+        self.action = self.node.apply_commands([frame for frame in heard if command.spec.names(frame)]).action
+        return self.action
 
     def until(self, condition: Callable[[], object], *, request: bool | None = None) -> None:
         """Drive until it holds; without a stated request, one that is raised anew again and again."""
@@ -61,11 +69,3 @@ class Vehicle:
     def into_control(self) -> None:
         self.largest_action = 0.0
         self.until(lambda: self.largest_action > 0.0)
-
-    def _read(self, frames: list[Frame]) -> None:
-        command, status = self._messages.command, self._messages.status
-        for frame in frames:
-            if command.spec.names(frame) and (said := command.parse(frame.data[: command.spec.protected])):
-                self.commands.append(said)
-            if status.spec.names(frame) and (told := status.parse(frame.data[: status.spec.protected])):
-                self.statuses.append(told)

@@ -12,34 +12,26 @@ from can_bridge.wire.frame import Frame
 from can_bridge.wire.message_specs import JET_COMMAND, PRESSURE
 from can_bridge.wire.messages import JetCommand, Mode, Reason
 from contract.config.tree import Config
-from contract.controller.interface import ControlStep
 from ecu.real_time.deadlines import wrapped
 from ecu.real_time.stage_times import EcuStage
 from tests.each import each
-from tests.ecu.daemon.conftest import START_NS, Rig, wait_for
+from tests.ecu.daemon.conftest import START_NS, wait_for
 
 PERIOD = Config().period_ns
 MS = 1_000_000
 
 
-class Slow:
-    """Spends the rig's time where it plans."""
-
-    rig: Rig
-
-    def __init__(self) -> None:
-        self.takes_ns = 0
-
-    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
-        self.rig.now += self.takes_ns
-        return ControlStep(plan=np.full(len(plan), 0.01), forces=np.zeros((len(plan), 2)), terms=np.zeros(8), cost=0.0)
-
-
 @pytest.fixture
-def slow(rig_of):
-    controller = Slow()
-    controller.rig = rig_of(controller)
-    return controller
+def slow(rig):
+    """A rig whose controller spends its time `takes_ns` where it plans."""
+    rig.takes_ns = 0
+
+    def plan(step: int) -> float:
+        rig.now += rig.takes_ns if step == 0 else 0
+        return 0.01
+
+    rig.controller.plan = plan
+    return rig
 
 
 @each("phase_ms", [0, 7, 19])
@@ -67,38 +59,36 @@ def test_frames_of_a_stranger_do_not_move_the_steps(rig, behind_ms):
 
 
 def test_a_step_that_takes_too_long_leaves_periods_out_and_is_not_made_up_for(slow):
-    rig = slow.rig
-    rig.into_control()
-    steps, due = rig.loop.counters.steps, rig.column(EcuStage.SCHEDULED)[-1]
+    slow.into_control()
+    steps, due = slow.loop.counters.steps, slow.column(EcuStage.SCHEDULED)[-1]
     slow.takes_ns = 50 * MS
-    rig.run(1)
+    slow.run(1)
     slow.takes_ns = 0
-    rig.run(10)
-    assert rig.loop.counters.left_out == 2
-    assert rig.loop.counters.steps == steps + 11
-    scheduled = rig.column(EcuStage.SCHEDULED)[-11:]
+    slow.run(10)
+    assert slow.loop.counters.left_out == 2
+    assert slow.loop.counters.steps == steps + 11
+    scheduled = slow.column(EcuStage.SCHEDULED)[-11:]
     assert scheduled[0] - due == PERIOD
     assert scheduled[1] - scheduled[0] == 3 * PERIOD
     assert set(np.diff(scheduled[1:])) == {PERIOD}
-    assert rig.statuses[-1].overruns == 2
+    assert slow.statuses[-1].overruns == 2
 
 
 def test_each_stage_is_noted(slow):
-    rig = slow.rig
     slow.takes_ns = 6 * MS
-    rig.into_control()
+    slow.into_control()
     # Until the steps lie where they are to.
-    rig.run(20)
-    row = dict(zip((stage.name for stage in EcuStage), rig.stages.rows()[-1].tolist(), strict=True))
+    slow.run(20)
+    row = dict(zip((stage.name for stage in EcuStage), slow.stages.rows()[-1].tolist(), strict=True))
     sampled = row["FRAME_ARRIVED"]
     assert wrapped(sampled - START_NS - 3 * MS, PERIOD) == 0
     assert row["SCHEDULED"] == row["WOKE"] == row["STEP_BEGAN"] == row["PLAN_BEGAN"] == sampled + 4 * MS
     assert row["PLAN_ENDED"] == row["STEP_ENDED"] == row["SENT"] == sampled + 10 * MS
-    assert row["PERIOD"] == len(rig.stages.rows()) - 1
+    assert row["PERIOD"] == len(slow.stages.rows()) - 1
     # The counter of the DBC: what the command echoes.
-    assert row["PRESSURE_COUNTER"] == rig.commands[-1].pressure_counter
+    assert row["PRESSURE_COUNTER"] == slow.commands[-1].pressure_counter
     # Before control there is no plan.
-    assert rig.column(EcuStage.PLAN_BEGAN)[0] == 0
+    assert slow.column(EcuStage.PLAN_BEGAN)[0] == 0
 
 
 def test_another_ecu_on_the_bus_shuts_the_jets(rig):

@@ -23,12 +23,6 @@ def pressure(stamp_ns: int = 0) -> Frame:
     return Frame(frame_id=PRESSURE.frame_id, data=bytes(PRESSURE.length), timestamp_ns=stamp_ns)
 
 
-@given(age=st.integers(0, LONGEST_AGE_NS), date=st.integers(LONGEST_AGE_NS, 10**19), now=st.integers(10**9, 10**18))
-@examples(100)
-def test_a_sound_stamp_is_moved_to_the_other_clock_exactly(age, date, now):
-    assert received_ns(date - age, monotonic_ns=now, date_ns=date) == now - age
-
-
 @given(age=st.integers(0, 10**7), step=st.integers(-(10**18), 10**18))
 @examples(200)
 def test_a_date_that_is_set_between_stamp_and_look_does_bounded_harm(age, step):
@@ -44,7 +38,7 @@ def test_a_frame_is_as_old_as_its_stamp_where_its_clock_is_known(interface):
     box, stamps = inbox(interface), (DATE - 7_000_000, 0, 10**19)
     for stamp in stamps:
         box.put(pressure(stamp))
-    waited, *others = (NOW - frame.timestamp_ns for frame in box.take().pressures)
+    waited, *others = (NOW - frame.timestamp_ns for frame in box.take()[0])
     if interface in ("virtual", "pcan", "python-can"):
         assert (waited, others) == (0, [0, 0])
     else:
@@ -57,9 +51,9 @@ def test_frames_by_the_ecus_own_names_are_kept_for_the_step_that_judges_them_and
         for _ in range(times):
             box.put(E2eSender(spec).frame(bytes(spec.protected), now_ns=0))
     box.put(Frame(frame_id=0x55, data=b""))
-    taken = box.take()
-    assert (len(taken.pressures), len(taken.others), box.received) == (1, 5, 6)
+    pressures, others = box.take()
+    assert (len(pressures), len(others), box.received) == (1, 5, 6)
     assert box.take() == ([], [])
     for _ in range(ROOM + 10):
         box.put(pressure())
-    assert (len(box.take().pressures), box.dropped) == (ROOM, 10)
+    assert (len(box.take()[0]), box.dropped) == (ROOM, 10)

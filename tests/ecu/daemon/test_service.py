@@ -24,10 +24,8 @@ from contract.errors import BundleError, BusError, ConfigError
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
 from contract.runtime.onnx_session import OnnxController
-from ecu.daemon.counters import Counters
-from ecu.daemon.process import ProcessOptions, freshness_file
-from ecu.daemon.reporter import as_json
-from ecu.daemon.service import serve
+from ecu.daemon.process import ProcessOptions, freshness_file, serve
+from ecu.daemon.reporter import Counters, as_json
 from ecu.real_time.privileges import Wanted
 from ecu.real_time.stage_times import EcuStage, load
 from tests.ecu.daemon.driving import PATIENCE_S, Vehicle

@@ -1,4 +1,4 @@
-"""The folder of a random release with its examples, for CAN FD or, with `both_sets`, either set of messages."""
+"""The library of a random release with its examples, for CAN FD or, with `both_sets`, either set of messages."""
 
 from pathlib import Path
 
@@ -6,26 +6,15 @@ import numpy as np
 import pytest
 
 from can_bridge.wire.message_sets import MessageSet, message_set
-from contract.config.controller import MpcConfig
-from contract.config.learning import ModelConfig
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig, EcuConfig, SensorCheckConfig
 from contract.controller.c_folder import BOARD
-from contract.controller.image_payload import with_layout
-from contract.release.bundle import load
-from ecu.c.sources import example_sources, firmware_sources
-from ecu.in_c.c_examples import PLAYED, played_pressures
-from ecu.in_c.c_settings import HEADER, ecu_settings
-from examples.random_programs import random_program
-from export.program.windows import random_windows
-from export.release.lowering import int8_library
-from export.to_c.library import documents
+from ecu.c.sources import example_sources
+from ecu.in_c.c_ecu import ecu_sources
+from ecu.in_c.c_examples import MOST_PERIODS, PLAYED, played_pressures
 
 START = ("sw_board_start.h", "sw_board_start.c", "sw_board_libc.c")
 """What the bare core starts with; a program with an operating system has its own."""
-
-MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
-"""Of the random release."""
 
 
 def without(folder: dict[str, bytes], *names: str) -> dict[str, bytes]:
@@ -43,19 +32,17 @@ def built_for(request) -> tuple[Config, MessageSet]:
 
 
 @pytest.fixture(scope="session")
-def exported(built_for, random_release) -> dict[str, bytes]:
-    """The files that `export --c` writes, but for recorded rows."""
+def exported(built_for, release) -> dict[str, bytes]:
+    """Sources and examples that `export --c` writes, with random rows in place of recorded ones."""
     config, _ = built_for
-    program = random_program(1, model=MODEL, mpc=MpcConfig(horizon=8))
-    windows = random_windows(program, 20)
-    library = int8_library(program, windows) | firmware_sources() | {HEADER: ecu_settings(load(random_release), config)}
-    played = {PLAYED: played_pressures(np.concatenate(windows), config)}
-    return with_layout(library) | example_sources() | played | documents(library)
+    rows = np.random.default_rng(0).normal(scale=0.3, size=(MOST_PERIODS, 5))
+    library = ecu_sources(release.folder, release.bundle, config)
+    return library | example_sources() | {PLAYED: played_pressures(rows, config)}
 
 
 @pytest.fixture(scope="session")
 def folder(exported) -> dict[str, bytes]:
-    """The same flat and without documents: the tests' compiler takes no folders in folders."""
+    """The same flat: the tests' compiler takes no folders in folders."""
     names = [name for name in exported if name.endswith((".c", ".h", ".ld")) and name.split("/")[0] not in BOARD]
     taken = {name: exported[name] for name in (*names, *(f"board/{name}" for name in START))}
     return without({Path(name).name: text for name, text in taken.items()}, "replay.c")

@@ -9,7 +9,7 @@ import pytest
 from can_bridge.e2e.receiver import E2eReceiver, FrameCheck
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
-from contract.config.learning import ModelConfig
+from ecu.in_c.c_examples import ASKED_FROM
 from ecu.in_c.compiler import host_compiler
 from tests.ecu.examples.conftest import START, without
 
@@ -47,7 +47,5 @@ def test_every_period_has_a_command_and_the_jets_are_driven(system, folder, buil
         command = messages.command.parse(wire)
         assert command is not None
         modes.append(command.mode)
-    window = ModelConfig().window
-    assert len(modes) > window + 10
-    assert Mode.CONTROL not in modes[: window - 1]
-    assert set(modes[-10:]) == {Mode.CONTROL}
+    assert Mode.CONTROL not in modes[: ASKED_FROM - 1]
+    assert set(modes[ASKED_FROM + 10 :]) == {Mode.CONTROL}

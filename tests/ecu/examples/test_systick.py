@@ -13,7 +13,6 @@ import pytest
 from can_bridge.e2e.receiver import E2eReceiver, FrameCheck, StreamState
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
-from contract.config.learning import ModelConfig
 from ecu.in_c.c_examples import ASKED_FROM
 from ecu.in_c.compiler import zig_compiler
 from tests.ecu.examples.conftest import both_sets, without
@@ -57,8 +56,7 @@ def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_f
     # A step each period and none left out; only the first frame finds a stream that is not trusted yet.
     periods, counts = len(data), [figures[name] for name in ("steps", "left_out", "overruns", "missed")]
     assert (status, counts) == (0, [periods, 0, 0, 1])
-    window = ModelConfig().window
-    assert figures["active"] == periods - window
+    assert figures["active"] == periods - ASKED_FROM
     assert 0 < figures["longest_us"] < config.period_ns / 1000
     # On the other side of the bus: every command arrives and is understood, and says what the ECU did.
     receiver = E2eReceiver(messages.command.spec, config.bus.e2e)
@@ -66,8 +64,9 @@ def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_f
         assert receiver.tick([Frame(frame_id=messages.command.spec.frame_id, data=wire)]).checks == (FrameCheck.OK,)
         command = messages.command.parse(wire)
         assert command is not None
-        assert command.mode is expected_mode(period, window)
-        assert command.enable == (period >= window)
+        # The request rises with this period, and the window is full by then.
+        assert command.enable == (period >= ASKED_FROM)
+        assert command.mode is (Mode.CONTROL if command.enable else Mode.OFF)
         assert command.enable or command.flow_m2_per_s == 0
         counters = 16 if messages.command.spec.profile == 2 else 256
         assert command.pressure_counter == (period % counters if period > 0 else None)
@@ -75,13 +74,6 @@ def test_under_systick_the_period_is_kept_and_the_jets_are_driven(image, built_f
     last = messages.command.parse(data[-1])
     assert last is not None
     assert last.flow_m2_per_s != 0
-
-
-def expected_mode(period: int, window: int) -> Mode:
-    """The request rises with period ASKED_FROM; the first frame, of a stream not trusted yet, leaves no row."""
-    if period < ASKED_FROM:
-        return Mode.OFF
-    return Mode.WARMUP if period < window else Mode.CONTROL
 
 
 def test_a_core_too_slow_for_the_period_is_noticed(image):

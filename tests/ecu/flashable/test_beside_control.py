@@ -51,7 +51,7 @@ def test_neither_a_tester_that_asks_nor_a_flood_changes_a_bit_of_the_commands(tm
     assert rig.statuses[-1].state is Mode.CONTROL
     assert len({command.flow_m2_per_s for command in rig.commands}) > 10
     # What the ECU without a store answers to the same pressures at the same times.
-    bundle = rig.ecu.boot.bundle
+    bundle = rig.ecu.cycle.boot.bundle
     assert isinstance(bundle, Bundle)
     plain = Ecu(bundle, OnnxController.of(bundle), UNCHECKED)
     assert [sent for _, _, sent in rig.controls] == [plain.step(now_ns, frames) for now_ns, frames, _ in rig.controls]

@@ -12,21 +12,11 @@ from can_bridge.flashing.backing import MediumError
 from can_bridge.flashing.store import Store
 from can_bridge.wire.frame import Frame
 from can_bridge.wire.messages import Mode
-from contract.config.tree import Config
 from contract.controller.calibration import CALIBRATION_NAMES
-from contract.controller.interface import Controller
-from contract.release import bundle as bundles
-from contract.release.checks import Bundle
-from contract.release.image import image_of
-from ecu.calibrating import release_calibration
-from ecu.in_c.c_ecu import CEcu, ecu_sources
-from tests.can_bridge.flashing.releases import RELEASE
 from tests.can_bridge.flashing.store_ecu import KEY
 from tests.can_bridge.uds.addresses import COMMAND_ID, XCP_RESPONSE_ID
 from tests.ecu.conftest import RecordingController
 from tests.ecu.flashable.vehicle_ecu import UNCHECKED, Rig, image, provision, shipped
-from tests.ecu.in_c.exported import CONFIG as IN_C
-from tests.ecu.in_c.exported import Exported
 
 VALUES = struct.Struct("<10fI")
 READ, READ_STORED = b"\x22\xfd\x10", b"\x22\xfd\x12"
@@ -187,31 +177,3 @@ def test_nothing_is_stored_for_a_release_whose_slot_is_being_written(rig: Rig) -
     assert STORED_EVENT not in {packet[:2] for packet in packets(rig)}
     assert good_xcp(rig, b"\xfd")[1] == 0
     assert rig.good(b"\x22\xf1\x86")[3:] == b"\x02"
-
-
-@pytest.mark.compiler
-def test_uds_and_xcp_calibrate_the_ecu_in_c(release: Exported, tmp_path: Path) -> None:
-    """Through the same link as the ECU in Python: the limits are of its release, the bytes are those of its struct."""
-    made = list[CEcu]()
-
-    def in_c(bundle: Bundle, controller: Controller, config: Config, authentication: None) -> CEcu:
-        made.append(CEcu(ecu_sources(release.folder, release.bundle, config), flags=("-O1", "-ffp-contract=off")))
-        return made[-1]
-
-    provision(tmp_path / "ecu", image_of(bundles.pack(release.bundle.manifest, release.bundle.files, RELEASE)))
-    rig = Rig(tmp_path / "ecu", IN_C, controller_of=lambda bundle: RecordingController(), ecu_of=in_c)
-    (ecu,) = made
-    assert rig.good(READ)[3:] == ecu.calibration.pack()
-    unlock(rig)
-    write(rig, lift=0.5, action_limit=LIMIT / 2, delay_steps=2)
-    rig.run(40)
-    assert (ecu.calibration.weights.lift, ecu.calibration.action_limit, ecu.calibration.delay_steps) == (0.5, 0.0375, 2)
-    assert len(ecu.state.memory.under_way.pending) == 2 + IN_C.ecu.plan_ahead
-    connect(rig)
-    assert write_xcp(rig, "effort", 0.25) == b"\xff"
-    rig.run(40)
-    assert ecu.calibration.weights.effort == 0.25
-    assert rig.good(READ)[3:] == ecu.calibration.pack()
-    rig.good(DROP)
-    rig.run(40)
-    assert ecu.calibration == release_calibration(release.bundle, IN_C)

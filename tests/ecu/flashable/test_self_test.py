@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,40 +10,31 @@ import pytest
 from can_bridge.flashing.verdicts import Verdict
 from contract.config.tree import Config
 from contract.controller.estimator import ESTIMATOR
-from contract.controller.interface import Controller, ControllerError, ControlStep
+from contract.controller.interface import Controller, ControllerError
 from contract.release.checks import CONTROLLER, Bundle
 from contract.runtime.onnx_session import OnnxController
 from ecu.flashable.vehicle_fit import VehicleFit, self_test
-from tests.ecu.conftest import RecordingController
+from tests.ecu.conftest import Answering, RecordingController, answer_of
 from tests.ecu.flashable.vehicle_ecu import CONFIRM_ROUTINE, REVERT, SELF_TEST, Rig, image, provision, shipped
 
 LIMIT = shipped().manifest.action_limit
 
 
-class Planning:
-    """Answers this plan; the forces are finite."""
-
-    def __init__(self, value: float, length: int | None = None, forces: float = 0.0) -> None:
-        self.value, self.length, self.forces = value, length, forces
-
-    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
-        length = len(plan) if self.length is None else self.length
-        forces = np.full((len(plan), 2), self.forces)
-        return ControlStep(plan=np.full(length, self.value), forces=forces, terms=np.zeros(8), cost=0.0)
+HORIZON = shipped().manifest.mpc.horizon
+FAILING = Answering(ControllerError("no answer"))
 
 
-class Failing:
-    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
-        raise ControllerError("no answer")
+def planning(value: float, length: int = HORIZON, **changes: Any) -> Answering:
+    return Answering(answer_of(HORIZON, plan=np.full(length, value), **changes))
 
 
 def test_only_a_finite_plan_within_the_limit_passes() -> None:
-    for passing in (OnnxController.of(shipped()), Planning(LIMIT), Planning(-LIMIT)):
+    for passing in (OnnxController.of(shipped()), planning(LIMIT), planning(-LIMIT)):
         # Between two pieces the bus is answered; there is one for each graph and window.
         assert len(list(self_test(shipped(), passing))) == 5
     controllers: tuple[Controller, ...] = (
-        *(Planning(value) for value in (float("nan"), float("inf"), 1.01 * LIMIT, -1.01 * LIMIT)),
-        *(Planning(0.0, length=3), Planning(0.0, forces=float("nan")), Failing()),
+        *(planning(value) for value in (float("nan"), float("inf"), 1.01 * LIMIT, -1.01 * LIMIT)),
+        *(planning(0.0, length=3), planning(0.0, forces=np.full((HORIZON, 2), np.nan)), FAILING),
     )
     for controller in controllers:
         with pytest.raises(ControllerError):
@@ -54,7 +46,7 @@ def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -
     provision(tmp_path / "ecu", image("first"))
 
     def controller_of(bundle: Bundle):
-        return Failing() if bundle.manifest.name == "second" else RecordingController()
+        return FAILING if bundle.manifest.name == "second" else RecordingController()
 
     rig = Rig(tmp_path / "ecu", controller_of=controller_of)
     rig.programming()
@@ -66,8 +58,8 @@ def test_a_release_that_fails_it_is_logged_and_can_be_given_up(tmp_path: Path) -
     assert rig.ask(CONFIRM_ROUTINE)[2] == 0x24
     rig.good(REVERT)
     rig.reset()
-    assert rig.ecu.boot.bundle is not None
-    assert rig.ecu.boot.bundle.name == "first"
+    assert rig.ecu.cycle.boot.bundle is not None
+    assert rig.ecu.cycle.boot.bundle.name == "first"
 
 
 @pytest.mark.slow

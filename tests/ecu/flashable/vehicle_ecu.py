@@ -7,16 +7,16 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from can_bridge.e2e.sender import E2eSender
 from can_bridge.flashing.folder_backing import FolderBacking
 from can_bridge.flashing.verdicts import Verdict
 from can_bridge.isotp.endpoint import Endpoint
 from can_bridge.wire import codec
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND, PRESSURE, VEHICLE_SPEED
-from can_bridge.wire.messages import EcuStatus, JetCommand, Mode, Pressure, VehicleSpeed
+from can_bridge.wire.message_specs import ECU_STATUS, JET_COMMAND
+from can_bridge.wire.messages import EcuStatus, JetCommand, Mode
 from contract.config.tree import Config
 from contract.config.vehicle import BenefitCheckConfig, EcuConfig, SensorCheckConfig
 from contract.release import bundle as bundles
@@ -30,7 +30,7 @@ from ecu.flashable.links import isotp_settings
 from tests.can_bridge.flashing import releases
 from tests.can_bridge.flashing.releases import RELEASE, ROOT
 from tests.can_bridge.flashing.store_ecu import KEY, FlashingSteps
-from tests.ecu.conftest import RecordingController
+from tests.ecu.conftest import ByHand, RecordingController
 
 MS = 1_000_000
 # Made-up pressures are no wake: the checks of the sensors and of the benefit would shut the jets.
@@ -80,12 +80,10 @@ class Rig(FlashingSteps):
             controller_of=(lambda bundle: RecordingController()) if controller_of is None else controller_of,
             log=self.log,
         )
-        if (ecu_of := others.pop("ecu_of", None)) is not None:
-            self.equipment = replace(self.equipment, ecu_of=ecu_of)
         self.folder, self.others = folder, others
         self.now_ns = MS
         self.due_ns = self.now_ns
-        self.sender, self.speed_sender = E2eSender(PRESSURE), E2eSender(VEHICLE_SPEED)
+        self.vehicle = ByHand(self.config, others.get("authentication"))
         self.tester = Endpoint(isotp_settings(self.config.bus, is_tester=True))
         self.request: bool | None = None
         self.answers: list[bytes] = []
@@ -102,8 +100,8 @@ class Rig(FlashingSteps):
     def millisecond(self) -> None:
         if self.now_ns >= self.due_ns:
             self.due_ns += self.config.period_ns
-            frames = [] if self.request is None else [self.pressure(self.request), self.speed()]
-            commanded = self.ecu.control(self.now_ns, frames)
+            frames = [] if self.request is None else [self.pressure(self.request), self.vehicle.at_speed(1.0)]
+            commanded = self.ecu.step(self.now_ns, frames)
             self.controls.append((self.now_ns, frames, commanded))
             self.take(commanded)
         self.take(self.ecu.service(self.now_ns, [*self.extra, *self.tester.poll(self.now_ns)]))
@@ -138,14 +136,8 @@ class Rig(FlashingSteps):
         assert self.statuses[-1].state is Mode.CONTROL
 
     def pressure(self, enable: bool) -> Frame:
-        scale = self.config.operating_point.dynamic_pressure
-        values = tuple(0.1 * scale * (1 + 0.1 * (self.sender.state.counter % 7) + i) for i in range(4))
-        message = Pressure(pressure_pa=values, valid=(True,) * 4, enable_request=enable, age_ns=0)
-        return self.sender.frame(codec.emit_pressure(message), now_ns=self.now_ns)
-
-    def speed(self) -> Frame:
-        message = VehicleSpeed(speed_m_per_s=self.config.operating_point.speed, age_ns=0)
-        return self.speed_sender.frame(codec.emit_vehicle_speed(message), now_ns=self.now_ns)
+        self.vehicle.now_ns = self.now_ns
+        return self.vehicle.pressures(0.1 * (1 + 0.1 * (self.vehicle.frames_sent % 7) + np.arange(4)), asks=enable)
 
     def ask(self, request: bytes, /, patience_ms: int = 30_000) -> bytes:
         """The final answer to a request; response-pending is waited out."""
@@ -161,7 +153,7 @@ class Rig(FlashingSteps):
     def reset(self) -> None:
         before = self.ecu.resets
         self.good(b"\x11\x01")
-        while self.ecu.resets == before or self.ecu.store.last_boot is None:
+        while self.ecu.resets == before or self.ecu.cycle.store.last_boot is None:
             self.millisecond()
         self.run(2 * self.config.period_ns // MS)
 

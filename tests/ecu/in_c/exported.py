@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from can_bridge.e2e.sender import E2eSender
+from can_bridge.secoc.node import Authentication
 from can_bridge.wire.frame import Frame
-from can_bridge.wire.message_sets import message_set
-from can_bridge.wire.messages import Pressure, VehicleSpeed
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.tree import Config
@@ -31,6 +29,7 @@ from export.release.gated import gate
 from export.release.lowering import lower
 from export.release.pipeline import write_c_release
 from tests.conftest import write_random
+from tests.ecu.conftest import ByHand
 
 CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
 WINDOW = 4
@@ -65,37 +64,23 @@ def exported(root: Path) -> Exported:
     return Exported(bundle, root / "bundle", root / "c")
 
 
-class Feed:
+class Feed(ByHand):
     """Frames of a vehicle whose pressures swing, a period apart."""
 
-    def __init__(self, config: Config = CONFIG) -> None:
-        self.config = config
-        self.now_ns, self.asks = 1_000_000, True
-        self._pressure = message_set(config.bus).pressure
-        self._speed = message_set(config.bus).speed
-        self._sender, self._speed_sender = E2eSender(self._pressure.spec), E2eSender(self._speed.spec)
-        self._sent = 0
+    def __init__(self, config: Config = CONFIG, authentication: Authentication | None = None) -> None:
+        super().__init__(config, authentication)
+        self.asks = True
 
     def frame(self, *, damaged: bool = False) -> Frame:
         """Pressures of now; the request rises in the second frame."""
-        phase = 0.3 * self._sent + np.arange(4)
-        pascal = self.config.operating_point.dynamic_pressure * 0.3 * np.sin(phase)
-        message = Pressure(
-            pressure_pa=tuple(pascal.tolist()), valid=(True,) * 4, enable_request=self._sent > 0 and self.asks, age_ns=0
-        )
-        self._sent += 1
-        frame = self._sender.frame(self._pressure.emit(message), now_ns=self.now_ns)
+        swing = 0.3 * np.sin(0.3 * self.frames_sent + np.arange(4))
+        frame = self.pressures(swing, asks=self.frames_sent > 0 and self.asks)
         return replace(frame, data=frame.data[:-1] + bytes([frame.data[-1] ^ 1])) if damaged else frame
-
-    def speed(self, ratio: float, density: float | None = None) -> Frame:
-        speed = ratio * self.config.operating_point.speed
-        message = VehicleSpeed(speed_m_per_s=speed, age_ns=0, density_kg_per_m3=density)
-        return self._speed_sender.frame(self._speed.emit(message), now_ns=self.now_ns)
 
     def driven(self, ratios: Sequence[float | None]):
         """(time, frames) of a period at each of these speeds; None where no speed comes."""
         for ratio in ratios:
-            yield self.now_ns, [*([] if ratio is None else [self.speed(ratio, 1.1)]), self.frame()]
+            yield self.now_ns, [*([] if ratio is None else [self.at_speed(ratio, density=1.1)]), self.frame()]
             self.now_ns += self.config.period_ns
 
     def periods(self, count: int, *, lost: tuple[int, ...] = (), damaged: tuple[int, ...] = ()):

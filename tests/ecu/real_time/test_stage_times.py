@@ -2,13 +2,15 @@
 
 from functools import partial
 from itertools import count
+from typing import Any
 
 import numpy as np
 import pytest
 
-from contract.controller.interface import ControllerError, ControlStep
+from contract.controller.interface import ControllerError
 from contract.errors import StillwakeError
 from ecu.real_time.stage_times import NOTHING, EcuStage, StageTimes, TimedController, VehicleStage, load
+from tests.ecu.conftest import Answering, RecordingController
 
 
 def test_what_was_noted_is_read_back_and_the_rest_is_nothing(tmp_path):
@@ -49,24 +51,19 @@ def test_another_file_is_refused(tmp_path):
             load(tmp_path / name, EcuStage)
 
 
-class Planning:
-    def control_step(self, window, plan, free, weights=None, speed=1.0, limit=None) -> ControlStep:
-        if not window.any():
-            raise ControllerError("none")
-        forces = np.array([window[0], free[0], weights[0], speed, limit])
-        return ControlStep(plan=plan, forces=forces, terms=np.zeros(8), cost=0.0)
-
-
 def test_a_timed_controller_passes_everything_on_and_notes_before_and_after_a_failure_too():
-    timed = TimedController(Planning(), partial(next, count(10)))
+    controller, now_ns = RecordingController(), partial(next, count(10))
+    timed = TimedController(controller, now_ns)
+    failing = TimedController(Answering(ControllerError("none")), now_ns, timed.times)
     times = [(timed.times.began_ns, timed.times.ended_ns)]
     window, plan, free, weights = np.arange(1, 5)[:, None]
-    answer = timed.control_step(window, plan, free, weights, 5.0, 6.0)
-    assert (answer.plan.tolist(), answer.forces.tolist()) == ([2], [1, 3, 4, 5, 6])
+    assert timed.control_step(window, plan, free, weights, 5.0, 6.0).plan.tolist() == [0.01]
+    passed: list[Any] = [*controller.calls[0], *controller.settings[0]]
+    assert passed == [1, 2, 3, 4, 5.0, 6.0]
     times.append((timed.times.began_ns, timed.times.ended_ns))
     timed.times.forget()
     times.append((timed.times.began_ns, timed.times.ended_ns))
     with pytest.raises(ControllerError):
-        timed.control_step(*(np.zeros(1),) * 3)
+        failing.control_step(window, plan, free)
     times.append((timed.times.began_ns, timed.times.ended_ns))
     assert times == [(0, 0), (10, 11), (0, 0), (12, 13)]

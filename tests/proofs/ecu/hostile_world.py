@@ -23,7 +23,7 @@ from contract.controller.interface import FORCES, ControllerError, ControlStep
 from contract.release.checks import Bundle
 from ecu.ecu import Ecu
 from firmware_sim.bench.vehicle_node import VehicleNode
-from tests.ecu.conftest import make_bundle
+from tests.ecu.conftest import NAMES, make_bundle
 from tests.proofs.ecu.promises import Delivered, EcuJudge, Seen, VehicleJudge
 
 GOOD: Final = ("swing", "small", "huge")
@@ -64,7 +64,6 @@ class HostileController:
         return answer if deed != "none" else None  # type: ignore[return-value]
 
 
-NAMES: Final = ("upper_39", "lower_39", "base_0", "base_9")
 START_NS: Final = 10**12
 FATES: Final = ("pass", "lost", "late1", "late2", "late3", "twice", "flipped", "short", "replayed", "foreign")
 """Fates of a frame on its way; `replayed` and `foreign` add one to it."""

@@ -19,12 +19,12 @@ from can_bridge.wire.message_specs import FLOW_RESOLUTION_M2_PER_S
 from can_bridge.wire.messages import Reason
 from contract.config.tree import Config
 from contract.controller.air_speed import FIRST_PERIOD, MEAN_PERIODS
-from ecu.air_speed import AirSpeedState
 from ecu.benefit_check import MOVED, PATIENCE, BenefitCheckState
 from ecu.controller_memory import DelayLine
 from ecu.ecu_state import EcuState
 from ecu.fail_safe import OperatingMode
 from ecu.pressure_reception import SILENCE_NS, OtherEcu
+from ecu.speed_reception import AirSpeedState
 from ecu.timing import LATEST_NS
 from tests.proofs.ecu_in_c.drive import edges
 

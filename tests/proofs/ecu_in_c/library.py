@@ -1,8 +1,8 @@
 """The ECU in C as a shared library, its networks replaced by answers that are given, bound through cffi."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from contract.config.tree import Config
 from contract.controller.c_folder import settings_header
@@ -10,7 +10,7 @@ from contract.controller.interface import TERMS
 from ecu.c import sources as c_sources
 from ecu.in_c import compiler
 from ecu.in_c.c_settings import HEADER, ecu_settings
-from ecu.in_c.c_structs import Structs
+from ecu.in_c.c_structs import Leaf, Structs
 from export.to_c import library
 from tests.proofs.ecu_in_c.variants import bundle_of
 
@@ -46,15 +46,6 @@ def sources(config: Config) -> dict[str, bytes]:
     }
 
 
-class Leaf(NamedTuple):
-    """A number or an array of numbers somewhere in a structure."""
-
-    name: str
-    offset: int
-    size: int
-    kind: Any
-
-
 class Layout:
     """How periods lie in memory in one library: the ECU's structs, the leaves of a response, and a byte for each of its
     bytes, 1 where a leaf lies and 0 in between."""
@@ -62,10 +53,10 @@ class Layout:
     def __init__(self, contents: Mapping[str, bytes]) -> None:
         self.structs = Structs(contents, compiler.host_compiler(), header=TWIN)
         self.ffi = self.structs.ffi
-        self.leaves = list(self._leaves(self.ffi.typeof("twin_response"), "", 0))
+        self.leaves = list(self.structs.leaves(self.ffi.typeof("twin_response")))
         compared = bytearray(self.ffi.sizeof("twin_response"))
         for leaf in self.leaves:
-            compared[leaf.offset : leaf.offset + leaf.size] = b"\1" * leaf.size
+            compared[leaf.begin : leaf.end] = b"\1" * (leaf.end - leaf.begin)
         self.compared = bytes(compared)
 
     def periods(self, count: int) -> Any:
@@ -74,23 +65,12 @@ class Layout:
     def differences(self, expected: Any, found: Any) -> list[str]:
         """The leaves in which two responses differ, each with both values."""
         one, other = (bytes(self.ffi.buffer(self.ffi.addressof(item))) for item in (expected, found))
-        where = [(leaf, slice(leaf.offset, leaf.offset + leaf.size)) for leaf in self.leaves]
+        where = [(leaf, slice(leaf.begin, leaf.end)) for leaf in self.leaves]
         return [
             f"{leaf.name}: {self._text(leaf, one[place])} in Python, {self._text(leaf, other[place])} in C"
             for leaf, place in where
             if one[place] != other[place]
         ]
-
-    def _leaves(self, kind: Any, name: str, offset: int) -> Iterator[Leaf]:
-        if kind.kind == "array" and kind.item.kind == "struct":
-            size = self.ffi.sizeof(kind.item)
-            for index in range(kind.length):
-                yield from self._leaves(kind.item, f"{name}[{index}]", offset + index * size)
-        elif kind.kind == "struct":
-            for part, item in kind.fields:
-                yield from self._leaves(item.type, f"{name}.{part}" if name else part, offset + item.offset)
-        else:
-            yield Leaf(name, offset, self.ffi.sizeof(kind), kind)
 
     def _text(self, leaf: Leaf, content: bytes) -> str:
         return repr(_listed(self.ffi.from_buffer(self.ffi.getctype(leaf.kind, "*"), content)[0]))

@@ -160,7 +160,7 @@ class Prober(Program):
     def _state(self) -> str:
         """Session, access, the slots' phases, what is received, and whether the jets run, of the Python ECU."""
         python = self.twins.python
-        access, store = python.access, python.store
+        access, store = python.cycle.access, python.cycle.store
         locked = "locked" if access.unlocked is None else access.unlocked.name.lower()
         phases = "/".join(SlotPhase(slot.phase).name.lower() for slot in store.state.slots)
         attempts = "wrong keys" if max(access.attempts.values()) > 2 else ""

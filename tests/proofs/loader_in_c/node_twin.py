@@ -222,7 +222,7 @@ class Twins:
     @property
     def is_void(self) -> bool:
         """Whether the release that was booted is written over."""
-        return self.python.boot.slot is not None and self.python.store.running is None
+        return self.python.cycle.boot.slot is not None and self.python.cycle.store.running is None
 
     def fail(self, what: int) -> None:
         """From now on: 0 nothing, 1 the memory, 2 the source of random bytes gives zeros, 3 it gives none, 4 and 5
@@ -234,7 +234,7 @@ class Twins:
         """A control period, with pressures unless `enable` is None."""
         frames = [] if enable is None or self.is_void else [self._pressure(enable)]
         self._waits_for_control = False
-        return self._compare("control", self.python.control(self.now_ns, frames), self.c.control(self.now_ns, frames))
+        return self._compare("control", self.python.step(self.now_ns, frames), self.c.control(self.now_ns, frames))
 
     def ask(self, *requests: bytes) -> list[Frame]:
         """What both send to requests in one frame each, which come at once; AssertionError if they differ."""

@@ -218,7 +218,7 @@ def test_no_answer_is_dropped_in_silence(of: World) -> None:
 def test_a_release_is_confirmed_after_its_self_test_alone(of: World) -> None:
     played = play_plan(of, confirmations(of))
     assert played.differences == []
-    assert [slot.phase for slot in played.python.store.state.slots] == [SlotPhase.CONFIRMED, SlotPhase.FILLING]
+    assert [slot.phase for slot in played.python.cycle.store.state.slots] == [SlotPhase.CONFIRMED, SlotPhase.FILLING]
     # For the boot before, without a test, after one that failed, behind another announcement; then twice.
     assert (played.seen["7f 3124"], played.seen["7f 3172"]) == (4, 1) and {"51", "74", "76", "77"} <= played.seen.keys()
 

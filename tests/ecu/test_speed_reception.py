@@ -9,7 +9,7 @@ from contract.arrays import Array
 from contract.config.vehicle import SpeedConfig
 from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feature_count, features, weight_count
 from contract.release.manifest import SpeedRange
-from ecu.air_speed import MOST_REST, RATE, TOLERATED, AirSpeed, AirSpeedState
+from ecu.speed_reception import MOST_REST, RATE, TOLERATED, AirSpeed, AirSpeedState
 from tests.ecu.conftest import RecordingController, make_bench, make_bundle
 
 ROWS, MOST = max(LAGS) + 2, 0.12
@@ -94,7 +94,7 @@ def test_the_ecu_scales_with_the_corrected_speed_within_the_releases_range():
         bench = make_bench(RecordingController(), bundle=bundle, rearm_frames=1)
         bench.cruises = None
         for _ in range(ROWS + FIRST_PERIOD + 130):
-            bench.step(bench.speed(told), bench.pressure((0.1, 0.1, 0.1, 0.1)))
+            bench.step(bench.at_speed(told), bench.pressure((0.1, 0.1, 0.1, 0.1)))
         window, *_ = bench.controller.calls[-1]
         assert bench.ecu.state.speed.air.correction == pytest.approx(used / told)
         # The bench's pressures are Cp at the design speed.
