@@ -1,4 +1,8 @@
-"""The rounding of matrices with error feedback on each layer's recorded inputs (`quantise_on`, `layer_inputs`).
+"""The inputs of every layer on recorded windows, and the rounding of matrices with error feedback on these inputs.
+
+The encoder runs over the windows. Dynamics and decoder run over roll-outs from every window's latent state with a few
+plans: zero, full amplitude in either direction, random plans, and random walks that resemble an optimised plan. The
+integer scales of an int8 lowering's activations follow from the largest magnitudes over these inputs.
 
 Biases are not corrected by the mean of the remaining error, because after error feedback this would gain nothing.
 """
@@ -9,13 +13,21 @@ from typing import Final
 import numpy as np
 
 from contract.arrays import Array
-from export.int8.layer_inputs import LayerInputs, layer_inputs
+from contract.errors import ExportError
 from export.int8.rounded_program import QMAX, Int8Matrix, RoundedProgram, quantise_matrix
 from export.program.controller_program import ControllerProgram
+from export.program.weights import PriorWeights
+from export.reference.model import decoder_layers, dynamics_layers, encoder_layers, linear
+from export.reference.mpc import rollout
+from export.reference.prior import filtered_sums, past_of
 
 DAMPING: Final = 0.01
 """Share of the mean diagonal entry of H (`quantise_on`) that is added to H's diagonal. So errors also count in
 directions in which the inputs do not vary."""
+_RANDOM: Final = 2
+_WANDERING: Final = 2
+_STRIDE: Final = 0.25
+"""Standard deviation of a random walk's steps, as a share of the action limit."""
 
 
 def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
@@ -51,22 +63,66 @@ def quantise_on(weight: Array, inputs: Array) -> Int8Matrix:
 def rounded_on(program: ControllerProgram, windows: Sequence[Array]) -> RoundedProgram:
     """Round a program on recorded windows (L, S+1) of L rows and S sensors. Raises ExportError if there are no
     windows."""
-    inputs = _by_matrix(layer_inputs(program, windows))
+    inputs = layer_inputs(program, windows)
     return RoundedProgram.of(program, lambda name, weight: quantise_on(weight, inputs[name]))
 
 
-def _by_matrix(seen: LayerInputs) -> dict[str, Array]:
+def activation_ranges(program: ControllerProgram, windows: Sequence[Array]) -> dict[str, float]:
+    """Return the largest magnitude of each array of `layer_inputs`, by the same names; raises as it does."""
+    return {name: float(np.abs(values).max()) for name, values in layer_inputs(program, windows).items()}
+
+
+def layer_inputs(program: ControllerProgram, windows: Sequence[Array]) -> dict[str, Array]:
+    """Return the inputs of each layer, one input per row, by the matrix's name (`export.program.controller_program`).
+    "decoder.blocks.0.elu" and so on are the outputs of the ELUs in the decoder's blocks. The rows of dynamics and
+    decoder cover all steps of all roll-outs. `windows` are (L, S+1) of L rows and S sensors. Raises ExportError if
+    there are no windows."""
+    if not windows:
+        raise ExportError("int8 calibration: no windows to measure activations with")
+    encoder = encoder_layers(program, np.array(windows))
+    plans = _plans(program, np.random.default_rng(0))
+    # Every latent state is combined with every plan; the rows of one time step are adjacent.
+    z = np.repeat(linear(program.encoder.output, encoder.latent), len(plans), axis=0)
+    actions = np.tile(plans, (len(windows), 1))
+    latents = np.moveaxis(rollout(program, z, actions), 1, 0)
+    first, second = dynamics_layers(program, _rows(latents[:-1]), actions.T.ravel())
+    blocks, forces = decoder_layers(program, _rows(latents[1:]))
     return {
-        "lstm.weight_input": seen.row,
-        "lstm.weight_recurrent": seen.recurrent,
-        "encoder.hidden.weight": seen.head,
-        "encoder.output.weight": seen.latent,
-        "dynamics.input.weight": seen.state,
-        "dynamics.hidden.weight": seen.hidden1,
-        "dynamics.output.weight": seen.hidden2,
-        "decoder.input.weight": seen.z,
-        **{f"decoder.blocks.{i}.linear.weight": x for i, x in enumerate(seen.blocks)},
-        "decoder.output.weight": seen.forces,
-        "prior.first": seen.prior,
-        "prior.sums": seen.sums,
+        "lstm.weight_input": _rows(np.moveaxis(encoder.rows, 1, 0)),
+        "lstm.weight_recurrent": _rows(np.moveaxis(encoder.recurrent, 1, 0)),
+        "encoder.hidden.weight": encoder.head,
+        "encoder.output.weight": encoder.latent,
+        "dynamics.input.weight": first.x,
+        "dynamics.hidden.weight": second.x,
+        "dynamics.output.weight": second.elu,
+        "decoder.input.weight": _rows(latents[1:]),
+        **{f"decoder.blocks.{i}.linear.weight": block.x for i, block in enumerate(blocks)},
+        **{f"decoder.blocks.{i}.elu": block.elu for i, block in enumerate(blocks)},
+        "decoder.output.weight": forces,
+        **({} if program.prior is None else _of_prior(program.prior, windows)),
     }
+
+
+def _of_prior(prior: PriorWeights, windows: Sequence[Array]) -> dict[str, Array]:
+    past = [prior.filters.T @ past_of(window, prior.memory)[0] for window in windows]
+    sums = [filtered_sums(prior, window) for window in windows]
+    named = {"prior.first": past, "prior.sums": sums}
+    return {name: np.array(rows).reshape(len(windows), -1) for name, rows in named.items()}
+
+
+def _plans(program: ControllerProgram, rng: np.random.Generator) -> Array:
+    h, limit = program.mpc.horizon, program.action_limit
+    wandering = np.cumsum(_STRIDE * limit * rng.standard_normal((_WANDERING, h)), axis=1)
+    return np.array(
+        [
+            np.zeros(h),
+            np.full(h, limit),
+            np.full(h, -limit),
+            *rng.uniform(-limit, limit, (_RANDOM, h)),
+            *np.clip(wandering, -limit, limit),
+        ]
+    )
+
+
+def _rows(values: Array) -> Array:
+    return values.reshape(-1, values.shape[-1])

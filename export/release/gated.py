@@ -1,11 +1,13 @@
-"""The lowerings that have passed every gate; no other lowering is written to a file."""
+"""The lowerings of a program in memory, the ONNX graph and on request the C library with equal numbers, and their
+gates. Only lowerings that have passed every gate are written to files."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 from contract.arrays import Array
 from contract.controller.interface import CompileLibrary, ControlStep
+from contract.release.manifest import WeightPrecision
 from contract.runtime.onnx_session import OnnxController
 from export.gates.parity import ParityReport, check_lowering
 from export.gates.quantisation import (
@@ -15,10 +17,41 @@ from export.gates.quantisation import (
     compare_answers,
     exact_answers,
 )
-from export.int8.rounded_program import RoundedProgram
+from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
+from export.program.controller_program import ControllerProgram, program_sha256
 from export.reference.mpc import control_step
-from export.release.lowering import Lowered
-from export.to_c.library import replay, with_answer
+from export.to_c.library import c_library, replay, with_answer
+from export.to_onnx.control_step import build_controller
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lowered:
+    """The lowerings of a program. `library` has the C library's files by name, or is None."""
+
+    program: Program
+    graph: bytes
+    library: Mapping[str, bytes] | None = None
+
+    @property
+    def effective(self) -> ControllerProgram:
+        """The program that the lowerings compute; in the gates, the reference computes this program too."""
+        return effective(self.program)
+
+    @property
+    def precision(self) -> WeightPrecision:
+        return precision_of(self.program)
+
+    @property
+    def program_sha256(self) -> str:
+        """SHA-256 of the program, which the bundle's manifest and the library's header state."""
+        return program_sha256(self.effective)
+
+
+def lower(program: Program, *, calibration: Sequence[Array], with_library: bool) -> Lowered:
+    """Lower a program. Raises ExportError if the program cannot be lowered. `calibration` are the recorded windows (L,
+    S+1) on which the program was rounded, for an int8 library's activation ranges."""
+    graph = build_controller(program).SerializeToString()
+    return Lowered(program=program, graph=graph, library=c_library(program, calibration) if with_library else None)
 
 
 @dataclass(frozen=True, kw_only=True)

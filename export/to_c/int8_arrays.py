@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.errors import ExportError
-from export.int8.layer_inputs import ActivationRanges
 from export.int8.rounded_program import Int8Matrix, RoundedProgram
 from export.program.weights import LAYER_NORM_EPSILON, DecoderWeights, Norm
 from export.to_c import int8_format as form
@@ -18,16 +17,18 @@ from export.to_c.float32_arrays import ArrayValues, Integers, optimiser_arrays, 
 from export.to_c.int8_format import INT8_LANES, packed, padded_size, qmax
 
 
-def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, ArrayValues]:
+def int8_arrays(rounded: RoundedProgram, ranges: Mapping[str, float]) -> dict[str, ArrayValues]:
     """Return every array of `sw_weights.h` by its C name: matrices in int8, tables in uint32, constants of layers with
-    a norm in int32, all other arrays in float64. Raises ExportError for a decoder without residual blocks, a layer that
-    is too wide, a layer whose ELU outputs come near the end of their range, or an LSTM whose weights are too large."""
+    a norm in int32, all other arrays in float64. `ranges` are those of `activation_ranges`. Raises ExportError for a
+    decoder without residual blocks, a layer that is too wide, a layer whose ELU outputs come near the end of their
+    range, or an LSTM whose weights are too large."""
     program = rounded.program
     if not program.decoder.blocks:
         raise ExportError("decoder: no residual blocks, the C library needs at least one")
-    hidden = (ranges.latent, ranges.hidden1, ranges.hidden2, *ranges.elus)
-    if not max(hidden) < form.ELU_MAX:
-        raise ExportError(f"int8 calibration: ELU outputs reach {max(hidden):.3g}, must stay below {form.ELU_MAX}")
+    of_elu = ("encoder.output.weight", "dynamics.hidden.weight", "dynamics.output.weight")
+    reach = max(largest for name, largest in ranges.items() if name in of_elu or name.endswith(".elu"))
+    if not reach < form.ELU_MAX:
+        raise ExportError(f"int8 calibration: ELU outputs reach {reach:.3g}, must stay below {form.ELU_MAX}")
     return {
         **scaling_arrays(program),
         "sw_logistic_points": form.logistic_points(),
@@ -44,6 +45,11 @@ def int8_arrays(rounded: RoundedProgram, ranges: ActivationRanges) -> dict[str, 
 def _inverse_scale(largest: float, width: int) -> float:
     """Return the factor that converts an activation to its integer. It is arbitrary if the largest activation is 0."""
     return qmax(padded_size(width)) / (form.ACTIVATION_MARGIN * largest if largest > 0 else 1.0)
+
+
+def _largest_state(ranges: Mapping[str, float]) -> float:
+    """Return the largest magnitude in the inputs of dynamics and decoder, which have one scale."""
+    return max(ranges["dynamics.input.weight"], ranges["decoder.input.weight"])
 
 
 def _channels(*columns: Array) -> Array:
@@ -93,23 +99,20 @@ def _scales(matrix: Int8Matrix) -> Array:
     return np.pad(matrix.scales.astype(np.float64), (0, -len(matrix.scales) % INT8_LANES))
 
 
-def _encoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, ArrayValues]:
+def _encoder(rounded: RoundedProgram, ranges: Mapping[str, float]) -> Mapping[str, ArrayValues]:
     weights, matrices = rounded.program.encoder, rounded.matrices
     lstm = weights.lstm
     by_input, by_hidden = matrices["lstm.weight_input"], matrices["lstm.weight_recurrent"]
     head, output = matrices["encoder.hidden.weight"], matrices["encoder.output.weight"]
-    row = _inverse_scale(ranges.row, weights.inputs)
+    row = _inverse_scale(ranges["lstm.weight_input"], weights.inputs)
     # The hidden state never leaves [-1, 1], so its scale needs no calibration.
     cell = float(qmax(padded_size(lstm.width)))
-    middle = _inverse_scale(ranges.head, lstm.width)
-    reach = np.abs(lstm.weight_input).sum(axis=1) * form.ACTIVATION_MARGIN * ranges.row + np.abs(
-        lstm.weight_recurrent
-    ).sum(axis=1)
+    middle = _inverse_scale(ranges["encoder.hidden.weight"], lstm.width)
+    reach = np.abs(lstm.weight_input).sum(axis=1) * form.ACTIVATION_MARGIN * ranges["lstm.weight_input"]
+    reach += np.abs(lstm.weight_recurrent).sum(axis=1)
     _stay_below(form.GATE_MAX, reach + np.abs(lstm.bias_input + lstm.bias_recurrent), "the LSTM's gates")
-    of_head = np.abs(weights.hidden.weight).sum(axis=1) * form.ACTIVATION_MARGIN * ranges.head + np.abs(
-        weights.hidden.bias
-    )
-    _stay_below(form.ELU_ARGUMENT_MAX, of_head, "the encoder's ELUs")
+    of_head = np.abs(weights.hidden.weight).sum(axis=1) * form.ACTIVATION_MARGIN * ranges["encoder.hidden.weight"]
+    _stay_below(form.ELU_ARGUMENT_MAX, of_head + np.abs(weights.hidden.bias), "the encoder's ELUs")
     _fed_by_elu(weights.output.weight)
     # C computes tanh(x) of gate g as 2 logistic(2 x) - 1, so the argument of this gate is doubled.
     arguments = form.LOGISTIC_ONE * np.repeat([1.0, 1.0, 2.0, 1.0], lstm.width)
@@ -154,11 +157,11 @@ def _gates(stacked: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
     return np.concatenate([np.pad(gate, [(0, -len(gate) % INT8_LANES), (0, 0)]) for gate in np.split(stacked, 4)])
 
 
-def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, ArrayValues]:
+def _dynamics(rounded: RoundedProgram, ranges: Mapping[str, float]) -> Mapping[str, ArrayValues]:
     weights, matrices = rounded.program.dynamics, rounded.matrices
     first, second = matrices["dynamics.input.weight"], matrices["dynamics.hidden.weight"]
     third = matrices["dynamics.output.weight"]
-    state = _inverse_scale(ranges.state, weights.latent + 1)
+    state = _inverse_scale(_largest_state(ranges), weights.latent + 1)
     for layer in (weights.hidden, weights.output):
         _fed_by_elu(layer.weight)
     return {
@@ -176,14 +179,15 @@ def _dynamics(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str,
     }
 
 
-def _decoder(rounded: RoundedProgram, ranges: ActivationRanges) -> Mapping[str, ArrayValues]:
+def _decoder(rounded: RoundedProgram, ranges: Mapping[str, float]) -> Mapping[str, ArrayValues]:
     weights, matrices = rounded.program.decoder, rounded.matrices
     width = len(weights.input.bias)
     first, last = matrices["decoder.input.weight"], matrices["decoder.output.weight"]
-    blocks = [matrices[f"decoder.blocks.{i}.linear.weight"] for i in range(len(weights.blocks))]
-    latent = _inverse_scale(ranges.state, weights.latent)
-    inputs = [_inverse_scale(largest, width) for largest in ranges.blocks]
-    output = _inverse_scale(ranges.forces, width)
+    names = [f"decoder.blocks.{i}.linear.weight" for i in range(len(weights.blocks))]
+    blocks = [matrices[name] for name in names]
+    latent = _inverse_scale(_largest_state(ranges), weights.latent)
+    inputs = [_inverse_scale(ranges[name], width) for name in names]
+    output = _inverse_scale(ranges["decoder.output.weight"], width)
     unit = _residual_unit(first, weights, latent, max(*inputs, output))
     layers = [
         _layer("block", matrix, block.linear.bias, block.norm, inverse_scale)

@@ -21,8 +21,7 @@ from export.gates.parity import check_lowering, control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import shift
-from export.release.lowering import int8_library
-from export.to_c.library import c_library
+from export.to_c.library import c_library, int8_library
 from tests.each import each
 from tests.examples import examples
 from tests.parity.drawn import assert_nothing_is_carried, drawn_program

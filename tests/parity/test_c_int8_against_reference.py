@@ -8,7 +8,6 @@ compared by their root mean square, against the way Adam can take an action.
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,12 +20,13 @@ from contract.errors import ExportError
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates.parity import control_cases
-from export.int8.layer_inputs import activation_ranges
+from export.int8.calibrate import activation_ranges
 from export.int8.rounded_program import RoundedProgram, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.model import encode
 from export.reference.mpc import control_step, predict, shift
+from export.to_c.int8_arrays import int8_arrays
 from export.to_c.library import c_library
 from tests.each import each
 from tests.examples import examples
@@ -37,8 +37,8 @@ HORIZON = 8
 
 def in_integers(rounded: RoundedProgram) -> CController:
     """Its library, with ranges of random windows."""
-    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 10, seed=1))
-    return CController(c_library(rounded, ranges), rounded.program.sizes, flags=("-O0",))
+    windows = random_windows(rounded.program, 10, seed=1)
+    return CController(c_library(rounded, windows), rounded.program.sizes, flags=("-O0",))
 
 
 def assert_close(program: ControllerProgram, controller: CController, count: int) -> None:
@@ -100,10 +100,10 @@ def test_avx2_computes_what_plain_c_does(dynamics_width):
     model = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=dynamics_width, decoder_width=9)
     rounded = rounded_to_nearest(random_program(7, model=model, mpc=MpcConfig(horizon=HORIZON)))
     program = rounded.program
-    ranges = activation_ranges(program, random_windows(program, 1, seed=1))
+    windows = random_windows(program, 1, seed=1)
     uncontracted = ("-O1", "-ffp-contract=off")
     plain, native = (
-        CController(c_library(rounded, ranges), program.sizes, flags=flags)
+        CController(c_library(rounded, windows), program.sizes, flags=flags)
         for flags in (uncontracted, (*uncontracted, "-march=native"))
     )
     for case in control_cases(program, count=4):
@@ -119,15 +119,15 @@ def test_nothing_is_carried_from_step_to_step_and_no_scratch_is_read(small):
 
 def test_what_the_integers_cannot_hold_is_refused():
     model = ModelConfig(window=2, latent=2, lstm_width=3)
-    cases: tuple[tuple[int, dict[str, Any], str], ...] = (
-        (256, {"hidden2": 7.0}, r"ELU outputs reach 7, must stay below 6\.4"),
-        (256, {"row": 1e12}, r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"),
+    cases: tuple[tuple[int, dict[str, float], str], ...] = (
+        (256, {"dynamics.output.weight": 7.0}, r"ELU outputs reach 7, must stay below 6\.4"),
+        (256, {"lstm.weight_input": 1e12}, r"LSTM's gates reach .*e\+1\d, must stay below 6e\+04"),
         (517, {}, "a layer of width 517 after an ELU: int8 lowering accepts at most 516"),
     )
     for width, change, message in cases:
         rounded = rounded_to_nearest(random_program(5, model=replace(model, dynamics_width=width)))
         ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
         with pytest.raises(ExportError, match=message):
-            c_library(rounded, replace(ranges, **change))
+            int8_arrays(rounded, ranges | change)
     with pytest.raises(ExportError, match="no windows"):
         activation_ranges(random_program(0), [])

@@ -18,8 +18,7 @@ from ecu.in_c.c_examples import PLAYED, played_pressures
 from ecu.in_c.c_settings import HEADER, ecu_settings
 from examples.random_programs import random_program
 from export.program.windows import random_windows
-from export.release.lowering import int8_library
-from export.to_c.library import documents
+from export.to_c.library import documents, int8_library
 
 START = ("sw_board_start.h", "sw_board_start.c", "sw_board_libc.c")
 """What the bare core starts with; a program with an operating system has its own."""

@@ -27,9 +27,8 @@ from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.program.windows import random_window
-from export.release.gated import gate
-from export.release.lowering import lower
-from export.release.pipeline import write_c_release
+from export.release.gated import gate, lower
+from export.release.pipeline import CLibrary, write_c_release
 from tests.conftest import write_random
 
 CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
@@ -61,7 +60,8 @@ def exported(root: Path) -> Exported:
     bundle = bundles.load(root / "bundle")
     ecu = firmware_sources() | {ECU_SETTINGS: ecu_settings(bundle, CONFIG)}
     ecu[f"loader/{UDS_SETTINGS}"] = uds_settings()
-    write_c_release(root / "c", gated, windows[:4], ecu)
+    library = CLibrary(folder=root / "c", compiled=compiled, ecu=lambda *_: ecu)
+    write_c_release(library, bundle, gated, windows[:4])
     return Exported(bundle, root / "bundle", root / "c")
 
 

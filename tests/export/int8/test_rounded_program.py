@@ -19,8 +19,7 @@ from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.gates.quantisation import QuantisationLimits, check_quantisation, compare_answers, exact_answers
-from export.int8.calibrate import DAMPING, quantise_on, rounded_on
-from export.int8.layer_inputs import layer_inputs
+from export.int8.calibrate import DAMPING, layer_inputs, quantise_on, rounded_on
 from export.int8.rounded_program import quantise_matrix, rounded_to_nearest
 from export.program.controller_program import matrices
 from export.program.windows import random_window, random_windows
@@ -68,7 +67,8 @@ def case():
 
 
 def _step_errors(program, other, seen):
-    z, a = seen.state[:, :-1], seen.state[:, -1] * program.scaling.action_std
+    state = seen["dynamics.input.weight"]
+    z, a = state[:, :-1], state[:, -1] * program.scaling.action_std
     return step(other, z, a) - step(program, z, a)
 
 
@@ -79,7 +79,7 @@ def test_a_step_and_its_parts_are_closer_than_rounded_to_nearest(case):
     coarse, fine = (np.mean(_step_errors(program, other, seen) ** 2) for other in (nearest, calibrated))
     assert np.sqrt(fine) < 0.5 * np.sqrt(coarse)
     # So are latent states and forces.
-    for function, inputs in ((encode, windows), (decode, seen.z[::50])):
+    for function, inputs in ((encode, windows), (decode, seen["decoder.input.weight"][::50])):
         exact, coarse, fed = (np.array([function(of, x) for x in inputs]) for of in (program, nearest, calibrated))
         assert np.sqrt(np.mean((fed - exact) ** 2)) < 0.8 * np.sqrt(np.mean((coarse - exact) ** 2))
 

@@ -13,7 +13,7 @@ from contract.config.tree import Config
 from contract.controller.air_speed import weight_count
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleControllerError, BundleManifestError, ExportError
-from contract.model.model_folder import Provenance
+from contract.model.model_folder import ModelFolder
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
 from contract.release.checks import CONTROLLER
@@ -26,10 +26,10 @@ from export.int8.rounded_program import rounded_estimator
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step
-from export.release.bundle import write_release
-from export.release.gated import Gated, gate
-from export.release.lowering import lower
+from export.release.gated import Gated, gate, lower
+from export.release.pipeline import write_release
 from export.to_onnx.sensor_estimator import build_estimator
+from tests.conftest import model_of
 from tests.contract.controller.test_estimator import random_network
 
 FIGURES = SensorEstimator(fast=((0.5,) * 4,) * 4, slow=((0.25,) * 4,) * 4)
@@ -48,22 +48,16 @@ def gated(program, precision) -> Gated:
     return gate(lower(program, calibration=windows, with_library=False), windows[:3], LOOSE)
 
 
-def release(path, lowerings: Gated, config=None, **changes) -> None:
-    provenance = Provenance(
-        dataset_sha256="0" * 64,
-        weights_sha256="1" * 64,
-        metrics={"slim": {"r2": 0.9}},
-        versions={"torch": "2"},
-        config=config or {"model": {"latent": 3}},
-    )
-    settings = {"name": "test", "created": date(2026, 1, 2), "config": Config(), "provenance": provenance}
-    write_release(path, lowerings, **{**settings, **changes})
+def release(path, lowerings: Gated, trained: ModelFolder | None = None, **changes) -> None:
+    trained = trained or model_of(lowerings.lowered.effective)
+    write_release(path, lowerings, trained, name="test", created=date(2026, 1, 2), config=Config(), **changes)
 
 
 def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, program):
-    config = {"refine": {"slowest": 0.6, "fastest": 1.4}}
     resting = RestingWake(speeds=(0.6, 1.4), base=(-0.3, -0.5), swing=(0.1, 0.3))
-    release(tmp_path / "release", gated(program, "float32"), config=config, resting=resting)
+    trained = model_of(program, resting=np.array([[0.6, -0.3, 0.1], [1.4, -0.5, 0.3]]))
+    trained = replace(trained, config_tree={"refine": {"slowest": 0.6, "fastest": 1.4}})
+    release(tmp_path / "release", gated(program, "float32"), trained)
     manifest = bundle.load(tmp_path / "release").manifest
     assert manifest.resting == resting
     for changed, refused in (
@@ -125,7 +119,7 @@ def test_a_written_release_loads_and_controls(tmp_path, program, precision):
     assert manifest.provenance == {
         "versions": {"torch": "2"},
         "metrics": {"slim": {"r2": 0.9}},
-        "config": {"model": {"latent": 3}},
+        "config": {},
         "export": exported,
     }
     assert exported["parity"]["action"] == report.parity.action

@@ -28,8 +28,8 @@ from ecu.bundle_policy import BundlePolicy
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.release import pipeline
-from export.release.gated import Gated
-from export.release.lowering import Lowered, library_of, lower
+from export.release.gated import Gated, Lowered, lower
+from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
@@ -184,7 +184,7 @@ def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_pat
             lowered = lower(program, **arguments)
             if of == "graph":
                 return replace(lowered, graph=build_controller(other).SerializeToString())
-            return replace(lowered, library=library_of(other, ()))
+            return replace(lowered, library=c_library(other))
 
         monkeypatch.setattr(pipeline, "lower", lower_wrongly)
         with pytest.raises(ExportError, match="and reference differ by"):

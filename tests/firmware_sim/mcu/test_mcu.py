@@ -15,9 +15,8 @@ from contract.errors import LibraryError, McuError
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window
-from export.release.lowering import int8_library
 from export.release.pipeline import recorded_rows
-from export.to_c.library import c_library
+from export.to_c.library import c_library, int8_library
 from firmware_sim.mcu import measure as mcu
 from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7
