@@ -31,7 +31,7 @@ from contract.release.checks import CONTROLLER
 from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE, MODEL, recording
-from export.gates.parity import control_cases
+from export.gates import control_cases
 from export.program.controller_program import ControllerProgram, program_of
 from export.program.windows import recorded_windows
 from export.to_onnx.portable import portable

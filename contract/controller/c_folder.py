@@ -98,11 +98,15 @@ class ProgramSettings:
 
 def settings_header(definitions: Mapping[str, int | str | np.float32]) -> bytes:
     """Write `sw_settings.h` from definitions, in the form that `ProgramSettings` reads. Text values are quoted."""
-    lines = "\n".join(f"#define {name} {_literal(value)}" for name, value in definitions.items())
-    return (
-        "/* Generated: sizes and settings of one trained program. */\n"
-        f"#ifndef SW_SETTINGS_H\n#define SW_SETTINGS_H\n\n{lines}\n\n#endif\n"
-    ).encode()
+    literals = {name: _literal(value) for name, value in definitions.items()}
+    return generated_header(PROGRAM_SETTINGS, "sizes and settings of one trained program", literals)
+
+
+def generated_header(name: str, what: str, definitions: Mapping[str, object]) -> bytes:
+    """Write the header `name` with definitions, whose values in C are the values' texts."""
+    guard = name.upper().replace(".", "_")
+    lines = "\n".join(f"#define {key} {value}" for key, value in definitions.items())
+    return f"/* Generated: {what}. */\n#ifndef {guard}\n#define {guard}\n\n{lines}\n\n#endif\n".encode()
 
 
 def _literal(value: int | str | np.float32) -> str:

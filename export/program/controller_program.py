@@ -9,7 +9,7 @@ for n units, F filters and p sensor pairs. All lowerings of a program state the 
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,11 @@ import numpy as np
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.controller.goal import SPEED_PLACES
-from contract.controller.interface import FORCES, Sizes
+from contract.controller.interface import Sizes
 from contract.errors import ExportError
 from contract.model.model_folder import SLIM, ModelFolder
 from contract.release.manifest import Scaling
-from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear, PriorWeights
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, PriorWeights
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,15 +103,10 @@ def _check_sensors(program: ControllerProgram) -> None:
 
 
 def _check_scaling(scaling: Scaling, sensors: int) -> None:
-    for name, size in (
-        ("pressure_mean", sensors),
-        ("pressure_std", sensors),
-        ("force_mean", FORCES),
-        ("force_std", FORCES),
-    ):
+    for name, found, wanted in scaling.misfits(sensors):
+        raise ExportError(f"scaling.{name}: {found} values, must be {wanted}")
+    for name in ("pressure_mean", "pressure_std", "force_mean", "force_std"):
         values = np.asarray(getattr(scaling, name), dtype=np.float64)
-        if values.shape != (size,):
-            raise ExportError(f"scaling.{name}: {len(values)} values, must be {size}")
         if not np.isfinite(values).all() or (name.endswith("_std") and not (values > 0).all()):
             rule = "positive and finite" if name.endswith("_std") else "finite"
             raise ExportError(f"scaling.{name} = {values.tolist()}: must be {rule}")
@@ -151,16 +146,6 @@ def matrices(program: ControllerProgram) -> dict[str, Array]:
 def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Array]) -> ControllerProgram:
     """Return the program with every matrix replaced by `change(name, matrix)`; all other parts are unchanged."""
 
-    def linear(name: str, layer: Linear) -> Linear:
-        return replace(layer, weight=change(f"{name}.weight", layer.weight))
-
-    def layers(network: str, *names: str) -> dict[str, Any]:
-        return {name: linear(f"{network}.{name}", getattr(getattr(program, network), name)) for name in names}
-
-    lstm, blocks = program.encoder.lstm, program.decoder.blocks
-    gates: dict[str, Any] = {
-        name: change(f"lstm.{name}", getattr(lstm, name)) for name in ("weight_input", "weight_recurrent")
-    }
     prior = program.prior
     if prior is not None:
         first, sums = prior.first, prior.sums
@@ -169,21 +154,18 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
             first=change("prior.first", first.reshape(-1, first[0, 0].size)).reshape(first.shape),
             sums=change("prior.sums", sums.reshape(len(sums), -1)).reshape(sums.shape),
         )
-    return replace(
-        program,
-        prior=prior,
-        encoder=replace(program.encoder, lstm=replace(lstm, **gates), **layers("encoder", "hidden", "output")),
-        dynamics=replace(program.dynamics, **layers("dynamics", "input", "hidden", "output")),
-        decoder=replace(
-            program.decoder,
-            **layers("decoder", "input"),
-            blocks=tuple(
-                replace(block, linear=linear(f"decoder.blocks.{i}.linear", block.linear))
-                for i, block in enumerate(blocks)
-            ),
-            **layers("decoder", "output"),
-        ),
-    )
+    networks = {name: _mapped(getattr(program, name), name, change) for name in ("encoder", "dynamics", "decoder")}
+    return replace(program, prior=prior, **networks)
+
+
+def _mapped(part: Any, name: str, change: Callable[[str, Array], Array]) -> Any:
+    """Return a part of a network with its matrices replaced; only the names of the LSTM's lack that of the network."""
+    if isinstance(part, np.ndarray):
+        return change(name.replace("encoder.lstm.", "lstm."), part) if part.ndim == 2 else part
+    if isinstance(part, tuple):
+        return tuple(_mapped(item, f"{name}.{place}", change) for place, item in enumerate(part))
+    named = {item.name: getattr(part, item.name) for item in fields(part)}
+    return replace(part, **{key: _mapped(item, f"{name}.{key}", change) for key, item in named.items()})
 
 
 def program_sha256(program: ControllerProgram) -> str:

@@ -9,10 +9,11 @@ from contract.arrays import Array
 from contract.controller.interface import CompileLibrary, ControlStep
 from contract.release.manifest import WeightPrecision
 from contract.runtime.onnx_session import OnnxController
-from export.gates.parity import ParityReport, check_lowering
-from export.gates.quantisation import (
+from export.gates import (
+    ParityReport,
     QuantisationLimits,
     QuantisationReport,
+    check_lowering,
     check_quantisation,
     compare_answers,
     exact_answers,

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from contract.controller import image_payload
+from contract.controller.c_folder import generated_header
 from contract.controller.c_numbers import Numbers, numbers_source
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
@@ -63,11 +64,7 @@ def _sizes(rounded: RoundedEstimator, found: Numbers) -> bytes:
         "SW_ESTIMATOR_LIMIT": int(REACH * ONE),
         **found.settings("SW_ESTIMATOR"),
     }
-    lines = "\n".join(f"#define {name} {value}" for name, value in definitions.items())
-    return (
-        "/* Generated: the sizes of a release's sensor estimator. */\n"
-        f"#ifndef SW_ESTIMATOR_SETTINGS_H\n#define SW_ESTIMATOR_SETTINGS_H\n\n{lines}\n\n#endif\n"
-    ).encode()
+    return generated_header(SIZES, "the sizes of a release's sensor estimator", definitions)
 
 
 def _arrays(rounded: RoundedEstimator) -> Mapping[str, ArrayValues]:

@@ -60,9 +60,8 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     def gradient(body: Graph, candidate: str) -> str:
         rollout = dynamics.rollout(body, z, candidate)
         signed, tapes = decoder.signed_forces(body, rollout.latents)
-        local = cost.gradient(body, signed, candidate)
-        through_forces = decoder.adjoint(body, tapes, local.signed_forces)
-        return dynamics.adjoint(body, rollout, through_forces, local.plan)
+        to_forces, to_plan = cost.gradient(body, signed, candidate)
+        return dynamics.adjoint(body, rollout, decoder.adjoint(body, tapes, to_forces), to_plan)
 
     optimised = lower_adam(graph, program, start, free, bound, gradient)
     forces = decoder.forces(graph, dynamics.rollout(graph, z, optimised).latents)

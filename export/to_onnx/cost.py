@@ -1,21 +1,11 @@
 """The cost terms and their gradient as ONNX nodes. They compute the same values as `reference.cost`, with one matrix
 for all quadratic terms."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from contract.config.controller import MpcConfig
 from contract.controller.interface import TERMS
 from export.to_onnx.graph_builder import Graph
-
-
-@dataclass(frozen=True, kw_only=True)
-class CostGradientNames:
-    """The names of two gradients in a graph: dJ/d(Cd, -Cd, Cl), (H, 3), and dJ/da at fixed forces, (1, H)."""
-
-    signed_forces: str
-    plan: str
 
 
 class Cost:
@@ -59,9 +49,10 @@ class Cost:
         """Add nodes that compute J, a scalar."""
         return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
 
-    def gradient(self, graph: Graph, signed_forces: str, plan: str) -> CostGradientNames:
-        """Add nodes that compute the same gradient as `reference.cost.cost_gradient`. `signed_forces`, shape (H, 3),
-        has the columns Cd, -Cd and Cl; `plan` has the shape (1, H).
+    def gradient(self, graph: Graph, signed_forces: str, plan: str) -> tuple[str, str]:
+        """Add nodes that compute the same gradient as `reference.cost.cost_gradient`: dJ/d(Cd, -Cd, Cl), (H, 3), and
+        dJ/da at fixed forces, (1, H). `signed_forces`, shape (H, 3), has the columns Cd, -Cd and Cl; `plan` has the
+        shape (1, H).
 
         The drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd). Because -Cd has a column of its own, only maxima
         are needed, and the same nodes serve all columns.
@@ -76,8 +67,7 @@ class Cost:
         through_forces = graph.op("Add", graph.op("Add", fluctuation, lift), steady)
         # The plan is a row, because in ONNX Runtime a matrix times a column takes three times as long as a row times a
         # matrix.
-        through_plan = graph.op("Gemm", plan, self._curvature, self._minus_pull)
-        return CostGradientNames(signed_forces=through_forces, plan=through_plan)
+        return through_forces, graph.op("Gemm", plan, self._curvature, self._minus_pull)
 
     def _prepare(self, graph: Graph, start: str) -> None:
         """Add the nodes for the parts of the gradient that depend only on the weights, the previous action and the

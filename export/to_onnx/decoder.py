@@ -4,8 +4,6 @@ The forces' scaling is folded into the last matrix and bias. In a block, ELU(y) 
 term -1 is left out of the rows that pass from block to block; the biases of the following layers compensate for this.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from contract.arrays import Array
@@ -13,14 +11,8 @@ from export.program.controller_program import ControllerProgram
 from export.program.weights import Linear, ResidualWeights
 from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, centred, centred_bias, transposed
 
-
-@dataclass(frozen=True, kw_only=True)
-class BlockTape:
-    """The values that a residual block's adjoint needs: xhat and p = ELU' g r (see `to_onnx.dynamics`), each (H,
-    width)."""
-
-    xhat: str
-    slope: str
+BlockTape = tuple[str, str]
+"""The values that a residual block's adjoint needs: xhat and p = ELU' g r (see `to_onnx.dynamics`), each (H, width)."""
 
 
 class DecoderGraph:
@@ -91,12 +83,13 @@ class _Block:
         above = graph.op("Add", graph.op("Add", x, graph.op("Relu", y)), slope)
         factor = graph.op("Mul", graph.op("Mul", slope, self._norm.gain), inverse_std)
         # u has mean zero, because its matrix and bias are centred.
-        return above, BlockTape(xhat=graph.op("Mul", u, inverse_std), slope=factor)
+        return above, (graph.op("Mul", u, inverse_std), factor)
 
     def adjoint(self, graph: Graph, tape: BlockTape, d: str) -> str:
-        t = graph.op("Mul", d, tape.slope)
-        along = graph.op("ReduceMean", graph.op("Mul", t, tape.xhat), graph.index([1]), keepdims=1)
-        v = graph.op("Sub", t, graph.op("Mul", tape.xhat, along))
+        xhat, slope = tape
+        t = graph.op("Mul", d, slope)
+        along = graph.op("ReduceMean", graph.op("Mul", t, xhat), graph.index([1]), keepdims=1)
+        v = graph.op("Sub", t, graph.op("Mul", xhat, along))
         return graph.op("Gemm", v, self._backward, d)
 
 

@@ -6,7 +6,7 @@ from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.gates.parity import control_cases
+from export.gates import control_cases
 from export.program.controller_program import ControllerProgram
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07")

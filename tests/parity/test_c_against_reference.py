@@ -1,6 +1,6 @@
 """Third link of the chain: the C library, compiled here = NumPy reference.
 
-Tolerances are those of the ONNX float graph, for the same reasons (`export.gates.parity`): both compute in float32.
+Tolerances are those of the ONNX float graph, for the same reasons (`export.gates`): both compute in float32.
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from contract.controller.goal import DEAREST_EFFORT
 from contract.controller.interface import ControllerError
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.gates.parity import check_lowering, control_cases
+from export.gates import check_lowering, control_cases
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import shift

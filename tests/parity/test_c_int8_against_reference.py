@@ -19,7 +19,7 @@ from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.gates.parity import control_cases
+from export.gates import control_cases
 from export.int8.calibrate import activation_ranges
 from export.int8.rounded_program import RoundedProgram, rounded_to_nearest
 from export.program.controller_program import ControllerProgram

@@ -1,7 +1,7 @@
 """Second link of the chain: ONNX under ONNX Runtime = NumPy reference, for float and for int8 weights.
 
 The int8 graph is compared with the reference running on the dequantised weights, so the tolerance is the same:
-both graphs compute in float32 (`export.gates.parity` explains the figures).
+both graphs compute in float32 (`export.gates` explains the figures).
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from contract.controller.goal import SCHEDULED
 from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
-from export.gates.parity import ParityReport, check_lowering
+from export.gates import ParityReport, check_lowering
 from export.int8.rounded_program import Program, effective, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows

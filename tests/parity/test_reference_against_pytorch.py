@@ -15,7 +15,7 @@ import torch
 from benchmarks.controller.eager import EagerController
 from contract.config.controller import MpcConfig
 from examples.random_programs import random_program
-from export.gates.parity import ControlCase, control_cases
+from export.gates import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
 from export.reference.cost import cost_gradient
 from export.reference.mpc import control_step, gradient

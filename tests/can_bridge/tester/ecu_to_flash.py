@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 from can_bridge.flashing.backing import Slot
 from contract.release import bundle
-from contract.release.container import read_files
-from contract.release.image import image_of
+from contract.release.container import image_of, read_files
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.plain_backing import PlainBacking

@@ -11,7 +11,7 @@ from contract.errors import BundleError, BundleFileError
 from contract.release import bundle, signing
 from contract.release.bundle import MadeEstimator
 from contract.release.checks import CONTROLLER, SIGNATURE
-from contract.release.image import image_of
+from contract.release.container import image_of
 from contract.release.manifest import MANIFEST, Manifest, SensorEstimator
 from contract.shipped import BUNDLE
 

@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contract.errors import BundleContainerError
-from contract.release.container import read_files
-from contract.release.image import files_of, image_of
+from contract.release.container import files_of, image_of, read_files
 from contract.shipped import BUNDLE
 from tests.examples import examples
 
@@ -19,7 +18,7 @@ BY_HAND = (
     + bytes.fromhex("0001 00000002") + b"a" + bytes.fromhex("0001 00000000") + b"b"
     + b"{}sig12"
 )  # fmt: skip
-"""The layout of `contract.release.image`, written down from its description."""
+"""The layout of `contract.release.container`, written down from its description."""
 
 
 def entry(name: bytes, size: int) -> bytes:

@@ -16,7 +16,7 @@ from contract.controller.calibration import CALIBRATION_NAMES
 from contract.controller.interface import Controller
 from contract.release import bundle as bundles
 from contract.release.checks import Bundle
-from contract.release.image import image_of
+from contract.release.container import image_of
 from ecu.calibrating import release_calibration
 from ecu.in_c.c_ecu import CEcu, ecu_sources
 from tests.can_bridge.flashing.plain_backing import UnreadableError

@@ -24,7 +24,7 @@ from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.host_library import CController
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from examples.random_programs import random_program
-from export.gates.quantisation import QuantisationLimits
+from export.gates import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.program.windows import random_window
 from export.release.gated import gate, lower

@@ -18,7 +18,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
-from export.gates.quantisation import QuantisationLimits, check_quantisation, compare_answers, exact_answers
+from export.gates import QuantisationLimits, check_quantisation, compare_answers, exact_answers
 from export.int8.calibrate import DAMPING, layer_inputs, quantise_on, rounded_on
 from export.int8.rounded_program import quantise_matrix, rounded_to_nearest
 from export.program.controller_program import matrices

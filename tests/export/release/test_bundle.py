@@ -20,7 +20,7 @@ from contract.release.checks import CONTROLLER
 from contract.release.manifest import RestingWake, SensorEstimator, SpeedRange
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
-from export.gates.quantisation import QuantisationLimits
+from export.gates import QuantisationLimits
 from export.int8.calibrate import rounded_on
 from export.int8.rounded_program import rounded_estimator
 from export.program.controller_program import ControllerProgram
