@@ -12,7 +12,6 @@ import pytest
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
 from contract.controller.goal import SCHEDULED
-from contract.errors import ExportError
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates import ParityReport, check_lowering
@@ -99,9 +98,3 @@ def test_actions_stay_within_a_limit_that_float32_rounds_up_and_committed_ones_c
         np.testing.assert_array_equal(found[free == 0], shifted[free == 0])
         assert (found[free == 1] != shifted[free == 1]).all()
     assert touched == pytest.approx(limit, rel=1e-6)
-
-
-def test_gate_refuses_the_graph_of_the_rounded_program():
-    program = random_program(9, model=SMALL, mpc=MpcConfig(horizon=6))
-    with pytest.raises(ExportError, match="differ by"):
-        check_graph(program, rounded_to_nearest(program), random_windows(program, 20))
