@@ -4,15 +4,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.controller.estimator import ESTIMATOR
 from contract.errors import BundleError, BundleFileError
-from contract.release import bundle, signing
-from contract.release.bundle import MadeEstimator
+from contract.release import bundle
 from contract.release.checks import CONTROLLER, SIGNATURE
 from contract.release.container import image_of
-from contract.release.manifest import MANIFEST, Manifest, SensorEstimator
+from contract.release.manifest import MANIFEST, Manifest
 from contract.shipped import BUNDLE
 
 SHIPPED = bundle.load(BUNDLE)
@@ -43,9 +41,6 @@ def test_places_and_names_that_lead_elsewhere_are_refused(tmp_path):
         bundle.write(tmp_path / "b.zip", manifest(), CONTENTS)
 
 
-KEY = Ed25519PrivateKey.from_private_bytes(bytes([3]) * 32)
-
-
 def test_the_shipped_bundle_has_one_and_others_may_lack_it(tmp_path):
     assert SHIPPED.manifest.sensor_estimator is not None
     checks = {item.name: item.error for item in bundle.examine(BUNDLE)}
@@ -68,15 +63,3 @@ def test_manifest_and_file_must_agree(tmp_path):
             bundle.load(tmp_path / "b")
         failed = [item.error for item in bundle.examine(tmp_path / "b") if item.error is not None]
         assert [str(error) for error in failed] == [str(said.value)]
-
-
-def test_renewal_keeps_it_or_puts_another_one_in_its_place(tmp_path):
-    kept = bundle.renew(BUNDLE, tmp_path / "kept", name="kept", created="2026-01-02", key=KEY)
-    assert kept.files[ESTIMATOR] == SHIPPED.files[ESTIMATOR]
-    assert kept.manifest.sensor_estimator == SHIPPED.manifest.sensor_estimator
-    figures = SensorEstimator(fast=((0.5,) * 4,) * 4, slow=((0.25,) * 4,) * 4)
-    made = MadeEstimator(graph=SHIPPED.files[ESTIMATOR], figures=figures, provenance={"r2": {"base_7": 0.9}})
-    other = bundle.renew(BUNDLE, tmp_path / "new", name="new", created="2026-01-02", key=KEY, estimator=made)
-    assert other.manifest.sensor_estimator == figures
-    assert other.manifest.provenance["sensor_estimator"] == {"r2": {"base_7": 0.9}}
-    assert other.signer == signing.public_key(KEY)

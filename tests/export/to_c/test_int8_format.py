@@ -44,15 +44,8 @@ def library(tmp_path_factory, shared_builds):
 
 
 @pytest.fixture(scope="module")
-def apply(library):
-    def run(which: int, x: np.ndarray) -> np.ndarray:
-        x = np.ascontiguousarray(x, dtype=np.int32)
-        y = np.empty_like(x)
-        pointer = ctypes.POINTER(ctypes.c_int32)
-        library.apply(which, len(x), x.ctypes.data_as(pointer), y.ctypes.data_as(pointer))
-        return y.astype(np.float64)
-
-    return run
+def apply(library, applied):
+    return applied(library, np.int32)
 
 
 def every_integer(reach: int, one: int) -> tuple[np.ndarray, np.ndarray]:
