@@ -166,7 +166,7 @@ def sources(release) -> dict[str, bytes]:
 def _random_release(folder: Path, window: int) -> None:
     from examples.random_programs import random_program
     from export.gates import QuantisationLimits
-    from export.int8.rounded_program import rounded_to_nearest
+    from export.int8 import rounded_to_nearest
     from export.program.windows import random_windows
     from export.release.gated import gate, lower
 

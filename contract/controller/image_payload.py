@@ -45,7 +45,7 @@ _ESTIMATOR_MOST: Final = 2.0**17
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
 """Integer that represents the largest scale of a layer's rows; `_GAIN_ONE` represents the largest gain of a layer. Both
-equal the constants in `export.to_c.int8_format`."""
+equal the constants in `export.to_c.int8_arrays`."""
 _OF_ELU_MOST: Final = 65535.0
 """Largest value of the factor that converts an ELU's integer to the scale of the decoder's residuals."""
 

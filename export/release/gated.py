@@ -18,7 +18,7 @@ from export.gates import (
     compare_answers,
     exact_answers,
 )
-from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
+from export.int8 import Program, RoundedProgram, effective, precision_of
 from export.program.controller_program import ControllerProgram, program_sha256
 from export.reference.mpc import control_step
 from export.to_c.library import c_library, replay, with_answer

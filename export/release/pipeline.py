@@ -33,7 +33,7 @@ from contract.release.manifest import FIRST_SECURITY_VERSION, PRECISIONS, Manife
 from contract.runtime.onnx_session import OnnxEstimator
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
-from export.int8.calibrate import rounded_on
+from export.int8 import rounded_on
 from export.program.controller_program import ControllerProgram, program_of
 from export.program.windows import recorded_windows
 from export.release.gated import Gated, Lowered, gate, lower

@@ -14,9 +14,9 @@ from contract.controller.c_folder import generated_header
 from contract.controller.c_numbers import Numbers, numbers_source
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
-from export.int8.rounded_program import RoundedEstimator
+from export.int8 import RoundedEstimator
 from export.to_c.float32_arrays import ArrayValues
-from export.to_c.int8_format import FULL_RANGE_WIDTH, INT8_LANES, INT16_QMAX, packed
+from export.to_c.int8_arrays import FULL_RANGE_WIDTH, INT8_LANES, INT16_QMAX, packed
 from export.to_c.library import ALIGNMENTS, numbers
 from export.to_onnx.sensor_estimator import read_estimator
 

@@ -23,14 +23,12 @@ from contract.controller.c_numbers import Numbers, numbers_source, table
 from contract.controller.interface import FORCES, TERMS, Controller
 from contract.release.checks import dbc_sha256
 from contract.release.manifest import WeightPrecision
-from export.int8.calibrate import activation_ranges, rounded_on
-from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
+from export.int8 import Program, RoundedProgram, activation_ranges, effective, precision_of, rounded_on
 from export.program.controller_program import ControllerProgram, program_sha256
 from export.program.weights import LAYER_NORM_EPSILON, as_float32
 from export.reference.mpc import ADAM_BETAS
 from export.to_c.float32_arrays import FLOAT32_LANES, ArrayValues, float_arrays, prior_settings
-from export.to_c.int8_arrays import int8_arrays
-from export.to_c.int8_format import c_constants
+from export.to_c.int8_arrays import c_constants, int8_arrays
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
 """Alignment of the arrays in bytes. For int8, 16 suffices for a word of Cortex-M and for a vector register. For

@@ -18,16 +18,14 @@ from collections.abc import Callable
 import numpy as np
 import onnx
 
-from contract.arrays import Array
 from contract.controller.interface import OUTPUTS, Sizes
-from export.int8.rounded_program import Program, effective, precision_of
+from export.int8 import Program, effective, precision_of
 from export.program.controller_program import ControllerProgram
 from export.program.weights import float32_within
 from export.reference.mpc import ADAM_BETAS
 from export.to_onnx.cost import Cost
-from export.to_onnx.decoder import DecoderGraph
-from export.to_onnx.dynamics import DynamicsGraph
-from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, store_for
+from export.to_onnx.graph_builder import Graph, store_for
+from export.to_onnx.networks import DecoderGraph, DynamicsGraph, lower_encoder
 from export.to_onnx.prior import lower_prior, lower_schedule, lower_unknown
 
 
@@ -85,43 +83,6 @@ def shifted(graph: Graph, plan: str, horizon: int) -> str:
     """Add the previous plan as a row (1, H), shifted by one step, with its last action repeated."""
     rest, last = graph.slice(plan, 1, horizon), graph.slice(plan, horizon - 1, horizon)
     return graph.op("Unsqueeze", graph.op("Concat", rest, last, axis=0), graph.index([0]))
-
-
-def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: PutMatrix) -> str:
-    """Add nodes that compute the latent state z_t as a row (1, n_z), from the window (L, S+1)."""
-    weights, scaling = program.encoder, program.scaling
-    width = weights.lstm.width
-    # PyTorch's gate order is i, f, g, o. ONNX's order is i, o, f, c, where c is PyTorch's g.
-    i, f, g, o = np.split(np.arange(4 * width), 4)
-    gates = np.concatenate([i, o, f, g])
-    mean = graph.constant(scaling.window_mean, "window_mean")
-    # The window is multiplied by 1 / std, so that a standard deviation too small for float32 is refused. In a division,
-    # it would be rounded to zero.
-    std = np.array(scaling.window_std)
-    rows = window
-    if program.encoder_rows < program.window:
-        rows = graph.slice(window, program.window - program.encoder_rows, program.window, 0)
-    scaled = graph.op("Mul", graph.op("Sub", rows, mean), graph.constant(1.0 / std, "1 / window_std"))
-
-    def linear(x: str, name: str, bias: Array) -> str:
-        weight = store(graph, f"encoder.{name}.weight")
-        return graph.op("Gemm", x, weight, graph.constant(bias, f"encoder.{name}.bias"), transB=1)
-
-    # ONNX's LSTM expects the direction as the first axis of its weights, and a batch axis of length one in the
-    # sequence.
-    biases = np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])
-    _, hidden = graph.ops(
-        "LSTM",
-        graph.op("Unsqueeze", scaled, graph.index([1])),
-        store(graph, "lstm.weight_input", rows=gates, leading=1),
-        store(graph, "lstm.weight_recurrent", rows=gates, leading=1),
-        graph.constant(biases[None], "lstm.bias"),
-        outputs=2,
-        hidden_size=width,
-    )
-    row = graph.op("Squeeze", hidden, graph.index([0]))
-    normed = NormNames(graph, weights.norm, "encoder.norm").apply(graph, row)
-    return linear(graph.op("Elu", linear(normed, "hidden", weights.hidden.bias)), "output", weights.output.bias)
 
 
 def lower_adam(

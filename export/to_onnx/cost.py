@@ -1,4 +1,4 @@
-"""The cost terms and their gradient as ONNX nodes. They compute the same values as `reference.cost`, with one matrix
+"""The cost terms and their gradient as ONNX nodes. They compute the same values as `reference.mpc`, with one matrix
 for all quadratic terms."""
 
 import numpy as np
@@ -50,7 +50,7 @@ class Cost:
         return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
 
     def gradient(self, graph: Graph, signed_forces: str, plan: str) -> tuple[str, str]:
-        """Add nodes that compute the same gradient as `reference.cost.cost_gradient`: dJ/d(Cd, -Cd, Cl), (H, 3), and
+        """Add nodes that compute the same gradient as `reference.mpc.cost_gradient`: dJ/d(Cd, -Cd, Cl), (H, 3), and
         dJ/da at fixed forces, (1, H). `signed_forces`, shape (H, 3), has the columns Cd, -Cd and Cl; `plan` has the
         shape (1, H).
 

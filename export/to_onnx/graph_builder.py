@@ -14,7 +14,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from contract.arrays import Array, Index
-from export.int8.rounded_program import Program, RoundedProgram
+from export.int8 import Program, RoundedProgram
 from export.program.controller_program import matrices
 from export.program.weights import LAYER_NORM_EPSILON, Norm, as_float32
 

@@ -24,8 +24,7 @@ from contract.errors import ExportError
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates import check_lowering, control_cases
-from export.int8.calibrate import activation_ranges
-from export.int8.rounded_program import RoundedProgram, rounded_to_nearest
+from export.int8 import RoundedProgram, activation_ranges, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.model import encode

@@ -15,7 +15,7 @@ from contract.controller.goal import SCHEDULED
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates import ParityReport, check_lowering
-from export.int8.rounded_program import Program, effective, rounded_to_nearest
+from export.int8 import Program, effective, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
 from export.reference.mpc import control_step

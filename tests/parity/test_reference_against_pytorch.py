@@ -16,8 +16,7 @@ from contract.config.controller import MpcConfig
 from examples.random_programs import random_program
 from export.gates import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
-from export.reference.cost import cost_gradient
-from export.reference.mpc import control_step, gradient
+from export.reference.mpc import control_step, cost_gradient, gradient
 from tests.each import each
 from tests.parity.drawn import drawn_program
 

@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from contract.atomic import replacing
 from contract.config.tree import Config
-from contract.differences import differences
 from contract.errors import ConfigError, DatasetError
+from contract.typed import differences
 from train.fitting.progress import Phase
 
 _LABEL: Final = "training.json"

@@ -25,7 +25,7 @@ from ecu.in_c.host_library import CController
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from examples.random_programs import random_program
 from export.gates import QuantisationLimits
-from export.int8.calibrate import rounded_on
+from export.int8 import rounded_on
 from export.program.windows import random_window
 from export.release.gated import gate, lower
 from export.release.pipeline import CLibrary, write_c_release

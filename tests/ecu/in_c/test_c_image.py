@@ -32,8 +32,7 @@ from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.compiler import host_compiler
 from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_program
-from export.int8.calibrate import rounded_on
-from export.int8.rounded_program import rounded_estimator
+from export.int8 import rounded_estimator, rounded_on
 from export.program.windows import random_windows
 from export.to_c.estimator import estimator_files
 from export.to_c.library import c_library

@@ -21,9 +21,8 @@ from contract.controller.interface import TERMS
 from examples.random_programs import random_program
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window
-from export.reference.cost import cost_terms
 from export.reference.model import encode, encoder_layers, layer_norm
-from export.reference.mpc import adam, control_step, evaluate, gradient, optimise, predict, rollout, shift
+from export.reference.mpc import adam, control_step, cost_terms, evaluate, gradient, optimise, predict, rollout, shift
 from tests.examples import examples
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)

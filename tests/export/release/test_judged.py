@@ -15,7 +15,7 @@ from contract.release import bundle
 from contract.release.checks import CONTROLLER
 from contract.shipped import BUNDLE
 from examples.random_programs import random_program
-from export.int8.rounded_program import rounded_to_nearest
+from export.int8 import rounded_to_nearest
 from export.release.judged import OPERATORS, check_model, judge
 from export.to_onnx.control_step import build_controller
 from tests.contract.controller.graphs import edited, endless, graph_of, value

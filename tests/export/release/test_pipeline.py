@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
@@ -18,10 +19,11 @@ from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
 from contract.errors import BundleError, ExportError, StillwakeError
+from contract.model import model_folder
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.episode import PlantFacts
-from contract.release import bundle
+from contract.release import bundle, signing
 from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
 from ecu.bundle_policy import BundlePolicy
@@ -44,6 +46,7 @@ MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder
 CONFIG = Config(
     flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT), model=MODEL, mpc=MpcConfig(horizon=6, iterations=3)
 )
+KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 CHOSEN = ("x.y", "tap A", "q'")
 FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
 
@@ -93,22 +96,36 @@ def export(model, recording, tmp_path, monkeypatch) -> Export:
     return run
 
 
-def test_bundle_and_library_are_of_one_program_and_run_on_their_plant_and_on_no_other(export, tmp_path):
+def test_bundle_and_library_are_of_one_program_and_run_on_their_plant_and_on_no_other(export, model, tmp_path):
     for precision in ("float32", "int8"):
         begun, lines = list[str](), list[str]()
-        gated = export(library=True, precision=precision, named=False, phase=begun.append, notice=lines.append)
+        gated = export(library=True, precision=precision, named=False, key=KEY, phase=begun.append, notice=lines.append)
         assert lines == []
         read = bundle.load(tmp_path / "bundle")
         stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', (tmp_path / "c" / "sw_settings.h").read_text())
         assert stated is not None
-        assert (read.manifest.precision, read.manifest.program_sha256) == (precision, stated.group(1))
+        manifest, exported = read.manifest, read.manifest.provenance["export"]
+        assert (manifest.precision, manifest.program_sha256) == (precision, stated.group(1))
+        assert (exported["quantisation"] is None) == (precision == "float32")
+        assert exported["parity"]["action"] == gated.graph.parity.action
         figures = dict(pipeline.gate_figures(gated))
         assert figures["graph against reference: cases"] == pipeline.GATE_WINDOWS
         assert ("int8 C against float32: cases" in figures) == (precision == "int8")
         assert tuple(begun) == pipeline.EXPORT_PHASES
-    assert read.manifest.sensors == CHOSEN
-    assert read.manifest.sensor_positions == tuple(POSITIONS[NAMES.index(name)] for name in CHOSEN)
-    assert (read.manifest.control_period, read.manifest.action_limit) == (PERIOD, LIMIT)
+    assert read.signer == signing.public_key(KEY)
+    assert manifest.sensors == CHOSEN
+    assert manifest.sensor_positions == tuple(POSITIONS[NAMES.index(name)] for name in CHOSEN)
+    assert (manifest.control_period, manifest.action_limit) == (PERIOD, LIMIT)
+    assert (manifest.created, manifest.compute_time_ms, manifest.mpc) == ("2026-01-02", 8.0, CONFIG.mpc)
+    about = model_folder.read(model)
+    assert manifest.dataset_sha256 == about.description.dataset_sha256
+    assert manifest.weights_sha256 == about.weights_sha256
+    assert manifest.provenance == {
+        "versions": about.description.versions,
+        "metrics": about.description.metrics,
+        "config": about.config_tree,
+        "export": exported,
+    }
     policy = BundlePolicy(read, OnnxController.of(read), LAYOUT)
     memory, held_out = policy.start(), EPISODES[2]
     commands = []

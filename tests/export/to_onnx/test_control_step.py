@@ -13,7 +13,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
-from export.int8.rounded_program import rounded_to_nearest
+from export.int8 import rounded_to_nearest
 from export.program.controller_program import ControllerProgram, matrices
 from export.to_onnx.control_step import build_controller
 from tests.export.release.test_judged import nodes_of

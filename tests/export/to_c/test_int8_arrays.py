@@ -13,9 +13,9 @@ from contract.controller.c_folder import library_sources
 from contract.errors import ExportError
 from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
-from export.int8.rounded_program import rounded_to_nearest
+from export.int8 import rounded_to_nearest
 from export.program.windows import random_windows
-from export.to_c.int8_format import (
+from export.to_c.int8_arrays import (
     AHEAD,
     ELU_ARGUMENT_ONE,
     ELU_ONE,

@@ -19,8 +19,7 @@ from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.gates import QuantisationLimits, check_quantisation, compare_answers, exact_answers
-from export.int8.calibrate import DAMPING, layer_inputs, quantise_on, rounded_on
-from export.int8.rounded_program import quantise_matrix, rounded_to_nearest
+from export.int8 import DAMPING, layer_inputs, quantise_matrix, quantise_on, rounded_on, rounded_to_nearest
 from export.program.controller_program import matrices
 from export.program.windows import random_window, random_windows
 from export.reference.model import decode, encode, step
