@@ -29,7 +29,6 @@ and |Cl| has slope 0 at 0.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -135,10 +134,8 @@ def gradient(
     of the forces at t+k is added to each lambda_k."""
     latents = rollout(program, z, plan)
     forces = decode(program, latents[..., 1:, :])
-    local = cost_gradient(forces, plan, previous_action, _weights(program, weights), start)
-    through_forces = decode_adjoint(program, latents[..., 1:, :], local.forces)
-
-    total = local.plan.copy()
+    to_forces, total = cost_gradient(forces, plan, previous_action, _weights(program, weights), start)
+    through_forces = decode_adjoint(program, latents[..., 1:, :], to_forces)
     d_latent = np.zeros_like(latents[..., 0, :])
     for k in reversed(range(plan.shape[-1])):
         d_latent = d_latent + through_forces[..., k, :]
@@ -208,15 +205,6 @@ def _weights(program: ControllerProgram, weights: Array | None) -> Array:
     return np.array(program.mpc.weights.as_tuple()) if weights is None else weights
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CostGradient:
-    """The gradient of J with respect to the forces, (..., H, 2), and with respect to the plan with the forces held
-    fixed, (..., H)."""
-
-    forces: Array
-    plan: Array
-
-
 def cost_terms(
     forces: Array, plan: Array, previous_action: Array | float, drag_reference: float, start: Array | None = None
 ) -> Array:
@@ -238,8 +226,9 @@ def cost_terms(
 
 def cost_gradient(
     forces: Array, plan: Array, previous_action: Array | float, weights: Array, start: Array | None = None
-) -> CostGradient:
-    """Return the gradient of the cost J = weights . terms. `weights` is (8,) in the order of `TERMS`; `start` is the
+) -> tuple[Array, Array]:
+    """Return the gradient of the cost J = weights . terms with respect to the forces, (..., H, 2), and with respect to
+    the plan with the forces held fixed, (..., H). `weights` is (8,) in the order of `TERMS`; `start` is the
     plan of the term `prior`, as in `cost_terms`."""
     weight = dict(zip(TERMS, weights, strict=True))
     horizon = plan.shape[-1]
@@ -260,7 +249,7 @@ def cost_gradient(
     d_plan[..., :-1] -= weight["smoothness"] * 2.0 * increments / (horizon - 1)
     d_plan[..., 0] += weight["rate"] * 2.0 * (plan[..., 0] - previous_action)
 
-    return CostGradient(forces=np.stack([d_cd, d_cl], axis=-1), plan=d_plan)
+    return np.stack([d_cd, d_cl], axis=-1), d_plan
 
 
 def _share(ties: np.typing.NDArray[np.bool_]) -> Array:

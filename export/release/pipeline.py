@@ -104,10 +104,8 @@ def calibration_windows(
 def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
     """Return the last `GATE_WINDOWS` windows (L, S+1) of the first episode that has this number of windows. Raises
     ExportError if all episodes are too short; the message states the longest episode."""
-    for item in episodes:
-        if windows_in(len(item), program.window) >= GATE_WINDOWS:
-            return recorded_windows(program, item, GATE_WINDOWS, layout)
-    return recorded_windows(program, max(episodes, key=len), GATE_WINDOWS, layout)
+    long_enough = (item for item in episodes if windows_in(len(item), program.window) >= GATE_WINDOWS)
+    return recorded_windows(program, next(long_enough, max(episodes, key=len)), GATE_WINDOWS, layout)
 
 
 def export_all(

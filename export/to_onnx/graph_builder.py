@@ -208,7 +208,6 @@ class NormNames:
 
     def with_inverse_std(self, graph: Graph, x: str) -> tuple[str, str]:
         """Add nodes that compute LN(x) over the last axis, and r = 1 / sqrt(var x + eps)."""
-        y, _, inverse_std = graph.ops(
-            "LayerNormalization", x, self.gain, self.offset, outputs=3, epsilon=LAYER_NORM_EPSILON
-        )
+        constants = (self.gain, self.offset)
+        y, _, inverse_std = graph.ops("LayerNormalization", x, *constants, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return y, inverse_std

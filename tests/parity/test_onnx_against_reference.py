@@ -18,7 +18,6 @@ from export.gates import ParityReport, check_lowering
 from export.int8 import Program, effective, rounded_to_nearest
 from export.program.controller_program import ControllerProgram
 from export.program.windows import random_window, random_windows
-from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller
 from tests.each import each
 from tests.parity.drawn import drawn_program
@@ -67,19 +66,6 @@ def test_the_speed_is_an_input_where_the_plan_depends_on_it():
         )
         np.testing.assert_array_equal(given, default)
         assert np.array_equal(slow, default) == (one is blind)
-
-
-def test_a_closed_loop_of_steps_stays_together():
-    """Plans fed back for 30 steps: differences must not accumulate beyond the gate's tolerance for one."""
-    program = random_program(4, model=SMALL, mpc=MpcConfig(horizon=10))
-    controller = OnnxController(build_controller(program).SerializeToString(), program.sizes)
-    rng = np.random.default_rng(4)
-    plan = found = np.zeros(10)
-    for _ in range(30):
-        window = random_window(program, rng).astype(np.float32).astype(np.float64)
-        plan = control_step(program, window, plan, np.ones(10)).plan
-        found = controller.control_step(window, found, np.ones(10)).plan
-        np.testing.assert_allclose(found, plan, rtol=0, atol=2.5e-5)
 
 
 def test_actions_stay_within_a_limit_that_float32_rounds_up_and_committed_ones_come_back_to_the_bit():

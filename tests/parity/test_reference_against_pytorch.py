@@ -47,13 +47,6 @@ def test_control_step_of_random_small_nets(seed):
         assert_same_step(program, case)
 
 
-@each("mpc", [MpcConfig(), MpcConfig(horizon=40, iterations=3, learning_rate=5e-3)])
-def test_control_step_at_paper_size(mpc):
-    program = random_program(100, mpc=mpc)
-    for case in control_cases(program, count=2, seed=7):
-        assert_same_step(program, case)
-
-
 @each("seed", range(10))
 def test_gradient_matches_autograd(seed):
     program = drawn_program(seed)
@@ -76,7 +69,6 @@ def test_ties_and_kinks_take_pytorchs_subgradients():
     values, actions = torch.tensor(forces, requires_grad=True), torch.tensor(plan, requires_grad=True)
     terms = EagerController(program, torch.float64).terms(values, actions, torch.tensor(0.01, dtype=torch.float64))
     torch.autograd.backward(torch.tensor(weights) @ terms)
-    assert values.grad is not None and actions.grad is not None
-    found = cost_gradient(forces, plan, 0.01, weights)
-    np.testing.assert_allclose(found.forces, values.grad.numpy(), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(found.plan, actions.grad.numpy(), rtol=0, atol=1e-14)
+    for found, expected in zip(cost_gradient(forces, plan, 0.01, weights), (values, actions), strict=True):
+        assert expected.grad is not None
+        np.testing.assert_allclose(found, expected.grad.numpy(), rtol=0, atol=1e-14)
