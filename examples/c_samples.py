@@ -19,7 +19,7 @@ from contract.controller.c_folder import COMPILE_FLAGS, EXPECTED, RECORDED, rows
 from ecu.in_c.compiler import STANDARD
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.program.windows import random_windows
+from export.program.controller_program import random_windows
 from export.to_c.builds import build_files
 from export.to_c.library import c_library, documents, int8_library, replay, with_answer
 

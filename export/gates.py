@@ -20,8 +20,7 @@ from contract.arrays import Array
 from contract.controller.goal import Goal
 from contract.controller.interface import TERMS, Controller, ControlStep
 from contract.errors import ExportError
-from export.program.controller_program import ControllerProgram
-from export.program.windows import random_window
+from export.program.controller_program import ControllerProgram, random_window
 from export.reference.model import encode
 from export.reference.mpc import control_step, evaluate, starting_plan
 

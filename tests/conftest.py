@@ -167,7 +167,7 @@ def _random_release(folder: Path, window: int) -> None:
     from examples.random_programs import random_program
     from export.gates import QuantisationLimits
     from export.int8 import rounded_to_nearest
-    from export.program.windows import random_windows
+    from export.program.controller_program import random_windows
     from export.release.gated import gate, lower
 
     model = ModelConfig(window=window, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)

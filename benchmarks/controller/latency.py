@@ -29,7 +29,7 @@ from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates import control_cases
 from export.int8 import Program, rounded_to_nearest
-from export.program.windows import random_window
+from export.program.controller_program import random_window
 from export.to_c.library import c_library, int8_library
 from export.to_onnx.control_step import build_controller
 

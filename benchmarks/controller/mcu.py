@@ -33,8 +33,7 @@ from contract.results import versions
 from contract.shipped import BUNDLE, MODEL, RECORDING
 from ecu.in_c.c_settings import ecu_settings
 from examples.random_programs import random_program
-from export.program.controller_program import program_of
-from export.program.windows import random_window, recorded_windows
+from export.program.controller_program import program_of, random_window, recorded_windows
 from export.to_c.library import c_library, int8_library
 from firmware_sim.mcu.build import compile_for_cortex_m7
 from firmware_sim.mcu.cores import CORTEX_M4F, CORTEX_M7, Core

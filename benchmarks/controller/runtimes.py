@@ -32,8 +32,7 @@ from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE, MODEL, recording
 from export.gates import control_cases
-from export.program.controller_program import ControllerProgram, program_of
-from export.program.windows import recorded_windows
+from export.program.controller_program import ControllerProgram, program_of, recorded_windows
 from export.to_onnx.portable import portable
 
 WINDOWS: Final = 100

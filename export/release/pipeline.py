@@ -34,8 +34,7 @@ from contract.runtime.onnx_session import OnnxEstimator
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
 from export.int8 import rounded_on
-from export.program.controller_program import ControllerProgram, program_of
-from export.program.windows import recorded_windows
+from export.program.controller_program import ControllerProgram, program_of, recorded_windows
 from export.release.gated import Gated, Lowered, gate, lower
 from export.to_c.builds import build_files
 from export.to_c.library import documents

@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 
 from contract.controller import image_payload
-from contract.controller.c_folder import generated_header
-from contract.controller.c_numbers import Numbers, numbers_source
+from contract.controller.c_folder import Numbers, generated_header, numbers_source
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
 from export.int8 import RoundedEstimator

@@ -15,11 +15,13 @@ from contract.controller.c_folder import (
     DOCUMENTS,
     PROGRAM_SETTINGS,
     PROGRAM_WEIGHTS,
+    Numbers,
     ProgramSettings,
     c_files,
+    numbers_source,
     settings_header,
+    table,
 )
-from contract.controller.c_numbers import Numbers, numbers_source, table
 from contract.controller.interface import FORCES, TERMS, Controller
 from contract.release.checks import dbc_sha256
 from contract.release.manifest import WeightPrecision

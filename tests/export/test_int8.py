@@ -20,8 +20,7 @@ from contract.errors import ExportError
 from examples.random_programs import random_program
 from export.gates import QuantisationLimits, check_quantisation, compare_answers, exact_answers
 from export.int8 import DAMPING, layer_inputs, quantise_matrix, quantise_on, rounded_on, rounded_to_nearest
-from export.program.controller_program import matrices
-from export.program.windows import random_window, random_windows
+from export.program.controller_program import matrices, random_window, random_windows
 from export.reference.model import decode, encode, step
 from export.reference.mpc import control_step
 from export.to_onnx.control_step import build_controller

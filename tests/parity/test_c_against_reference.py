@@ -25,8 +25,7 @@ from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates import check_lowering, control_cases
 from export.int8 import RoundedProgram, activation_ranges, rounded_to_nearest
-from export.program.controller_program import ControllerProgram
-from export.program.windows import random_window, random_windows
+from export.program.controller_program import ControllerProgram, random_window, random_windows
 from export.reference.model import encode
 from export.reference.mpc import control_step, predict, shift
 from export.to_c.int8_arrays import int8_arrays

@@ -16,8 +16,7 @@ from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
 from export.gates import ParityReport, check_lowering
 from export.int8 import Program, effective, rounded_to_nearest
-from export.program.controller_program import ControllerProgram
-from export.program.windows import random_window, random_windows
+from export.program.controller_program import ControllerProgram, random_window, random_windows
 from export.to_onnx.control_step import build_controller
 from tests.each import each
 from tests.parity.drawn import drawn_program

@@ -17,7 +17,7 @@ from ecu.c.sources import example_sources, firmware_sources
 from ecu.in_c.c_examples import PLAYED, played_pressures
 from ecu.in_c.c_settings import HEADER, ecu_settings
 from examples.random_programs import random_program
-from export.program.windows import random_windows
+from export.program.controller_program import random_windows
 from export.to_c.library import documents, int8_library
 
 START = ("sw_board_start.h", "sw_board_start.c", "sw_board_libc.c")

@@ -26,7 +26,7 @@ from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from examples.random_programs import random_program
 from export.gates import QuantisationLimits
 from export.int8 import rounded_on
-from export.program.windows import random_window
+from export.program.controller_program import random_window
 from export.release.gated import gate, lower
 from export.release.pipeline import CLibrary, write_c_release
 from tests.conftest import write_random

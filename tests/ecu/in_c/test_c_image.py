@@ -33,7 +33,7 @@ from ecu.in_c.compiler import host_compiler
 from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_program
 from export.int8 import rounded_estimator, rounded_on
-from export.program.windows import random_windows
+from export.program.controller_program import random_windows
 from export.to_c.estimator import estimator_files
 from export.to_c.library import c_library
 from export.to_onnx.sensor_estimator import build_estimator

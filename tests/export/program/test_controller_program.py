@@ -22,9 +22,8 @@ from contract.model import model_folder
 from contract.recording.dataset import UNITS, Episode
 from contract.release.manifest import Scaling
 from examples.random_programs import random_program
-from export.program.controller_program import ControllerProgram, program_of, program_sha256
+from export.program.controller_program import ControllerProgram, program_of, program_sha256, recorded_windows
 from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, PriorWeights
-from export.program.windows import recorded_windows
 from export.reference.model import decode, encode, step
 from tests.untrained_model import untrained
 from train import model_store

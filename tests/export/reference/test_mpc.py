@@ -27,9 +27,8 @@ from contract.controller.goal import DEAREST_EFFORT
 from contract.controller.interface import TERMS, ControlStep
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
-from export.program.controller_program import ControllerProgram
+from export.program.controller_program import ControllerProgram, random_window, random_windows
 from export.program.weights import PriorWeights
-from export.program.windows import random_window, random_windows
 from export.reference.model import encode, encoder_layers, layer_norm
 from export.reference.mpc import (
     adam,

@@ -38,8 +38,7 @@ from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
 from export.gates import QuantisationLimits
 from export.int8 import rounded_estimator, rounded_on
-from export.program.controller_program import ControllerProgram
-from export.program.windows import random_windows
+from export.program.controller_program import ControllerProgram, random_windows
 from export.release import pipeline
 from export.release.gated import Gated, Lowered, gate, lower
 from export.release.pipeline import write_release

@@ -14,7 +14,7 @@ from contract.errors import ExportError
 from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
 from export.int8 import rounded_to_nearest
-from export.program.windows import random_windows
+from export.program.controller_program import random_windows
 from export.to_c.int8_arrays import (
     AHEAD,
     ELU_ARGUMENT_ONE,

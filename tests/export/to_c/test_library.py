@@ -12,7 +12,7 @@ from contract.config.learning import ModelConfig
 from contract.controller.c_folder import PROGRAM_SETTINGS, library_sources, rows_text, write_folder
 from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
-from export.program.windows import random_window
+from export.program.controller_program import random_window
 from export.reference.mpc import control_step
 from export.release.pipeline import rows_of
 from export.to_c.library import c_library, int8_library

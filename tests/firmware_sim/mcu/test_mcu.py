@@ -13,8 +13,7 @@ from contract.config.learning import ModelConfig
 from contract.controller.c_folder import RECORDED, ProgramSettings
 from contract.errors import LibraryError, McuError
 from examples.random_programs import random_program
-from export.program.controller_program import ControllerProgram
-from export.program.windows import random_window
+from export.program.controller_program import ControllerProgram, random_window
 from export.release.pipeline import recorded_rows
 from export.to_c.library import c_library, int8_library
 from firmware_sim.mcu import measure as mcu
