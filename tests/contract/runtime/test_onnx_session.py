@@ -86,8 +86,9 @@ def unchecked(release: Bundle, model: bytes) -> Bundle:
     sizes = graphs.SIZES
     mpc = replace(release.manifest.mpc, horizon=sizes.horizon)
     scaling = replace(release.manifest.scaling, pressure_mean=(0.0,), pressure_std=(1.0,))
-    manifest = replace(release.manifest, window=sizes.window, sensors=("base_0",), mpc=mpc, scaling=scaling)
-    manifest = replace(manifest, sensor_positions=None)
+    manifest = replace(
+        release.manifest, window=sizes.window, sensors=("base_0",), sensor_positions=None, mpc=mpc, scaling=scaling
+    )
     return replace(release, manifest=manifest, files={"controller.onnx": model})
 
 
