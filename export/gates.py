@@ -10,9 +10,9 @@ The gate of int8 weights limits the difference in actions, and the resulting dif
 the lowering start from equal windows and previous plans. The float program's model computes the cost of both plans.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -41,20 +41,19 @@ COST: Final = 1e-4
 """Largest allowed difference of a cost term or of the cost J."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ParityReport:
-    """The largest differences between lowering and reference over `cases` control steps. The difference of actions is
-    in U_inf W."""
+QUANTISATION_LIMITS: Final[Mapping[str, float]] = {"rms_action_error": 1e-3, "max_cost_gap": 1e-3}
+"""Largest permitted figures of int8 weights. The rms error of the commanded action a_t, in U_inf W, may be a fifth of
+the largest move in a control step: iterations * learning rate, 5e-3 with the paper's settings. The largest error has no
+limit. If a gradient is close to zero, Adam may move an action in opposite directions in the two programs, but the cost
+hardly changes. The cost gap, an increase of the cost J, is in units of Cd."""
 
-    cases: int
-    action: float
-    force: float
-    cost: float
+Figures = dict[str, float]
+"""The figures of a gate by name. "cases" is the number of control steps."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ControlCase:
-    """The arguments of one control step, representable in float32 so that reference and lowering get equal numbers."""
+class ControlCase(NamedTuple):
+    """The arguments of `Controller.control_step` in order, representable in float32 so that reference and lowering get
+    equal numbers."""
 
     window: Array
     plan: Array
@@ -62,11 +61,6 @@ class ControlCase:
     weights: Array | None
     speed: float = 1.0
     limit: float | None = None
-
-    @property
-    def arguments(self) -> tuple[Array, Array, Array, Array | None, float, float | None]:
-        """The arguments in the order of `Controller.control_step`."""
-        return self.window, self.plan, self.free, self.weights, self.speed, self.limit
 
 
 def control_cases(
@@ -101,22 +95,20 @@ def case_speed(program: ControllerProgram, number: int) -> float:
     return float(np.float32(SPEEDS[number % len(SPEEDS)])) if program.knows_speed else 1.0
 
 
-def check_lowering(
-    program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]
-) -> ParityReport:
-    """Compare a lowering with the reference. Raises ExportError if a difference exceeds its tolerance or is NaN.
-    `program` is the program that the lowering should compute; for an int8 lowering, it has the dequantised weights.
-    `windows` are recorded windows (L, S+1) of L rows and S sensors, one per case."""
+def check_lowering(program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]) -> Figures:
+    """Compare a lowering with the reference. Returns the largest difference of an action, in U_inf W, of a force, and
+    of the cost or a term. Raises ExportError if a difference exceeds its tolerance or is NaN. `program` is the program
+    that the lowering should compute; for an int8 lowering, it has the dequantised weights. `windows` are recorded
+    windows (L, S+1) of L rows and S sensors, one per case."""
     differences = []
     for case in control_cases(program, windows):
-        expected = control_step(program, *case.arguments)
-        found = lowering.control_step(*case.arguments)
+        expected = control_step(program, *case)
+        found = lowering.control_step(*case)
         plan, forces, terms = (
             np.abs(getattr(found, part) - getattr(expected, part)).max() for part in ("plan", "forces", "terms")
         )
         differences.append((plan, forces, max(terms, abs(found.cost - expected.cost))))
     action, force, cost = (float(value) for value in np.max(differences, axis=0))
-    report = ParityReport(cases=len(differences), action=action, force=force, cost=cost)
     for figure, difference, allowed in (
         ("action", action, MOVE * program.mpc.iterations * program.mpc.learning_rate),
         ("force", force, FORCE),
@@ -127,41 +119,11 @@ def check_lowering(
             raise ExportError(
                 f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"
             )
-    return report
+    return {"cases": len(differences), "action": action, "force": force, "cost": cost}
 
 
 def _as_float32(values: Array) -> Array:
     return np.asarray(values, dtype=np.float32).astype(np.float64)
-
-
-@dataclass(frozen=True, kw_only=True)
-class QuantisationLimits:
-    """The limits of the gate.
-
-    Attributes:
-        rms_action_error: largest permitted rms error of the commanded action a_t, in U_inf W; the default is a fifth of
-            the largest move in a control step. This move is iterations * learning rate (5e-3 with the paper's
-            settings). The largest error has no limit. If a gradient is close to zero, Adam may move an action in
-            opposite directions in the two programs, but the cost hardly changes.
-        max_cost_gap: largest permitted increase of the cost J, in units of Cd.
-    """
-
-    rms_action_error: float = 1e-3
-    max_cost_gap: float = 1e-3
-
-
-@dataclass(frozen=True, kw_only=True)
-class QuantisationReport:
-    """The differences between the quantised and the float program over `cases` control steps. Errors of the commanded
-    action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) - J(float plan); the float
-    program computes both. The gap is positive if the quantised plan is worse."""
-
-    cases: int
-    max_action_error: float
-    rms_action_error: float
-    max_plan_error: float
-    max_cost_gap: float
-    mean_cost_gap: float
 
 
 Answer = Callable[[Array, Array, Array, Array | None, float, float | None], ControlStep]
@@ -181,9 +143,13 @@ def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[
 
 def compare_answers(
     program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
-) -> QuantisationReport:
+) -> Figures:
     """Compute the control steps of `exact_answers` with a lowering, and compare them with the exact steps. In each
-    step, both programs start from the float program's previous plan. Raises ExportError if there are no windows."""
+    step, both programs start from the float program's previous plan. Raises ExportError if there are no windows.
+
+    Errors of the commanded action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) -
+    J(float plan); the float program computes both. The gap is positive if the quantised plan is worse.
+    """
     h = program.mpc.horizon
     plan, free = np.zeros(h), np.ones(h)
     weights = np.array(program.mpc.weights.as_tuple())
@@ -199,14 +165,14 @@ def compare_answers(
     if not errors:
         raise ExportError("quantisation gate: no windows to compare with")
     error = np.array(errors)
-    return QuantisationReport(
-        cases=len(errors),
-        max_action_error=float(np.abs(error[:, 0]).max()),
-        rms_action_error=float(np.sqrt((error[:, 0] ** 2).mean())),
-        max_plan_error=float(np.abs(error).max()),
-        max_cost_gap=float(np.max(gaps)),
-        mean_cost_gap=float(np.mean(gaps)),
-    )
+    return {
+        "cases": len(errors),
+        "max_action_error": float(np.abs(error[:, 0]).max()),
+        "rms_action_error": float(np.sqrt((error[:, 0] ** 2).mean())),
+        "max_plan_error": float(np.abs(error).max()),
+        "max_cost_gap": float(np.max(gaps)),
+        "mean_cost_gap": float(np.mean(gaps)),
+    }
 
 
 def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
@@ -221,11 +187,11 @@ def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float
     return np.array(goal.as_tuple()), speed, halfway.share_of_limit() * program.action_limit
 
 
-def check_quantisation(report: QuantisationReport, limits: QuantisationLimits, *, name: str = "int8 weights") -> None:
-    """Raise ExportError if the report exceeds a limit; the message states the name of the compared lowering and the
+def check_quantisation(figures: Figures, limits: Mapping[str, float], *, name: str = "int8 weights") -> None:
+    """Raise ExportError if a figure exceeds its limit; the message states the name of the compared lowering and the
     exceeded figure."""
-    for figure in ("rms_action_error", "max_cost_gap"):
-        found, allowed = getattr(report, figure), getattr(limits, figure)
+    for figure, allowed in limits.items():
+        found = figures[figure]
         # The comparison is written so that NaN fails the gate too.
         if not found <= allowed:
             raise ExportError(

@@ -165,7 +165,6 @@ def sources(release) -> dict[str, bytes]:
 
 def _random_release(folder: Path, window: int) -> None:
     from examples.random_programs import random_program
-    from export.gates import QuantisationLimits
     from export.int8 import rounded_to_nearest
     from export.program.controller_program import random_windows
     from export.release.gated import gate, lower
@@ -173,7 +172,7 @@ def _random_release(folder: Path, window: int) -> None:
     model = ModelConfig(window=window, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
     program = random_program(1, model=model, mpc=MpcConfig(horizon=8))
     lowered = lower(rounded_to_nearest(program), calibration=(), with_library=False)
-    limits = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
+    limits = {"rms_action_error": 0.05, "max_cost_gap": 1.0}
     write_random(folder / "bundle", gate(lowered, random_windows(program, 20), limits))
 
 

@@ -10,9 +10,8 @@ from contract.controller.interface import CompileLibrary, ControlStep
 from contract.release.manifest import WeightPrecision
 from contract.runtime.onnx_session import OnnxController
 from export.gates import (
-    ParityReport,
-    QuantisationLimits,
-    QuantisationReport,
+    QUANTISATION_LIMITS,
+    Figures,
     check_lowering,
     check_quantisation,
     compare_answers,
@@ -62,8 +61,8 @@ class GraphReport:
     `quantisation` has the differences between int8 and float weights; it is None for a float release."""
 
     controller_bytes: int
-    parity: ParityReport
-    quantisation: QuantisationReport | None
+    parity: Figures
+    quantisation: Figures | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,8 +77,8 @@ class LibraryReport:
         known_answer: action and cost that a build must compute in its self-test when it starts.
     """
 
-    parity: ParityReport | None
-    quantisation: QuantisationReport | None
+    parity: Figures | None
+    quantisation: Figures | None
     workspace_bytes: int
     replayed: Array
     known_answer: tuple[float, float]
@@ -97,7 +96,7 @@ class Gated:
 def gate(
     lowered: Lowered,
     windows: Sequence[Array],
-    limits: QuantisationLimits | None = None,
+    limits: Mapping[str, float] = QUANTISATION_LIMITS,
     *,
     compiled: CompileLibrary | None = None,
 ) -> Gated:
@@ -105,7 +104,6 @@ def gate(
     `compiled` compiles the C library and is required if there is a C library. Raises ExportError, with difference and
     limit, if a lowering differs from the reference by more than its gate allows; LibraryError if no C compiler compiles
     the library."""
-    limits = QuantisationLimits() if limits is None else limits
     # The exact control steps, which take longest to compute, are computed once for both lowerings.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
     graph, library = _gate_graph(lowered, windows, exact, limits), None
@@ -116,7 +114,7 @@ def gate(
 
 
 def _gate_graph(
-    lowered: Lowered, windows: Sequence[Array], exact: Sequence[ControlStep], limits: QuantisationLimits
+    lowered: Lowered, windows: Sequence[Array], exact: Sequence[ControlStep], limits: Mapping[str, float]
 ) -> GraphReport:
     quantisation = None
     if isinstance(lowered.program, RoundedProgram):
@@ -132,7 +130,7 @@ def _gate_library(
     lowered: Lowered,
     windows: Sequence[Array],
     exact: Sequence[ControlStep],
-    limits: QuantisationLimits,
+    limits: Mapping[str, float],
     compiled: CompileLibrary | None,
 ) -> LibraryReport:
     if lowered.library is None or compiled is None:

@@ -69,7 +69,7 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
         "int8 C against float32": gated.library and gated.library.quantisation,
     }
     for title, part in parts.items():
-        for name, value in asdict(part).items() if part else ():
+        for name, value in (part or {}).items():
             yield f"{title}: {name}", value
 
 

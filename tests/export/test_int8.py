@@ -18,7 +18,7 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
-from export.gates import QuantisationLimits, check_quantisation, compare_answers, exact_answers
+from export.gates import check_quantisation, compare_answers, exact_answers
 from export.int8 import DAMPING, layer_inputs, quantise_matrix, quantise_on, rounded_on, rounded_to_nearest
 from export.program.controller_program import matrices, random_window, random_windows
 from export.reference.model import decode, encode, step
@@ -109,16 +109,16 @@ def test_the_gate_names_the_figure_that_is_too_large():
     windows = [random_window(program, rng) for _ in range(5)]
     exact = exact_answers(program, windows)
     same = compare_answers(program, partial(control_step, program), windows, exact)
-    assert (same.max_plan_error, same.max_cost_gap, same.cases) == (0.0, 0.0, 5)
+    assert (same["max_plan_error"], same["max_cost_gap"], same["cases"]) == (0.0, 0.0, 5)
     rounded = partial(control_step, rounded_to_nearest(program).program)
     report = compare_answers(program, rounded, windows, exact)
-    assert 0 < report.rms_action_error <= report.max_action_error <= report.max_plan_error
-    assert report.mean_cost_gap <= report.max_cost_gap
-    check_quantisation(report, QuantisationLimits(rms_action_error=1.0, max_cost_gap=1.0))
+    assert 0 < report["rms_action_error"] <= report["max_action_error"] <= report["max_plan_error"]
+    assert report["mean_cost_gap"] <= report["max_cost_gap"]
+    check_quantisation(report, {"rms_action_error": 1.0, "max_cost_gap": 1.0})
     with pytest.raises(ExportError, match="rms_action_error"):
-        check_quantisation(report, QuantisationLimits(rms_action_error=1e-12, max_cost_gap=1.0))
+        check_quantisation(report, {"rms_action_error": 1e-12, "max_cost_gap": 1.0})
     with pytest.raises(ExportError, match="max_cost_gap"):
-        check_quantisation(report, QuantisationLimits(rms_action_error=1.0, max_cost_gap=-1.0))
+        check_quantisation(report, {"rms_action_error": 1.0, "max_cost_gap": -1.0})
     with pytest.raises(ExportError, match="no windows"):
         compare_answers(program, rounded, [], [])
 

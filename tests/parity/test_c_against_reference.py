@@ -73,8 +73,8 @@ def test_random_nets_of_odd_sizes_in_integers(seed):
     rounded = rounded_to_nearest(drawn_program(seed))
     program, controller, errors, forces, gaps = rounded.program, in_integers(rounded), [], [], []
     for case in control_cases(program, count=8):
-        expected = control_step(program, *case.arguments)
-        found = controller.control_step(*case.arguments)
+        expected = control_step(program, *case)
+        found = controller.control_step(*case)
         errors.append(found.plan - expected.plan)
         # At its own plan: where a gradient is near zero, rounding turns the sign of a step of Adam.
         forces.append(found.forces - predict(program, encode(program, case.window), found.plan))
@@ -151,10 +151,10 @@ def test_iterations_that_nothing_asks_for_are_left_out_and_would_change_no_bit()
 def test_nothing_is_carried_from_step_to_step_and_no_scratch_is_read(small):
     program, controller = small
     cases = list(control_cases(program, count=4))
-    first = [controller.control_step(*case.arguments) for case in cases]
+    first = [controller.control_step(*case) for case in cases]
     for case, expected in zip(reversed(cases), reversed(first), strict=True):
         controller.poison_workspace()
-        found = controller.control_step(*case.arguments)
+        found = controller.control_step(*case)
         for name in ("plan", "forces", "cost"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
@@ -185,8 +185,8 @@ def test_avx2_computes_what_plain_c_does(dynamics_width):
     uncontracted = ("-O1", "-ffp-contract=off")
     plain, native = (in_integers(rounded, flags) for flags in (uncontracted, (*uncontracted, "-march=native")))
     for case in control_cases(rounded.program, count=4):
-        expected = plain.control_step(*case.arguments)
-        found = native.control_step(*case.arguments)
+        expected = plain.control_step(*case)
+        found = native.control_step(*case)
         np.testing.assert_array_equal(found.plan, expected.plan)
         np.testing.assert_array_equal(found.forces, expected.forces)
 

@@ -14,7 +14,7 @@ from contract.config.learning import ModelConfig
 from contract.controller.goal import SCHEDULED
 from contract.runtime.onnx_session import OnnxController
 from examples.random_programs import random_program
-from export.gates import ParityReport, check_lowering
+from export.gates import Figures, check_lowering
 from export.int8 import Program, effective, rounded_to_nearest
 from export.program.controller_program import ControllerProgram, random_window, random_windows
 from export.to_onnx.control_step import build_controller
@@ -28,7 +28,7 @@ LOWERINGS = (lambda program: program, rounded_to_nearest)
 """Float weights, and int8 ones."""
 
 
-def check_graph(of: ControllerProgram, lowered: Program, windows: list[np.ndarray]) -> ParityReport:
+def check_graph(of: ControllerProgram, lowered: Program, windows: list[np.ndarray]) -> Figures:
     controller = OnnxController(build_controller(lowered).SerializeToString(), of.sizes)
     return check_lowering(of, controller, "ONNX graph", windows)
 
@@ -45,7 +45,7 @@ def test_paper_size(round_weights):
     lowered = round_weights(program := random_program(11))
     report = check_graph(effective(lowered), lowered, random_windows(program, 4, seed=1))
     # Far from the small gradients and kinks that the gate leaves room for, actions agree to float32's rounding.
-    assert report.action < 2e-6
+    assert report["action"] < 2e-6
 
 
 def test_the_speed_is_an_input_where_the_plan_depends_on_it():

@@ -34,8 +34,8 @@ def one_thread():
 
 
 def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
-    expected: Any = EagerController(program, torch.float64).control_step(*case.arguments)
-    found = control_step(program, *case.arguments)
+    expected: Any = EagerController(program, torch.float64).control_step(*case)
+    found = control_step(program, *case)
     for name, value in zip(("plan", "forces", "terms", "cost"), expected, strict=True):
         np.testing.assert_allclose(getattr(found, name), value, rtol=0, atol=TOLERANCE, err_msg=name)
 

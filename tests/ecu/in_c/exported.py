@@ -24,7 +24,6 @@ from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.host_library import CController
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from examples.random_programs import random_program
-from export.gates import QuantisationLimits
 from export.int8 import rounded_on
 from export.program.controller_program import random_window
 from export.release.gated import gate, lower
@@ -34,7 +33,7 @@ from tests.conftest import write_random
 CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
 WINDOW = 4
 MODEL = ModelConfig(window=WINDOW, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
-LIMITS = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
+LIMITS = {"rms_action_error": 0.05, "max_cost_gap": 1.0}
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,6 @@ from contract.sensor_layout import SensorLayout
 from ecu.bundle_policy import BundlePolicy
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.gates import QuantisationLimits
 from export.int8 import rounded_estimator, rounded_on
 from export.program.controller_program import ControllerProgram, random_windows
 from export.release import pipeline
@@ -121,7 +120,7 @@ def test_bundle_and_library_are_of_one_program_and_run_on_their_plant_and_on_no_
         manifest, exported = read.manifest, read.manifest.provenance["export"]
         assert (manifest.precision, manifest.program_sha256) == (precision, stated.group(1))
         assert (exported["quantisation"] is None) == (precision == "float32")
-        assert exported["parity"]["action"] == gated.graph.parity.action
+        assert exported["parity"]["action"] == gated.graph.parity["action"]
         figures = dict(pipeline.gate_figures(gated))
         assert figures["graph against reference: cases"] == pipeline.GATE_WINDOWS
         assert ("int8 C against float32: cases" in figures) == (precision == "int8")
@@ -286,4 +285,4 @@ def test_rounding_that_changes_too_much_is_refused(program):
     windows = random_windows(program, 30)
     lowered = lower(rounded_on(program, windows), calibration=windows, with_library=False)
     with pytest.raises(ExportError, match=r"int8 weights: rms_action_error is .*, at most 1e-15 is allowed"):
-        gate(lowered, windows[:3], QuantisationLimits(rms_action_error=1e-15))
+        gate(lowered, windows[:3], {"rms_action_error": 1e-15})
