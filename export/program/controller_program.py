@@ -54,7 +54,6 @@ class ControllerProgram:
     prior: PriorWeights | None = None
 
     def __post_init__(self) -> None:
-        _check_sensors(self)
         _check_scaling(self.scaling, len(self.sensors))
         for other, latent in (("dynamics", self.dynamics.latent), ("decoder", self.decoder.latent)):
             if latent != self.encoder.latent:
@@ -64,16 +63,12 @@ class ControllerProgram:
                 f"encoder.lstm.weight_ih_l0: {self.encoder.inputs} inputs, must be {len(self.sensors) + 1} "
                 f"(the sensors and the action)"
             )
-        if self.encoder_rows < 1:
-            raise ExportError(f"encoder_rows = {self.encoder_rows}: must be at least 1")
         if self.prior is not None and self.prior.memory < 2:
             raise ExportError(f"prior.filters: a memory of {self.prior.memory} rows, must be at least 2")
         if self.prior is not None and 2 * self.prior.pairs != len(self.sensors):
             raise ExportError(
                 f"prior.first: {self.prior.pairs} differences, must be {len(self.sensors)} / 2 (one per sensor pair)"
             )
-        if not (np.isfinite(self.action_limit) and self.action_limit > 0):
-            raise ExportError(f"action_limit = {self.action_limit}: must be positive and finite")
 
     @property
     def window(self) -> int:
@@ -95,14 +90,6 @@ class ControllerProgram:
     def sizes(self) -> Sizes:
         """The sizes of the inputs and outputs of a control step."""
         return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
-
-
-def _check_sensors(program: ControllerProgram) -> None:
-    if not program.sensors:
-        raise ExportError("sensors: at least one is needed")
-    for name in program.sensors:
-        if program.sensors.count(name) > 1:
-            raise ExportError(f"sensors: {name!r} is named twice")
 
 
 def _check_scaling(scaling: Scaling, sensors: int) -> None:
