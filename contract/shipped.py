@@ -24,8 +24,6 @@ _DATA: Final = _folder()
 
 BUNDLE: Final = Path(__file__).resolve().parent / "release" / "shipped"
 """Path of the shipped release."""
-DEVELOPED: Final = _DATA / "developed.npz"
-"""Flow state in which episodes begin: the shedding wake without action. `developed` checks that the file exists."""
 RECORDING: Final = _DATA / "recording.h5"
 """Data set from which the shipped bundle was trained. `recording` checks that the file exists."""
 MODEL: Final = _DATA / "model"
@@ -33,8 +31,9 @@ MODEL: Final = _DATA / "model"
 
 
 def developed() -> Path:
-    """Return the path of the developed flow; raises StillwakeError if the data are not installed."""
-    return _present(DEVELOPED, "the developed flow that runs begin with")
+    """Return the path of the developed flow, the shedding wake without action in which episodes begin; raises
+    StillwakeError if the data are not installed."""
+    return _present(_DATA / "developed.npz", "the developed flow that runs begin with")
 
 
 def recording() -> Path:

@@ -3,7 +3,7 @@ line with the place, the value and the allowed values."""
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from importlib.resources.abc import Traversable
 from typing import Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -119,3 +119,13 @@ def _part_of(hint: Any) -> Any:
     if get_origin(hint) is Mapping:
         return None  # its keys are chosen by the user
     return next((part for part in (hint, *get_args(hint)) if isinstance(part, type) and is_dataclass(part)), None)
+
+
+def differences(there: Any, here: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """List the differences between two trees as (dotted name, value in `there`, value in `here`). None stands for a
+    missing value."""
+    if isinstance(there, Mapping) and isinstance(here, Mapping):
+        for key in sorted(there.keys() | here.keys()):
+            yield from differences(there.get(key), here.get(key), f"{name}.{key}".lstrip("."))
+    elif there != here:
+        yield name, there, here

@@ -19,11 +19,9 @@ from contract.controller.c_folder import COMPILE_FLAGS, EXPECTED, RECORDED, rows
 from ecu.in_c.compiler import STANDARD
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.int8.calibrate import rounded_on
-from export.int8.layer_inputs import activation_ranges
-from export.program.windows import random_windows
+from export.program.controller_program import random_windows
 from export.to_c.builds import build_files
-from export.to_c.library import c_library, documents, replay, with_answer
+from export.to_c.library import c_library, documents, int8_library, replay, with_answer
 
 MODEL = ModelConfig(latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
 MPC = MpcConfig(horizon=8)
@@ -40,9 +38,7 @@ def main(folder: Annotated[Path, typer.Argument(help="Where to write the samples
         COMPILE_FLAGS: "".join(f"{flag}\n" for flag in STANDARD).encode(),
     }
     folder.mkdir(parents=True, exist_ok=True)
-    rounded = rounded_on(program, windows)
-    int8 = c_library(rounded, activation_ranges(rounded.program, windows))
-    libraries = {"float32": c_library(program), "int8": int8}
+    libraries = {"float32": c_library(program), "int8": int8_library(program, windows)}
     for kind, library in libraries.items():
         # Window, sensors and horizon are equal for both kinds, so `program.sizes` is right for both.
         controller = CController(library, program.sizes)

@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     import typer
     from playwright.sync_api import Browser
 
+    from contract.arrays import Array
+    from contract.model.model_folder import ModelFolder
+    from export.program.controller_program import ControllerProgram
     from export.release.gated import Gated
     from tests.ecu.in_c.exported import Exported
     from wake.truck.state import State
@@ -162,26 +165,42 @@ def sources(release) -> dict[str, bytes]:
 
 def _random_release(folder: Path, window: int) -> None:
     from examples.random_programs import random_program
-    from export.gates.quantisation import QuantisationLimits
-    from export.int8.rounded_program import rounded_to_nearest
-    from export.program.windows import random_windows
-    from export.release.gated import gate
-    from export.release.lowering import lower
+    from export.int8 import rounded_to_nearest
+    from export.program.controller_program import random_windows
+    from export.release.gated import gate, lower
 
     model = ModelConfig(window=window, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
     program = random_program(1, model=model, mpc=MpcConfig(horizon=8))
     lowered = lower(rounded_to_nearest(program), calibration=(), with_library=False)
-    limits = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
+    limits = {"rms_action_error": 0.05, "max_cost_gap": 1.0}
     write_random(folder / "bundle", gate(lowered, random_windows(program, 20), limits))
 
 
 def write_random(path: Path, gated: "Gated") -> None:
     """As a release of the default vehicle that nobody trained."""
-    from contract.model.model_folder import Provenance
-    from export.release.bundle import write_release
+    from export.release.pipeline import write_release
 
-    provenance = Provenance(dataset_sha256="0" * 64, weights_sha256="0" * 64, metrics={}, versions={}, config={})
-    write_release(path, gated, name="random", created=date(2026, 1, 2), config=Config(), provenance=provenance)
+    model = model_of(gated.lowered.effective)
+    write_release(path, gated, model, name="random", created=date(2026, 1, 2), config=Config())
+
+
+def model_of(program: "ControllerProgram", **tensors: "Array") -> "ModelFolder":
+    """A model of the program's sensors with these tensors of a prior, but without its networks."""
+    from contract.model.model_folder import Description, ModelFolder
+    from contract.sensors import TRUCK
+
+    description = Description(
+        config=Config(),
+        scaling=program.scaling,
+        sensors=program.sensors,
+        layout=TRUCK.only(TRUCK.indices(program.sensors)),
+        dataset_sha256="0" * 64,
+        metrics={"slim": {"r2": 0.9}},
+        ranking={},
+        versions={"torch": "2"},
+    )
+    of_prior = {f"prior.{name}": values for name, values in tensors.items()}
+    return ModelFolder(description=description, tensors=of_prior, weights_sha256="1" * 64, config_tree={})
 
 
 @pytest.fixture(scope="session")

@@ -27,11 +27,10 @@ from contract.runtime.onnx_session import OnnxController
 from ecu.in_c.compiler import OPTIMISED, compiler_version, host_compiler
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.gates.parity import control_cases
-from export.int8.rounded_program import Program, rounded_to_nearest
-from export.program.windows import random_window
-from export.release.lowering import int8_library
-from export.to_c.library import c_library
+from export.gates import control_cases
+from export.int8 import Program, rounded_to_nearest
+from export.program.controller_program import random_window
+from export.to_c.library import c_library, int8_library
 from export.to_onnx.control_step import build_controller
 
 # One step in eager PyTorch takes about as long as ten steps of another implementation, so fewer of its steps are timed.

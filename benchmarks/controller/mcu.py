@@ -33,10 +33,8 @@ from contract.results import versions
 from contract.shipped import BUNDLE, MODEL, RECORDING
 from ecu.in_c.c_settings import ecu_settings
 from examples.random_programs import random_program
-from export.program.controller_program import program_of
-from export.program.windows import random_window, recorded_windows
-from export.release.lowering import int8_library
-from export.to_c.library import c_library
+from export.program.controller_program import program_of, random_window, recorded_windows
+from export.to_c.library import c_library, int8_library
 from firmware_sim.mcu.build import CORTEX_M4F, CORTEX_M7, Core, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
 from firmware_sim.mcu.measure import measure

@@ -31,9 +31,8 @@ from contract.release.checks import CONTROLLER
 from contract.results import versions
 from contract.runtime.onnx_session import OnnxController
 from contract.shipped import BUNDLE, MODEL, recording
-from export.gates.parity import control_cases
-from export.program.controller_program import ControllerProgram, program_of
-from export.program.windows import recorded_windows
+from export.gates import control_cases
+from export.program.controller_program import ControllerProgram, program_of, recorded_windows
 from export.to_onnx.portable import portable
 
 WINDOWS: Final = 100
@@ -119,7 +118,7 @@ def main(json_file: JsonFile = None) -> None:
     episode = dataset.read(recording()).with_role("test")[0]
     cases = list(control_cases(program, recorded_windows(program, episode, WINDOWS)))
     truth = OnnxController(graph, program.sizes)
-    expected = [truth.control_step(*case.arguments) for case in cases]
+    expected = [truth.control_step(*case) for case in cases]
     model = portable(onnx.load_from_string(graph))
     figures = []
     with TemporaryDirectory() as folder:
@@ -127,7 +126,7 @@ def main(json_file: JsonFile = None) -> None:
         onnx.save(model, path)
         for name, (package, opened) in track(list(RUNTIMES.items()), "runtimes", "runtimes"):
             controller = OtherRuntime(opened(path), program)
-            found = [controller.control_step(*case.arguments) for case in cases]
+            found = [controller.control_step(*case) for case in cases]
             pairs = list(zip(found, expected, strict=True))
             differences = {
                 field: max(float(np.abs(getattr(a, field) - getattr(b, field)).max()) for a, b in pairs)

@@ -9,8 +9,8 @@ from contract.errors import BundleDbcError, BundleError, BundleSignatureError, B
 from contract.release import controller_image, signing
 from contract.release.bundle import verified
 from contract.release.checks import SIGNATURE, Bundle, dbc_sha256
+from contract.release.container import files_of
 from contract.release.controller_image import ControllerImage
-from contract.release.image import files_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import MANIFEST
 from contract.release.signing import PublicKey

@@ -26,7 +26,7 @@ from can_bridge.tester.transfer import OnProgress, Transfer, enter_programming, 
 from can_bridge.uds.services import Nrc, Routine, Session
 from contract.errors import FlashError, StillwakeError
 from contract.release import controller_image
-from contract.release.image import files_of
+from contract.release.container import files_of
 from contract.release.manifest import MANIFEST, open_manifest
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def flash(
 
     Args:
         client: client with an open connection; this function changes its settings.
-        image: image of the release, as built by `contract.release.image`.
+        image: image of the release, as built by `contract.release.container`.
         key: returns the key for a seed of the programming level; a dry run needs none.
         dry_run: whether nothing is written.
         confirm: whether the release is confirmed; otherwise it stays on trial.

@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from contract.controller.c_folder import ECU_SETTINGS, ProgramSettings
+from contract.controller.c_folder import ECU_SETTINGS, ProgramSettings, generated_header
 from contract.errors import BundleContainerError
 
 LEAST_FIGURE: Final = 1e-9
@@ -45,7 +45,7 @@ _ESTIMATOR_MOST: Final = 2.0**17
 _GAIN_ONE: Final = 2.0**22
 _ROW_SCALE_ONE: Final = 2.0**23
 """Integer that represents the largest scale of a layer's rows; `_GAIN_ONE` represents the largest gain of a layer. Both
-equal the constants in `export.to_c.int8_format`."""
+equal the constants in `export.to_c.int8_arrays`."""
 _OF_ELU_MOST: Final = 65535.0
 """Largest value of the factor that converts an ELU's integer to the scale of the decoder's residuals."""
 
@@ -205,12 +205,9 @@ def with_layout(files: Mapping[str, bytes]) -> dict[str, bytes]:
     digest = ", ".join(f"0x{byte:02x}" for byte in sha256_of(layout))
     definitions = _definitions(layout)
     table = ", ".join(limits.in_c for limits in limits_in(members_in(definitions), definitions))
-    text = (
-        "/* Generated: the SHA-256 of this build's layout of a release's numbers, and the numbers' limits. */\n"
-        "#ifndef SW_LAYOUT_H\n#define SW_LAYOUT_H\n\n"
-        f"#define SW_LAYOUT_SHA256 {{{digest}}}\n#define SW_LIMITS {{{table}}}\n\n#endif\n"
-    )
-    return {**files, LAYOUT: text.encode()}
+    values = {"SW_LAYOUT_SHA256": f"{{{digest}}}", "SW_LIMITS": f"{{{table}}}"}
+    what = "the SHA-256 of this build's layout of a release's numbers, and the numbers' limits"
+    return {**files, LAYOUT: generated_header(LAYOUT, what, values)}
 
 
 def sha256_of(layout: str) -> bytes:

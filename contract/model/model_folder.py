@@ -89,21 +89,6 @@ class Description:
             raise ModelError(f"scaling.{wrong} has {found} values, must have {count}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Provenance:
-    """The origin of a trained model. Releases that are exported from the model state this origin."""
-
-    dataset_sha256: str
-    weights_sha256: str
-    metrics: Mapping[str, Any]
-    versions: Mapping[str, str]
-    config: Mapping[str, Any]
-
-    def training(self) -> dict[str, Any]:
-        """Return the `provenance` for a bundle's manifest. The manifest has the hashes in other fields."""
-        return {"metrics": self.metrics, "versions": self.versions, "config": self.config}
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFolder:
     """A verified model directory.
@@ -147,12 +132,6 @@ class ModelFolder:
         """The weights of the estimate of the air speed; None for a model without one."""
         weights = self.tensors.get(f"{PRIOR}.{AIR_SPEED}")
         return None if weights is None else tuple(weights.astype(np.float64).ravel().tolist())
-
-    @property
-    def provenance(self) -> Provenance:
-        """The origin of the model. The model's releases state this origin."""
-        stated = {name: getattr(self.description, name) for name in ("dataset_sha256", "metrics", "versions")}
-        return Provenance(**stated, weights_sha256=self.weights_sha256, config=self.config_tree)
 
 
 def check_free(path: Path) -> None:

@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from contract.arrays import Array
 from contract.atomic import replacing
-from contract.differences import differences
 from contract.errors import ConfigError, DatasetError
 from contract.recording.episode import FACTS, PlantFacts, facts_in, problems_of
 from contract.recording.episode import REQUIRED as REQUIRED
@@ -29,6 +28,7 @@ from contract.recording.episode import Role as Role
 from contract.recording.hdf5 import opened
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
+from contract.typed import differences
 
 LARGEST_INTEGER: Final = 32767
 """Largest stored integer. The smallest is its negative, so that the mirror image of a series can also be stored."""

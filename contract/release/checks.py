@@ -106,22 +106,23 @@ class Made:
     def check(self, name: str, verify: Callable[[], _T], in_words: Callable[[_T], str] = str) -> _T | None:
         """Make a check that other checks do not depend on. If it fails and `lists` is set, return None."""
         try:
-            value = verify()
-        except BundleError as error:
-            self.checks.append(Check(name=name, error=error))
+            return self.need(name, verify, in_words)
+        except BundleError:
             if not self.lists:
                 raise
             return None
-        self.checks.append(Check(name=name, found=in_words(value)))
-        return value
 
-    def need(self, name: str, make: Callable[[], _T]) -> _T:
-        """Compute a value that later checks need. An error in its computation always ends the reading."""
+    def need(self, name: str, make: Callable[[], _T], in_words: Callable[[_T], str] | None) -> _T:
+        """Compute a value that later checks need; an error always ends the reading. Without `in_words`, the success is
+        not listed."""
         try:
-            return make()
+            value = make()
         except BundleError as error:
             self.checks.append(Check(name=name, error=error))
             raise
+        if in_words is not None:
+            self.checks.append(Check(name=name, found=in_words(value)))
+        return value
 
 
 def read_checked(
@@ -135,21 +136,19 @@ def read_checked(
     """Check a bundle's files and return the bundle. Raises BundleError for the first check that fails. If `made` lists
     the checks, reading continues after a failed check if possible."""
     made = Made() if made is None else made
-    raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents))
+    raw, signature, parts = made.need(MANIFEST, lambda: _taken_apart(path, contents), None)
 
     def signed_by(key: PublicKey | None) -> str:
         return UNSIGNED if key is None else f"good, by {'the trusted ' if trusted else ''}key {key.fingerprint}"
 
     signer = made.check(SIGNATURE, lambda: _verify_signature(path, raw, signature, trusted), signed_by)
-    opened = made.need(MANIFEST, lambda: open_manifest(path, raw))
-    made.check(MANIFEST, lambda: opened.digest)
+    opened = made.need(MANIFEST, lambda: open_manifest(path, raw), lambda opened: opened.digest)
     # The names include files that are present, and files that must be present.
     names = sorted({CONTROLLER} | opened.hashes.keys() | parts.keys())
     sound = {name for name in names if made.check(name, partial(_verify_file, path, name, parts, opened.hashes))}
     if not any_dbc:
         made.check("DBC", lambda: _verify_dbc(path, opened.dbc))
-    manifest = made.need("content", lambda: parse(path, opened))
-    made.check("content", lambda: manifest.name)
+    manifest = made.need("content", lambda: parse(path, opened), lambda manifest: manifest.name)
     if CONTROLLER in sound:
         made.check("graph", lambda: _verify_graph(path, CONTROLLER, parts[CONTROLLER]))
     is_stated = manifest.sensor_estimator is not None

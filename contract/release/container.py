@@ -1,13 +1,23 @@
-"""A reader and a writer of a bundle's directory. The reader limits sizes; the writer writes all files or none.
+"""The two containers of a bundle's files: a directory, and for a transfer the image, a string of bytes that a boot
+loader in C can read without a library. A microcontroller has another image (`contract.release.controller_image`).
 
-A bundle may come from anyone. So the reader accepts only plain names, follows no links, and limits sizes.
+A bundle may come from anyone. So the readers accept only plain names, follow no links, and limit sizes. The writer of a
+directory writes all files or none. An image has
 
-For transfer, a bundle is packed into an image (`contract.release.image`, `contract.release.controller_image`).
+    0   8  "SWIMAGE1"
+    8   4  length of the whole image
+    12  4  number of files, n
+    16     n entries: length of the name (2), length of the file (4), name (UTF-8)
+           the files' contents, in the same order, without gaps
+
+Numbers are big-endian. `manifest.json` and `manifest.sig` come first, so that the receiver of an image can check the
+manifest before the rest arrives; the other files follow in the order of their names. Equal bundles have equal images.
 """
 
 import errno
 import os
 import stat
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Final
@@ -20,9 +30,12 @@ MAX_FILES: Final = 64
 MAX_BYTES: Final = 32 * 2**20
 """Largest size of all files together, in bytes: enough for nearly two hundred controllers of the paper's size."""
 MAX_BYTES_OF: Final = {"manifest.json": 2**20, "manifest.sig": 2**12}
-"""Largest sizes, in bytes, of the files that are read before a signature has been verified."""
+"""Largest sizes, in bytes, of the files that are read before a signature has been verified; the first in an image."""
 
 _CHUNK: Final = 2**20
+_MAGIC: Final = b"SWIMAGE1"
+_HEADER: Final = struct.Struct(">8sII")
+_ENTRY: Final = struct.Struct(">HI")
 
 
 def is_plain_name(name: str) -> bool:
@@ -104,3 +117,48 @@ def _read_at_most(file: IO[bytes], most: int) -> bytes:
         pieces.append(piece)
         most -= len(piece)
     return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+
+
+def image_of(files: Mapping[str, bytes]) -> bytes:
+    """Build the image of a bundle's files; raises BundleContainerError for too many files or bytes."""
+    if len(files) > MAX_FILES or sum(map(len, files.values())) > MAX_BYTES:
+        raise BundleContainerError(f"image: more than {MAX_FILES} files or {MAX_BYTES} bytes")
+    names = sorted(files, key=lambda name: (name not in MAX_BYTES_OF, name))
+    entries = b"".join(_ENTRY.pack(len(name.encode()), len(files[name])) + name.encode() for name in names)
+    contents = b"".join(files[name] for name in names)
+    return _HEADER.pack(_MAGIC, _HEADER.size + len(entries) + len(contents), len(names)) + entries + contents
+
+
+def files_of(image: bytes) -> dict[str, bytes]:
+    """Return an image's files by name. Raises BundleContainerError for anything but an image of plain files."""
+    if len(image) < _HEADER.size:
+        raise BundleContainerError(f"image of {len(image)} bytes: must have {_HEADER.size} or more")
+    magic, length, count = _HEADER.unpack_from(image)
+    if magic != _MAGIC:
+        raise BundleContainerError(f"image begins with {magic.hex()}: must begin with {_MAGIC.hex()}")
+    if length != len(image):
+        raise BundleContainerError(f"image of {len(image)} bytes states a length of {length}")
+    if count > MAX_FILES:
+        raise BundleContainerError(f"image of {count} files: at most {MAX_FILES}")
+    names, sizes, at = [], [], _HEADER.size
+    for _ in range(count):
+        if at + _ENTRY.size > length:
+            raise BundleContainerError("image ends within its list of files")
+        name_length, size = _ENTRY.unpack_from(image, at)
+        at += _ENTRY.size
+        try:
+            name = image[at : at + name_length].decode()
+        except UnicodeDecodeError as error:
+            raise BundleContainerError("image: a file's name is not UTF-8") from error
+        if len(name.encode()) != name_length or not is_plain_name(name) or name in names:
+            raise BundleContainerError(f"image: {quoted(name)} must be a plain file name, and must occur once")
+        names.append(name)
+        sizes.append(size)
+        at += name_length
+    if at + sum(sizes) != length:
+        raise BundleContainerError(f"image of {length} bytes: its files end at {at + sum(sizes)}")
+    found = {}
+    for name, size in zip(names, sizes, strict=True):
+        found[name] = image[at : at + size]
+        at += size
+    return found

@@ -232,8 +232,6 @@ class Manifest:
                 yield f"scaling: mean {value!r} must be finite"
         deviations = (*scaling.pressure_std, scaling.action_std, *scaling.force_std)
         yield from _not_positive("scaling: standard deviation", *deviations)
-        if self.precision not in PRECISIONS:
-            yield f"precision {quoted(self.precision)}: must be one of {PRECISIONS}"
         for name in ("control_period", "action_limit", "budget_ms"):
             yield from _not_positive(f"{name} =", getattr(self, name))
         for name, steps in (("window", self.window), ("mpc.horizon", self.mpc.horizon)):

@@ -12,7 +12,6 @@ from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import onnxruntime
 
 from contract.arrays import Array
@@ -36,14 +35,14 @@ class BoundedGraph:
 
     Attributes:
         shapes: required shapes of inputs and outputs, by name.
-        feeds: zeros for every input without a default.
+        inputs: names of the inputs without a default.
         optional: names in `shapes` that the graph may lack.
     """
 
     name: str
     model: bytes
     shapes: Mapping[str, tuple[int, ...]]
-    feeds: Mapping[str, npt.NDArray[np.float32]]
+    inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     optional: tuple[str, ...] = ()
 
@@ -65,12 +64,13 @@ class BoundedGraph:
         # ONNX Runtime checks this flag between two nodes, also inside the bodies of loops.
         timer = Timer(limit_s, setattr, (options, "terminate", True))
         timer.daemon = True
+        feeds = {name: np.zeros(self.shapes[name], dtype=np.float32) for name in self.inputs}
         began = perf_counter()
         done = 0
         timer.start()
         try:
             for _ in range(steps):
-                answers = session.run(list(self.outputs), dict(self.feeds), options)
+                answers = session.run(list(self.outputs), feeds, options)
                 done += 1
                 for name, value in zip(self.outputs, answers, strict=True):
                     if not np.isfinite(value).all():
@@ -185,10 +185,8 @@ class OnnxController:
 
 
 def _graph(model: bytes, sizes: Sizes) -> BoundedGraph:
-    shapes = sizes.shapes()
-    feeds = {name: np.zeros(shapes[name], dtype=np.float32) for name in ("window", "plan", "free")}
-    lacking = ("speed", "limit")
-    return BoundedGraph(name=CONTROLLER, model=model, shapes=shapes, feeds=feeds, outputs=OUTPUTS, optional=lacking)
+    shapes, inputs, optional = sizes.shapes(), ("window", "plan", "free"), ("speed", "limit")
+    return BoundedGraph(name=CONTROLLER, model=model, shapes=shapes, inputs=inputs, outputs=OUTPUTS, optional=optional)
 
 
 class OnnxEstimator:
@@ -198,8 +196,8 @@ class OnnxEstimator:
     def __init__(self, model: bytes, sizes: Sizes) -> None:
         self._made_of = model, sizes
         shapes = estimator_shapes(sizes.window, sizes.sensors)
-        feeds = {ESTIMATOR_INPUT: np.zeros(shapes[ESTIMATOR_INPUT], dtype=np.float32)}
-        graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, feeds=feeds, outputs=(ESTIMATOR_OUTPUT,))
+        inputs, outputs = (ESTIMATOR_INPUT,), (ESTIMATOR_OUTPUT,)
+        graph = BoundedGraph(name=ESTIMATOR, model=model, shapes=shapes, inputs=inputs, outputs=outputs)
         graph.tried(WARM_UP_LIMIT_S)
         self._session = graph.session()
         graph.run_on_zeros(self._session, _WARM_UP_STEPS, WARM_UP_LIMIT_S)

@@ -22,8 +22,7 @@ from contract.config.diagnosis import DiagnosisConfig
 from contract.config.tree import Config
 from contract.config.vehicle import SpeedConfig
 from contract.controller.air_speed import FIRST_PERIOD, LAGS, MEAN_PERIODS, feature_count
-from contract.controller.c_folder import ECU_SETTINGS
-from contract.controller.c_numbers import Numbers
+from contract.controller.c_folder import ECU_SETTINGS, Numbers
 from contract.controller.calibration import LARGEST_WEIGHT, Calibration
 from contract.controller.interface import TERMS
 from contract.errors import ConfigError, LibraryError

@@ -39,8 +39,7 @@ from tuf.api.serialization import DeserializationError
 from contract.errors import OutputError, StillwakeError
 from contract.release import bundle as bundles
 from contract.release import signing
-from contract.release.container import read_files
-from contract.release.image import image_of
+from contract.release.container import image_of, read_files
 
 RELEASES: Final = "releases"
 ROLLOUT: Final = "rollout"

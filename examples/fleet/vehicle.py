@@ -27,8 +27,7 @@ from tuf.ngclient.updater import Updater
 from contract.errors import StillwakeError
 from contract.release.bundle import check_replaceable
 from contract.release.checks import Bundle, read_checked
-from contract.release.container import write_files
-from contract.release.image import files_of
+from contract.release.container import files_of, write_files
 
 BINS: Final = 100
 _CHUNK: Final = 2**16

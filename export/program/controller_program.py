@@ -1,4 +1,4 @@
-"""The controller as data: all inputs of a lowering, and nothing else.
+"""The controller as data: all inputs of a lowering, and nothing else; and its windows, recorded or random.
 
 Rounding and lowerings refer to the weight matrices by their tensors' names, such as `lstm.weight_input`,
 `dynamics.hidden.weight`, `decoder.blocks.0.linear.weight`. The prior is small, so only its two matrices for filtered
@@ -9,7 +9,7 @@ for n units, F filters and p sensor pairs. All lowerings of a program state the 
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,14 @@ import numpy as np
 from contract.arrays import Array
 from contract.config.controller import MpcConfig
 from contract.controller.goal import SPEED_PLACES
-from contract.controller.interface import FORCES, Sizes
+from contract.controller.interface import Sizes
 from contract.errors import ExportError
 from contract.model.model_folder import SLIM, ModelFolder
+from contract.recording.episode import Episode
 from contract.release.manifest import Scaling
-from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, Linear, PriorWeights
+from contract.sensor_layout import SensorLayout
+from contract.sensors import TRUCK
+from export.program.weights import DecoderWeights, DynamicsWeights, EncoderWeights, PriorWeights
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +54,6 @@ class ControllerProgram:
     prior: PriorWeights | None = None
 
     def __post_init__(self) -> None:
-        _check_sensors(self)
         _check_scaling(self.scaling, len(self.sensors))
         for other, latent in (("dynamics", self.dynamics.latent), ("decoder", self.decoder.latent)):
             if latent != self.encoder.latent:
@@ -61,16 +63,12 @@ class ControllerProgram:
                 f"encoder.lstm.weight_ih_l0: {self.encoder.inputs} inputs, must be {len(self.sensors) + 1} "
                 f"(the sensors and the action)"
             )
-        if self.encoder_rows < 1:
-            raise ExportError(f"encoder_rows = {self.encoder_rows}: must be at least 1")
         if self.prior is not None and self.prior.memory < 2:
             raise ExportError(f"prior.filters: a memory of {self.prior.memory} rows, must be at least 2")
         if self.prior is not None and 2 * self.prior.pairs != len(self.sensors):
             raise ExportError(
                 f"prior.first: {self.prior.pairs} differences, must be {len(self.sensors)} / 2 (one per sensor pair)"
             )
-        if not (np.isfinite(self.action_limit) and self.action_limit > 0):
-            raise ExportError(f"action_limit = {self.action_limit}: must be positive and finite")
 
     @property
     def window(self) -> int:
@@ -94,24 +92,11 @@ class ControllerProgram:
         return Sizes(window=self.window, sensors=len(self.sensors), horizon=self.mpc.horizon)
 
 
-def _check_sensors(program: ControllerProgram) -> None:
-    if not program.sensors:
-        raise ExportError("sensors: at least one is needed")
-    for name in program.sensors:
-        if program.sensors.count(name) > 1:
-            raise ExportError(f"sensors: {name!r} is named twice")
-
-
 def _check_scaling(scaling: Scaling, sensors: int) -> None:
-    for name, size in (
-        ("pressure_mean", sensors),
-        ("pressure_std", sensors),
-        ("force_mean", FORCES),
-        ("force_std", FORCES),
-    ):
+    for name, found, wanted in scaling.misfits(sensors):
+        raise ExportError(f"scaling.{name}: {found} values, must be {wanted}")
+    for name in ("pressure_mean", "pressure_std", "force_mean", "force_std"):
         values = np.asarray(getattr(scaling, name), dtype=np.float64)
-        if values.shape != (size,):
-            raise ExportError(f"scaling.{name}: {len(values)} values, must be {size}")
         if not np.isfinite(values).all() or (name.endswith("_std") and not (values > 0).all()):
             rule = "positive and finite" if name.endswith("_std") else "finite"
             raise ExportError(f"scaling.{name} = {values.tolist()}: must be {rule}")
@@ -151,16 +136,6 @@ def matrices(program: ControllerProgram) -> dict[str, Array]:
 def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Array]) -> ControllerProgram:
     """Return the program with every matrix replaced by `change(name, matrix)`; all other parts are unchanged."""
 
-    def linear(name: str, layer: Linear) -> Linear:
-        return replace(layer, weight=change(f"{name}.weight", layer.weight))
-
-    def layers(network: str, *names: str) -> dict[str, Any]:
-        return {name: linear(f"{network}.{name}", getattr(getattr(program, network), name)) for name in names}
-
-    lstm, blocks = program.encoder.lstm, program.decoder.blocks
-    gates: dict[str, Any] = {
-        name: change(f"lstm.{name}", getattr(lstm, name)) for name in ("weight_input", "weight_recurrent")
-    }
     prior = program.prior
     if prior is not None:
         first, sums = prior.first, prior.sums
@@ -169,21 +144,18 @@ def map_matrices(program: ControllerProgram, change: Callable[[str, Array], Arra
             first=change("prior.first", first.reshape(-1, first[0, 0].size)).reshape(first.shape),
             sums=change("prior.sums", sums.reshape(len(sums), -1)).reshape(sums.shape),
         )
-    return replace(
-        program,
-        prior=prior,
-        encoder=replace(program.encoder, lstm=replace(lstm, **gates), **layers("encoder", "hidden", "output")),
-        dynamics=replace(program.dynamics, **layers("dynamics", "input", "hidden", "output")),
-        decoder=replace(
-            program.decoder,
-            **layers("decoder", "input"),
-            blocks=tuple(
-                replace(block, linear=linear(f"decoder.blocks.{i}.linear", block.linear))
-                for i, block in enumerate(blocks)
-            ),
-            **layers("decoder", "output"),
-        ),
-    )
+    networks = {name: _mapped(getattr(program, name), name, change) for name in ("encoder", "dynamics", "decoder")}
+    return replace(program, prior=prior, **networks)
+
+
+def _mapped(part: Any, name: str, change: Callable[[str, Array], Array]) -> Any:
+    """Return a part of a network with its matrices replaced; only the names of the LSTM's lack that of the network."""
+    if isinstance(part, np.ndarray):
+        return change(name.replace("encoder.lstm.", "lstm."), part) if part.ndim == 2 else part
+    if isinstance(part, tuple):
+        return tuple(_mapped(item, f"{name}.{place}", change) for place, item in enumerate(part))
+    named = {item.name: getattr(part, item.name) for item in fields(part)}
+    return replace(part, **{key: _mapped(item, f"{name}.{key}", change) for key, item in named.items()})
 
 
 def program_sha256(program: ControllerProgram) -> str:
@@ -211,3 +183,34 @@ def _as_trained(prior: PriorWeights) -> dict[str, Array]:
 def _fingerprint(value: object) -> str:
     array = np.asarray(value, dtype="<f8")
     return f"{array.shape} {hashlib.sha256(array.tobytes()).hexdigest()}"
+
+
+def recorded_windows(
+    program: ControllerProgram, episode: Episode, count: int, layout: SensorLayout = TRUCK
+) -> list[Array]:
+    """Return the episode's last `count` consecutive windows (L, S+1) of L rows and S sensors; row k is (Cp_k, a_{k-1}).
+    The last windows are used because a recording begins with a transient. Raises ConfigError if the layout lacks a
+    sensor of the program; ExportError if the episode is too short."""
+    needed = program.window + count - 1
+    if count < 1 or len(episode) < needed:
+        raise ExportError(f"episode {episode.name}: {len(episode)} steps, {count} windows need {needed}")
+    rows = episode.rows(layout.indices(program.sensors))[-needed:]
+    return [rows[i : i + program.window] for i in range(count)]
+
+
+def random_window(program: ControllerProgram, rng: np.random.Generator) -> Array:
+    """Return a random window (L, S+1) that varies about as fast as recorded windows: each column is a sum of a few slow
+    sines. Pressures have the mean and standard deviation of the program's scaling; actions are within the program's
+    limit."""
+    columns = len(program.sensors) + 1
+    t = np.arange(program.window)[:, None, None]
+    frequency = rng.uniform(0.01, 0.1, (1, columns, 3))
+    waves = np.sin(2 * np.pi * (frequency * t + rng.random((1, columns, 3)))).mean(axis=-1)
+    pressure = np.array(program.scaling.pressure_mean) + 2.0 * waves[:, :-1] * program.scaling.pressure_std
+    return np.column_stack([pressure, waves[:, -1] * program.action_limit])
+
+
+def random_windows(program: ControllerProgram, count: int, *, seed: int = 0) -> list[Array]:
+    """Return `count` independent random windows, which are not consecutive."""
+    rng = np.random.default_rng(seed)
+    return [random_window(program, rng) for _ in range(count)]

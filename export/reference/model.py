@@ -7,7 +7,7 @@ the inputs of every layer of a network, for the adjoints and int8 calibration. A
 product) takes its input and the gradient dJ/d(output), and returns dJ/d(input); for y = W x + b, dx = W^T dy.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -60,36 +60,19 @@ def _normalise(x: Array) -> tuple[Array, Array]:
     return centred * inverse_std, inverse_std
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EncoderLayers:
+class EncoderLayers(NamedTuple):
     """The inputs of the encoder's layers: scaled rows (..., L, S+1) of the window; hidden state h before each row,
-    (..., L, width), starting at 0; h after the last row; `head`, which is LayerNorm(h); and the input of the last
-    linear layer, after the ELU."""
+    (..., L, width), starting at 0; `head`, which is LayerNorm(h) after the last row; and the input of the last linear
+    layer, after the ELU."""
 
     rows: Array
     recurrent: Array
-    output: Array
     head: Array
     latent: Array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DynamicsLayers:
-    """The inputs of the layers of the dynamics: `state` is [z, a / action_std], (..., n_z + 1); the other arrays are W
-    x + b, its layer norm and its ELU in the first two layers, each (..., width)."""
-
-    state: Array
-    product1: Array
-    normed1: Array
-    hidden1: Array
-    product2: Array
-    normed2: Array
-    hidden2: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockLayers:
-    """The values in a residual block of the decoder: input x, W x + b, its layer norm, and its ELU, all (...,
+class NormedLayer(NamedTuple):
+    """The values in a layer ELU(LN(W x + b)): input x (..., inputs), W x + b, its layer norm, and its ELU, each (...,
     width)."""
 
     x: Array
@@ -97,13 +80,15 @@ class BlockLayers:
     normed: Array
     elu: Array
 
+    @classmethod
+    def of(cls, layer: Linear, norm: Norm, x: Array) -> Self:
+        product = linear(layer, x)
+        normed = layer_norm(norm, product)
+        return cls(x, product, normed, elu(normed))
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DecoderLayers:
-    """The decoder's blocks, and the input of its last layer, (..., width)."""
-
-    blocks: tuple[BlockLayers, ...]
-    forces: Array
+    def adjoint(self, layer: Linear, norm: Norm, dy: Array) -> Array:
+        """Compute the gradient with respect to the input x from the gradient with respect to the ELU's output."""
+        return layer_norm_adjoint(norm, self.product, elu_adjoint(self.normed, dy)) @ layer.weight
 
 
 def encode(program: ControllerProgram, window: Array) -> Array:
@@ -121,44 +106,30 @@ def encoder_layers(program: ControllerProgram, window: Array) -> EncoderLayers:
     h = _lstm(weights.lstm, rows)
     head = layer_norm(weights.norm, h[..., -1, :])
     latent = elu(linear(weights.hidden, head))
-    return EncoderLayers(rows=rows, recurrent=h[..., :-1, :], output=h[..., -1, :], head=head, latent=latent)
+    return EncoderLayers(rows=rows, recurrent=h[..., :-1, :], head=head, latent=latent)
 
 
 def step(program: ControllerProgram, z: Array, a: Array) -> Array:
     """Compute the next latent state z_{t+1} = z_t + f_dyn(z_t, a_t); (..., n_z), (...,) -> (..., n_z). f_dyn = W_3
     ELU(LN(W_2 ELU(LN(W_1 [z, a / action_std] + b_1)) + b_2)) + b_3."""
-    return z + linear(program.dynamics.output, dynamics_layers(program, z, a).hidden2)
+    return z + linear(program.dynamics.output, dynamics_layers(program, z, a)[1].elu)
 
 
 def step_adjoint(program: ControllerProgram, z: Array, a: Array, dz_next: Array) -> tuple[Array, Array]:
     """Compute the adjoint of `step`: dJ/dz_{t+1} -> (dJ/dz_t, dJ/da_t), shapes (..., n_z) -> (..., n_z), (...,)."""
-    weights, layers = program.dynamics, dynamics_layers(program, z, a)
-    d = dz_next @ weights.output.weight
-    d = layer_norm_adjoint(weights.norm_hidden, layers.product2, elu_adjoint(layers.normed2, d))
-    d = d @ weights.hidden.weight
-    d = layer_norm_adjoint(weights.norm_in, layers.product1, elu_adjoint(layers.normed1, d))
-    d = d @ weights.input.weight
+    weights, (first, second) = program.dynamics, dynamics_layers(program, z, a)
+    d = second.adjoint(weights.hidden, weights.norm_hidden, dz_next @ weights.output.weight)
+    d = first.adjoint(weights.input, weights.norm_in, d)
     return dz_next + d[..., :-1], d[..., -1] / program.scaling.action_std
 
 
-def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> DynamicsLayers:
-    """Return the inputs of the layers of the dynamics; the arguments are as in `step`."""
+def dynamics_layers(program: ControllerProgram, z: Array, a: Array) -> tuple[NormedLayer, NormedLayer]:
+    """Return the first two layers of the dynamics; the first layer's input is [z, a / action_std], (..., n_z + 1). The
+    arguments are as in `step`."""
     weights = program.dynamics
     state = np.concatenate([z, np.asarray(a)[..., None] / program.scaling.action_std], axis=-1)
-    product1 = linear(weights.input, state)
-    normed1 = layer_norm(weights.norm_in, product1)
-    hidden1 = elu(normed1)
-    product2 = linear(weights.hidden, hidden1)
-    normed2 = layer_norm(weights.norm_hidden, product2)
-    return DynamicsLayers(
-        state=state,
-        product1=product1,
-        normed1=normed1,
-        hidden1=hidden1,
-        product2=product2,
-        normed2=normed2,
-        hidden2=elu(normed2),
-    )
+    first = NormedLayer.of(weights.input, weights.norm_in, state)
+    return first, NormedLayer.of(weights.hidden, weights.norm_hidden, first.elu)
 
 
 def decode(program: ControllerProgram, z: Array) -> Array:
@@ -166,30 +137,27 @@ def decode(program: ControllerProgram, z: Array) -> Array:
 
     f_dec: x = W_0 z + b_0, then x <- x + ELU(LN(W_i x + b_i)) for every block, then W_out x + b_out.
     """
-    scaled = linear(program.decoder.output, decoder_layers(program, z).forces)
+    scaled = linear(program.decoder.output, decoder_layers(program, z)[1])
     return scaled * program.scaling.force_std + program.scaling.force_mean
 
 
 def decode_adjoint(program: ControllerProgram, z: Array, dforces: Array) -> Array:
     """Compute the adjoint of `decode`: dJ/d(Cd, Cl) (..., 2) -> dJ/dz (..., n_z)."""
-    weights, layers = program.decoder, decoder_layers(program, z)
+    weights, (layers, _) = program.decoder, decoder_layers(program, z)
     d = (dforces * program.scaling.force_std) @ weights.output.weight
-    for block, inside in zip(reversed(weights.blocks), reversed(layers.blocks), strict=True):
-        through = layer_norm_adjoint(block.norm, inside.product, elu_adjoint(inside.normed, d))
-        d = d + through @ block.linear.weight
+    for block, inside in zip(reversed(weights.blocks), reversed(layers), strict=True):
+        d = d + inside.adjoint(block.linear, block.norm, d)
     return d @ weights.input.weight
 
 
-def decoder_layers(program: ControllerProgram, z: Array) -> DecoderLayers:
-    """Return the inputs of the decoder's layers at latent states z (..., n_z)."""
+def decoder_layers(program: ControllerProgram, z: Array) -> tuple[list[NormedLayer], Array]:
+    """Return the decoder's blocks at latent states z (..., n_z), and the input of its last layer, (..., width)."""
     x = linear(program.decoder.input, z)
     blocks = []
     for block in program.decoder.blocks:
-        product = linear(block.linear, x)
-        normed = layer_norm(block.norm, product)
-        blocks.append(BlockLayers(x=x, product=product, normed=normed, elu=elu(normed)))
+        blocks.append(NormedLayer.of(block.linear, block.norm, x))
         x = x + blocks[-1].elu
-    return DecoderLayers(blocks=tuple(blocks), forces=x)
+    return blocks, x
 
 
 def _lstm(lstm: Lstm, rows: Array) -> Array:

@@ -11,7 +11,7 @@ from contract.controller.estimator import EstimatorNetwork, Hypotheses
 from contract.recording.dataset import Dataset
 from contract.release.bundle import MadeEstimator
 from contract.release.manifest import FAST_PERIODS, SLOW_PERIODS, SensorEstimator
-from export.int8.rounded_program import rounded_estimator
+from export.int8 import rounded_estimator
 from export.to_onnx.sensor_estimator import build_estimator
 
 

@@ -1,24 +1,57 @@
-"""The lowerings that have passed every gate; no other lowering is written to a file."""
+"""The lowerings of a program in memory, the ONNX graph and on request the C library with equal numbers, and their
+gates. Only lowerings that have passed every gate are written to files."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 from contract.arrays import Array
 from contract.controller.interface import CompileLibrary, ControlStep
+from contract.release.manifest import WeightPrecision
 from contract.runtime.onnx_session import OnnxController
-from export.gates.parity import ParityReport, check_lowering
-from export.gates.quantisation import (
-    QuantisationLimits,
-    QuantisationReport,
+from export.gates import (
+    QUANTISATION_LIMITS,
+    Figures,
+    check_lowering,
     check_quantisation,
     compare_answers,
     exact_answers,
 )
-from export.int8.rounded_program import RoundedProgram
+from export.int8 import Program, RoundedProgram, effective, precision_of
+from export.program.controller_program import ControllerProgram, program_sha256
 from export.reference.mpc import control_step
-from export.release.lowering import Lowered
-from export.to_c.library import replay, with_answer
+from export.to_c.library import c_library, replay, with_answer
+from export.to_onnx.control_step import build_controller
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lowered:
+    """The lowerings of a program. `library` has the C library's files by name, or is None."""
+
+    program: Program
+    graph: bytes
+    library: Mapping[str, bytes] | None = None
+
+    @property
+    def effective(self) -> ControllerProgram:
+        """The program that the lowerings compute; in the gates, the reference computes this program too."""
+        return effective(self.program)
+
+    @property
+    def precision(self) -> WeightPrecision:
+        return precision_of(self.program)
+
+    @property
+    def program_sha256(self) -> str:
+        """SHA-256 of the program, which the bundle's manifest and the library's header state."""
+        return program_sha256(self.effective)
+
+
+def lower(program: Program, *, calibration: Sequence[Array], with_library: bool) -> Lowered:
+    """Lower a program. Raises ExportError if the program cannot be lowered. `calibration` are the recorded windows (L,
+    S+1) on which the program was rounded, for an int8 library's activation ranges."""
+    graph = build_controller(program).SerializeToString()
+    return Lowered(program=program, graph=graph, library=c_library(program, calibration) if with_library else None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +61,8 @@ class GraphReport:
     `quantisation` has the differences between int8 and float weights; it is None for a float release."""
 
     controller_bytes: int
-    parity: ParityReport
-    quantisation: QuantisationReport | None
+    parity: Figures
+    quantisation: Figures | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,8 +77,8 @@ class LibraryReport:
         known_answer: action and cost that a build must compute in its self-test when it starts.
     """
 
-    parity: ParityReport | None
-    quantisation: QuantisationReport | None
+    parity: Figures | None
+    quantisation: Figures | None
     workspace_bytes: int
     replayed: Array
     known_answer: tuple[float, float]
@@ -63,7 +96,7 @@ class Gated:
 def gate(
     lowered: Lowered,
     windows: Sequence[Array],
-    limits: QuantisationLimits | None = None,
+    limits: Mapping[str, float] = QUANTISATION_LIMITS,
     *,
     compiled: CompileLibrary | None = None,
 ) -> Gated:
@@ -71,7 +104,6 @@ def gate(
     `compiled` compiles the C library and is required if there is a C library. Raises ExportError, with difference and
     limit, if a lowering differs from the reference by more than its gate allows; LibraryError if no C compiler compiles
     the library."""
-    limits = QuantisationLimits() if limits is None else limits
     # The exact control steps, which take longest to compute, are computed once for both lowerings.
     exact = exact_answers(lowered.program.source, windows) if isinstance(lowered.program, RoundedProgram) else []
     graph, library = _gate_graph(lowered, windows, exact, limits), None
@@ -82,7 +114,7 @@ def gate(
 
 
 def _gate_graph(
-    lowered: Lowered, windows: Sequence[Array], exact: Sequence[ControlStep], limits: QuantisationLimits
+    lowered: Lowered, windows: Sequence[Array], exact: Sequence[ControlStep], limits: Mapping[str, float]
 ) -> GraphReport:
     quantisation = None
     if isinstance(lowered.program, RoundedProgram):
@@ -98,7 +130,7 @@ def _gate_library(
     lowered: Lowered,
     windows: Sequence[Array],
     exact: Sequence[ControlStep],
-    limits: QuantisationLimits,
+    limits: Mapping[str, float],
     compiled: CompileLibrary | None,
 ) -> LibraryReport:
     if lowered.library is None or compiled is None:

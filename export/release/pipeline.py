@@ -19,6 +19,7 @@ from contract.controller.image_payload import with_layout
 from contract.controller.interface import CompileLibrary
 from contract.errors import ExportError
 from contract.model import model_folder
+from contract.model.model_folder import ModelFolder
 from contract.recording import dataset
 from contract.recording.dataset import Dataset
 from contract.recording.episode import Episode
@@ -26,17 +27,15 @@ from contract.recording.needs import CALIBRATION_WINDOWS as CALIBRATION_WINDOWS
 from contract.recording.needs import GATE_WINDOWS as GATE_WINDOWS
 from contract.recording.needs import LEAST_CALIBRATION, windows_in
 from contract.release import bundle
-from contract.release.bundle import MadeEstimator
-from contract.release.checks import Bundle
-from contract.release.manifest import PRECISIONS
+from contract.release.bundle import MadeEstimator, with_estimator
+from contract.release.checks import CONTROLLER, Bundle
+from contract.release.manifest import FIRST_SECURITY_VERSION, PRECISIONS, Manifest, SpeedRange
+from contract.runtime.onnx_session import OnnxEstimator
 from contract.sensor_layout import SensorLayout
 from contract.sensors import TRUCK
-from export.int8.calibrate import rounded_on
-from export.program.controller_program import ControllerProgram, program_of
-from export.program.windows import recorded_windows
-from export.release.bundle import write_release
-from export.release.gated import Gated, gate
-from export.release.lowering import Lowered, lower
+from export.int8 import rounded_on
+from export.program.controller_program import ControllerProgram, program_of, recorded_windows
+from export.release.gated import Gated, Lowered, gate, lower
 from export.to_c.builds import build_files
 from export.to_c.library import documents
 
@@ -50,8 +49,8 @@ class CLibrary:
 
     Attributes:
         compiled: compiles the library for its gate.
-        ecu: returns the files of the ECU around the control step. Its arguments are the written release and the
-            folder's recorded rows (n, S+1). None for a folder without ECU.
+        ecu: returns the files of the ECU around the control step, and the ECU's documents. Its arguments are the
+            written release and the folder's recorded rows (n, S+1). None for a folder without ECU.
         bill: returns the bill of materials, from all files of the folder and the release.
     """
 
@@ -70,7 +69,7 @@ def gate_figures(gated: Gated) -> Iterator[tuple[str, Any]]:
         "int8 C against float32": gated.library and gated.library.quantisation,
     }
     for title, part in parts.items():
-        for name, value in asdict(part).items() if part else ():
+        for name, value in (part or {}).items():
             yield f"{title}: {name}", value
 
 
@@ -104,10 +103,8 @@ def calibration_windows(
 def gate_windows(program: ControllerProgram, episodes: Sequence[Episode], layout: SensorLayout = TRUCK) -> list[Array]:
     """Return the last `GATE_WINDOWS` windows (L, S+1) of the first episode that has this number of windows. Raises
     ExportError if all episodes are too short; the message states the longest episode."""
-    for item in episodes:
-        if windows_in(len(item), program.window) >= GATE_WINDOWS:
-            return recorded_windows(program, item, GATE_WINDOWS, layout)
-    return recorded_windows(program, max(episodes, key=len), GATE_WINDOWS, layout)
+    long_enough = (item for item in episodes if windows_in(len(item), program.window) >= GATE_WINDOWS)
+    return recorded_windows(program, next(long_enough, max(episodes, key=len)), GATE_WINDOWS, layout)
 
 
 def export_all(
@@ -163,23 +160,10 @@ def export_all(
     lowered, windows = _lowered(program, episodes, precision, with_library=library is not None, phase=phase)
     gated = gate(lowered, windows, compiled=None if library is None else library.compiled)
     phase("write")
-    chosen = about.layout.positions[about.layout.indices(about.sensors)]
-    write_release(
-        output,
-        gated,
-        name=name,
-        created=created,
-        config=config,
-        provenance=trained.provenance,
-        positions=tuple((float(x), float(y)) for x, y in chosen),
-        resting=trained.resting,
-        air_speed=trained.air_speed,
-        key=key,
-        estimator=estimator,
-    )
+    write_release(output, gated, trained, name=name, created=created, config=config, key=key, estimator=estimator)
     release = bundle.load(output)
     if library is not None:
-        _write_library(library, release, gated, windows)
+        write_c_release(library, release, gated, windows)
     return gated, release
 
 
@@ -214,15 +198,8 @@ def export_library(
         )
     gated = gate(lowered, windows, compiled=library.compiled)
     phase("write")
-    _write_library(library, release, gated, windows)
+    write_c_release(library, release, gated, windows)
     return gated
-
-
-def _write_library(library: CLibrary, release: Bundle, gated: Gated, windows: Sequence[Array]) -> None:
-    ecu = None if library.ecu is None else library.ecu(release, rows_of(windows))
-    bill_of = library.bill
-    bill = None if bill_of is None else lambda files: bill_of(files, release)
-    write_c_release(library.folder, gated, windows, ecu, bill)
 
 
 def _lowered(
@@ -275,32 +252,76 @@ def _recording_of(
     return recording
 
 
-def write_c_release(
-    folder: Path,
+def write_release(
+    path: Path,
     gated: Gated,
-    windows: Sequence[Array],
-    ecu: Mapping[str, bytes] | None = None,
-    bill: Callable[[Mapping[str, bytes]], bytes] | None = None,
+    trained: ModelFolder,
+    *,
+    name: str,
+    created: date,
+    config: Config,
+    key: Ed25519PrivateKey | None = None,
+    estimator: MadeEstimator | None = None,
 ) -> None:
-    """Write the library's folder, completely or not at all. Raises LibraryError if the folder contains something other
-    than a library; StillwakeError if the folder cannot be written.
+    """Write a release bundle, completely or not at all. Raises StillwakeError if the path cannot be written, or
+    contains something other than a bundle; BundleControllerError if the estimator is for other sensors or another
+    window.
 
     Args:
-        windows: consecutive recorded windows (L, S+1) of L rows and S sensors, whose rows are written to the folder.
-        ecu: files of the ECU around the control step, and the ECU's documents.
-        bill: computes the bill of materials from all files of the folder.
+        trained: the model of the lowerings; the gates' figures are added to its provenance under `export`.
+        config: settings of the vehicle: operating point, control period, and time that is assigned to a control step.
+        key: key to sign the release with; the release is unsigned if None.
+        estimator: estimator of the release's sensors; without it, the ECU does not check its sensors.
     """
+    lowered, program, about = gated.lowered, gated.lowered.effective, trained.description
+    positions = about.layout.positions[about.layout.indices(program.sensors)]
+    # A prior that was trained for the design speed only, and a model without a prior, have no range of speeds.
+    refined = trained.config_tree.get("refine", {})
+    slowest, fastest = refined.get("slowest", 1.0), refined.get("fastest", 1.0)
+    training = {"metrics": about.metrics, "versions": about.versions, "config": trained.config_tree}
+    manifest = Manifest(
+        name=name,
+        created=created.isoformat(),
+        precision=lowered.precision,
+        sensors=program.sensors,
+        sensor_positions=tuple((float(x), float(y)) for x, y in positions),
+        window=program.window,
+        action_limit=program.action_limit,
+        mpc=program.mpc,
+        scaling=program.scaling,
+        operating_point=config.operating_point,
+        control_period=config.flow.control_period,
+        budget_ms=config.period_ns / 1e6,
+        compute_time_ms=config.ecu.compute_time_ms,
+        dataset_sha256=about.dataset_sha256,
+        weights_sha256=trained.weights_sha256,
+        program_sha256=lowered.program_sha256,
+        provenance={**training, "export": asdict(gated.graph)},
+        security_version=FIRST_SECURITY_VERSION,
+        speeds=SpeedRange(slowest=slowest, fastest=fastest) if slowest < fastest else None,
+        resting=trained.resting,
+        air_speed=trained.air_speed,
+    )
+    contents = {CONTROLLER: lowered.graph}
+    if estimator is not None:
+        manifest = with_estimator(manifest, contents, estimator)
+        OnnxEstimator.of(Bundle(manifest=manifest, files=contents, digest=""))
+    bundle.write(path, manifest, contents, key)
+
+
+def write_c_release(library: CLibrary, release: Bundle, gated: Gated, windows: Sequence[Array]) -> None:
+    """Write the library's folder, completely or not at all, with the rows of the consecutive recorded windows (L, S+1)
+    of L rows and S sensors. Raises LibraryError if the folder contains something other than a library; StillwakeError
+    if the folder cannot be written."""
     assert gated.lowered.library is not None
     assert gated.library is not None
-    recorded = {RECORDED: recorded_rows(windows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
-    library = with_layout({**gated.lowered.library, **({} if ecu is None else ecu)})
-    contents = {**library, **recorded, **documents(library), **build_files(library)}
-    write_folder(folder, contents if bill is None else {**contents, BILL: bill(contents)})
-
-
-def recorded_rows(windows: Sequence[Array]) -> str:
-    """Return the rows of consecutive windows as text, one row per line, with the digits of float32."""
-    return rows_text(rows_of(windows))
+    rows = rows_of(windows)
+    files = with_layout({**gated.lowered.library, **({} if library.ecu is None else library.ecu(release, rows))})
+    contents = {**files, **documents(files), **build_files(files)}
+    contents |= {RECORDED: rows_text(rows).encode(), EXPECTED: rows_text(gated.library.replayed).encode()}
+    if library.bill is not None:
+        contents[BILL] = library.bill(contents, release)
+    write_folder(library.folder, contents)
 
 
 def rows_of(windows: Sequence[Array]) -> Array:

@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 
 from contract.controller import image_payload
-from contract.controller.c_numbers import Numbers, numbers_source
+from contract.controller.c_folder import Numbers, generated_header, numbers_source
 from contract.controller.estimator import ESTIMATOR, REACH
 from contract.errors import ExportError
-from export.int8.rounded_program import RoundedEstimator
+from export.int8 import RoundedEstimator
 from export.to_c.float32_arrays import ArrayValues
-from export.to_c.int8_format import FULL_RANGE_WIDTH, INT8_LANES, INT16_QMAX, packed
+from export.to_c.int8_arrays import FULL_RANGE_WIDTH, INT8_LANES, INT16_QMAX, packed
 from export.to_c.library import ALIGNMENTS, numbers
 from export.to_onnx.sensor_estimator import read_estimator
 
@@ -63,11 +63,7 @@ def _sizes(rounded: RoundedEstimator, found: Numbers) -> bytes:
         "SW_ESTIMATOR_LIMIT": int(REACH * ONE),
         **found.settings("SW_ESTIMATOR"),
     }
-    lines = "\n".join(f"#define {name} {value}" for name, value in definitions.items())
-    return (
-        "/* Generated: the sizes of a release's sensor estimator. */\n"
-        f"#ifndef SW_ESTIMATOR_SETTINGS_H\n#define SW_ESTIMATOR_SETTINGS_H\n\n{lines}\n\n#endif\n"
-    ).encode()
+    return generated_header(SIZES, "the sizes of a release's sensor estimator", definitions)
 
 
 def _arrays(rounded: RoundedEstimator) -> Mapping[str, ArrayValues]:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from contract.arrays import Array
 from contract.controller.goal import DEAREST_EFFORT, DEAREST_LIFT, NARROWEST, SCHEDULED, SPEED_SCALE
 from contract.errors import ExportError
-from export.int8.rounded_program import Int8Matrix
+from export.int8 import Int8Matrix
 from export.program.controller_program import ControllerProgram
 from export.program.weights import PriorWeights, float32_within
 from export.reference.mpc import ADAM_BETAS

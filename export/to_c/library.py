@@ -15,22 +15,22 @@ from contract.controller.c_folder import (
     DOCUMENTS,
     PROGRAM_SETTINGS,
     PROGRAM_WEIGHTS,
+    Numbers,
     ProgramSettings,
     c_files,
+    numbers_source,
     settings_header,
+    table,
 )
-from contract.controller.c_numbers import Numbers, numbers_source, table
 from contract.controller.interface import FORCES, TERMS, Controller
 from contract.release.checks import dbc_sha256
 from contract.release.manifest import WeightPrecision
-from export.int8.layer_inputs import ActivationRanges
-from export.int8.rounded_program import Program, RoundedProgram, effective, precision_of
+from export.int8 import Program, RoundedProgram, activation_ranges, effective, precision_of, rounded_on
 from export.program.controller_program import ControllerProgram, program_sha256
 from export.program.weights import LAYER_NORM_EPSILON, as_float32
 from export.reference.mpc import ADAM_BETAS
 from export.to_c.float32_arrays import FLOAT32_LANES, ArrayValues, float_arrays, prior_settings
-from export.to_c.int8_arrays import int8_arrays
-from export.to_c.int8_format import c_constants
+from export.to_c.int8_arrays import c_constants, int8_arrays
 
 ALIGNMENTS: Final = {"int8": 16, "float32": 64}
 """Alignment of the arrays in bytes. For int8, 16 suffices for a word of Cortex-M and for a vector register. For
@@ -42,13 +42,17 @@ _HOT: Final = ("sw_dyn1_rows", "sw_dyn1_adjoint_rows", "sw_dyn2_rows", "sw_dyn2_
 """Names of the arrays in the C struct `sw_hot`."""
 
 
-def c_library(program: Program, ranges: ActivationRanges | None = None) -> dict[str, bytes]:
+def int8_library(program: ControllerProgram, calibration: Sequence[Array]) -> dict[str, bytes]:
+    """Round a program on recorded windows (L, S+1), and return its int8 C library."""
+    return c_library(rounded_on(program, calibration), calibration)
+
+
+def c_library(program: Program, calibration: Sequence[Array] = ()) -> dict[str, bytes]:
     """Return all files of the library by name: in float32, or for a rounded program with integer products. A rounded
-    program needs the ranges of its activations. Raises ExportError for a value that float32 cannot hold, or a program
-    that the library cannot compute."""
+    program needs the recorded windows (L, S+1) on which it was rounded, for the ranges of its activations. Raises
+    ExportError for a value that float32 cannot hold, or a program that the library cannot compute."""
     if isinstance(program, RoundedProgram):
-        assert ranges is not None
-        arrays = int8_arrays(program, ranges)
+        arrays = int8_arrays(program, activation_ranges(program.program, calibration))
     else:
         arrays = {**float_arrays(program)}
     precision = precision_of(program)

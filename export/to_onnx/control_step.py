@@ -11,6 +11,8 @@ The divisors of Adam's moments m and v do not depend on the data, so the Scan ov
 with M = m / (1 - b1), V = v / (1 - b2), and with c_i = sqrt((1 - b2) / (1 - b2^i))
 
     rate_i = lr (1 - b1) / ((1 - b1^i) c_i),    floor_i = eps / c_i.
+
+The cost terms and their gradient have the same values as `reference.mpc`, with one matrix for all quadratic terms.
 """
 
 from collections.abc import Callable
@@ -18,16 +20,14 @@ from collections.abc import Callable
 import numpy as np
 import onnx
 
-from contract.arrays import Array
-from contract.controller.interface import OUTPUTS, Sizes
-from export.int8.rounded_program import Program, effective, precision_of
+from contract.config.controller import MpcConfig
+from contract.controller.interface import OUTPUTS, TERMS, Sizes
+from export.int8 import Program, effective, precision_of
 from export.program.controller_program import ControllerProgram
 from export.program.weights import float32_within
 from export.reference.mpc import ADAM_BETAS
-from export.to_onnx.cost import Cost
-from export.to_onnx.decoder import DecoderGraph
-from export.to_onnx.dynamics import DynamicsGraph
-from export.to_onnx.graph_builder import Graph, NormNames, PutMatrix, store_for
+from export.to_onnx.graph_builder import Graph, store_for
+from export.to_onnx.networks import DecoderGraph, DynamicsGraph, lower_encoder
 from export.to_onnx.prior import lower_prior, lower_schedule, lower_unknown
 
 
@@ -60,9 +60,8 @@ def build_controller(lowered: Program) -> onnx.ModelProto:
     def gradient(body: Graph, candidate: str) -> str:
         rollout = dynamics.rollout(body, z, candidate)
         signed, tapes = decoder.signed_forces(body, rollout.latents)
-        local = cost.gradient(body, signed, candidate)
-        through_forces = decoder.adjoint(body, tapes, local.signed_forces)
-        return dynamics.adjoint(body, rollout, through_forces, local.plan)
+        to_forces, to_plan = cost.gradient(body, signed, candidate)
+        return dynamics.adjoint(body, rollout, decoder.adjoint(body, tapes, to_forces), to_plan)
 
     optimised = lower_adam(graph, program, start, free, bound, gradient)
     forces = decoder.forces(graph, dynamics.rollout(graph, z, optimised).latents)
@@ -86,43 +85,6 @@ def shifted(graph: Graph, plan: str, horizon: int) -> str:
     """Add the previous plan as a row (1, H), shifted by one step, with its last action repeated."""
     rest, last = graph.slice(plan, 1, horizon), graph.slice(plan, horizon - 1, horizon)
     return graph.op("Unsqueeze", graph.op("Concat", rest, last, axis=0), graph.index([0]))
-
-
-def lower_encoder(graph: Graph, program: ControllerProgram, window: str, store: PutMatrix) -> str:
-    """Add nodes that compute the latent state z_t as a row (1, n_z), from the window (L, S+1)."""
-    weights, scaling = program.encoder, program.scaling
-    width = weights.lstm.width
-    # PyTorch's gate order is i, f, g, o. ONNX's order is i, o, f, c, where c is PyTorch's g.
-    i, f, g, o = np.split(np.arange(4 * width), 4)
-    gates = np.concatenate([i, o, f, g])
-    mean = graph.constant(scaling.window_mean, "window_mean")
-    # The window is multiplied by 1 / std, so that a standard deviation too small for float32 is refused. In a division,
-    # it would be rounded to zero.
-    std = np.array(scaling.window_std)
-    rows = window
-    if program.encoder_rows < program.window:
-        rows = graph.slice(window, program.window - program.encoder_rows, program.window, 0)
-    scaled = graph.op("Mul", graph.op("Sub", rows, mean), graph.constant(1.0 / std, "1 / window_std"))
-
-    def linear(x: str, name: str, bias: Array) -> str:
-        weight = store(graph, f"encoder.{name}.weight")
-        return graph.op("Gemm", x, weight, graph.constant(bias, f"encoder.{name}.bias"), transB=1)
-
-    # ONNX's LSTM expects the direction as the first axis of its weights, and a batch axis of length one in the
-    # sequence.
-    biases = np.concatenate([weights.lstm.bias_input[gates], weights.lstm.bias_recurrent[gates]])
-    _, hidden = graph.ops(
-        "LSTM",
-        graph.op("Unsqueeze", scaled, graph.index([1])),
-        store(graph, "lstm.weight_input", rows=gates, leading=1),
-        store(graph, "lstm.weight_recurrent", rows=gates, leading=1),
-        graph.constant(biases[None], "lstm.bias"),
-        outputs=2,
-        hidden_size=width,
-    )
-    row = graph.op("Squeeze", hidden, graph.index([0]))
-    normed = NormNames(graph, weights.norm, "encoder.norm").apply(graph, row)
-    return linear(graph.op("Elu", linear(normed, "hidden", weights.hidden.bias)), "output", weights.output.bias)
 
 
 def lower_adam(
@@ -166,3 +128,106 @@ def lower_adam(
 
 def _decayed(body: Graph, old: str, new: str, beta: float) -> str:
     return body.op("Add", body.op("Mul", old, body.constant(beta)), new)
+
+
+class Cost:
+    """The cost J for given weights (8,) and previous action (1,), which are values of the outermost graph. `start` is
+    the plan (1, H) from which the optimiser starts; `iterated` has the weights (8,) for the gradient."""
+
+    def __init__(
+        self, graph: Graph, mpc: MpcConfig, weights: str, previous_action: str, start: str, iterated: str
+    ) -> None:
+        self._horizon = mpc.horizon
+        self._previous_action = previous_action
+        self._weights = weights
+        self._start = start
+        # The Split gives the weight of each term as a value of shape (1,).
+        pieces = graph.ops("Split", iterated, graph.index([1] * len(TERMS)), outputs=len(TERMS))
+        self._weight = dict(zip(TERMS, pieces, strict=True))
+        self._drag_reference = graph.constant([mpc.drag_reference], "drag_reference")
+        self._prepare(graph, start)
+
+    def terms(self, graph: Graph, forces: str, plan: str) -> str:
+        """Add nodes that compute the unweighted terms, (8,)."""
+        h, column = self._horizon, graph.index([1])
+        columns = graph.ops("Split", forces, graph.index([1, 1]), outputs=2, axis=1)
+        cd, cl = (graph.op("Squeeze", one, column) for one in columns)
+        mean_lift = _reduce(graph, "ReduceMean", cl)
+        increments = graph.op("Sub", graph.slice(plan, 1, h), graph.slice(plan, 0, h - 1))
+        start = graph.op("Reshape", self._start, graph.index([h]))
+        terms = {
+            "drag_mean": graph.op("Sub", _reduce(graph, "ReduceMean", cd), self._drag_reference),
+            "drag_fluctuation": graph.op("Sub", _reduce(graph, "ReduceMax", cd), _reduce(graph, "ReduceMin", cd)),
+            "lift": _reduce(graph, "ReduceMean", graph.op("Abs", cl)),
+            "lift_mean": _square(graph, mean_lift),
+            "smoothness": _reduce(graph, "ReduceMean", _square(graph, increments)),
+            "effort": _reduce(graph, "ReduceMean", _square(graph, plan)),
+            "rate": _square(graph, graph.op("Sub", graph.slice(plan, 0, 1), self._previous_action)),
+            "prior": _reduce(graph, "ReduceMean", _square(graph, graph.op("Sub", plan, start))),
+        }
+        return graph.op("Concat", *(terms[name] for name in TERMS), axis=0)
+
+    def total(self, graph: Graph, terms: str) -> str:
+        """Add nodes that compute J, a scalar."""
+        return graph.op("ReduceSum", graph.op("Mul", self._weights, terms), keepdims=0)
+
+    def gradient(self, graph: Graph, signed_forces: str, plan: str) -> tuple[str, str]:
+        """Add nodes that compute the same gradient as `reference.mpc.cost_gradient`: dJ/d(Cd, -Cd, Cl), (H, 3), and
+        dJ/da at fixed forces, (1, H). `signed_forces`, shape (H, 3), has the columns Cd, -Cd and Cl; `plan` has the
+        shape (1, H).
+
+        The drag's fluctuation is max Cd - min Cd = max Cd + max(-Cd). Because -Cd has a column of its own, only maxima
+        are needed, and the same nodes serve all columns.
+        """
+        # The gradient is 1 at the largest value of a column; several equal largest values share the gradient evenly.
+        ties = graph.op("Cast", graph.op("Equal", signed_forces, _reduce(graph, "ReduceMax", signed_forces)), to=1)
+        share = graph.op("Div", ties, _reduce(graph, "ReduceSum", ties))
+        fluctuation = graph.op("Mul", share, self._by_maximum)
+        lift = graph.op("Mul", graph.op("Sign", signed_forces), self._by_sign)
+        mean = graph.op("Mul", _reduce(graph, "ReduceMean", signed_forces), self._by_mean)
+        steady = graph.op("Add", mean, self._by_drag)
+        through_forces = graph.op("Add", graph.op("Add", fluctuation, lift), steady)
+        # The plan is a row, because in ONNX Runtime a matrix times a column takes three times as long as a row times a
+        # matrix.
+        return through_forces, graph.op("Gemm", plan, self._curvature, self._minus_pull)
+
+    def _prepare(self, graph: Graph, start: str) -> None:
+        """Add the nodes for the parts of the gradient that depend only on the weights, the previous action and the
+        start p. These nodes run once per control step.
+
+        The terms in the plan a are quadratic. With increments D and first unit vector e_0 their gradient is Q a - q,
+
+            Q = 2 w_smoothness D^T D / (H - 1) + 2 (w_effort + w_prior) I / H + 2 w_rate e_0 e_0^T,
+            q = 2 w_rate a_{-1} e_0 + 2 w_prior p / H.
+        """
+        h = self._horizon
+        increments = np.diff(np.eye(h), axis=0)
+        first = np.eye(h)[0]
+        quadratic = {
+            "smoothness": 2.0 / (h - 1) * increments.T @ increments,
+            "effort": 2.0 / h * np.eye(h),
+            "rate": 2.0 * np.outer(first, first),
+            "prior": 2.0 / h * np.eye(h),
+        }
+        weighted = [
+            graph.op("Mul", graph.constant(matrix, f"curvature.{name}"), self._weight[name])
+            for name, matrix in quadratic.items()
+        ]
+        self._curvature = graph.op("Sum", *weighted)
+        rate = graph.op("Mul", self._weight["rate"], self._previous_action)
+        to_previous = graph.op("Mul", graph.constant(-2.0 * first, "first"), rate)
+        prior = graph.op("Mul", self._weight["prior"], graph.constant([-2.0 / h]))
+        self._minus_pull = graph.op("Add", to_previous, graph.op("Mul", start, prior))
+        # The entries of these rows (3,) are for Cd, -Cd and Cl.
+        self._by_maximum = graph.op("Mul", self._weight["drag_fluctuation"], graph.constant([1.0, 1.0, 0.0]))
+        self._by_drag = graph.op("Mul", self._weight["drag_mean"], graph.constant([1.0 / h, 0.0, 0.0]))
+        self._by_sign = graph.op("Mul", self._weight["lift"], graph.constant([0.0, 0.0, 1.0 / h]))
+        self._by_mean = graph.op("Mul", self._weight["lift_mean"], graph.constant([0.0, 0.0, 2.0 / h]))
+
+
+def _reduce(graph: Graph, kind: str, x: str) -> str:
+    return graph.op(kind, x, graph.index([0]), keepdims=1)
+
+
+def _square(graph: Graph, x: str) -> str:
+    return graph.op("Mul", x, x)

@@ -5,8 +5,8 @@ Scan. For float weights ONNX Runtime folds these nodes when the session is built
 per control step.
 """
 
-from collections.abc import Sequence
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from contract.arrays import Array, Index
-from export.int8.rounded_program import Program, RoundedProgram
+from export.int8 import Program, RoundedProgram
 from export.program.controller_program import matrices
 from export.program.weights import LAYER_NORM_EPSILON, Norm, as_float32
 
@@ -136,20 +136,14 @@ class Graph:
         return self._stored[key]
 
 
-class PutMatrix(Protocol):
-    """A function that stores a matrix (outputs, inputs) in the graph and returns the name of its float32 value."""
-
-    def __call__(self, graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
-        """Store the matrix with this name (`export.program.controller_program`).
-
-        Args:
-            rows: order of the outputs, if an operator does not use PyTorch's order.
-            leading: number of leading axes of length 1 that an operator needs.
-        """
+PutMatrix = Callable[..., str]
+"""A function that stores a matrix in a graph by its name, and returns the name of its float32 value (`store_for`)."""
 
 
 def store_for(program: Program) -> PutMatrix:
-    """Return the function that stores a program's matrices: as float32, or as integers for a rounded program."""
+    """Return the function that stores a program's matrices (outputs, inputs) by their names
+    (`export.program.controller_program`): as float32, or as integers for a rounded program. `rows` is the order of the
+    outputs, if an operator does not use PyTorch's order; `leading` is the number of leading axes of length 1."""
     whole = {} if isinstance(program, RoundedProgram) else matrices(program)
 
     def store(graph: Graph, name: str, *, rows: Index | None = None, leading: int = 0) -> str:
@@ -214,7 +208,6 @@ class NormNames:
 
     def with_inverse_std(self, graph: Graph, x: str) -> tuple[str, str]:
         """Add nodes that compute LN(x) over the last axis, and r = 1 / sqrt(var x + eps)."""
-        y, _, inverse_std = graph.ops(
-            "LayerNormalization", x, self.gain, self.offset, outputs=3, epsilon=LAYER_NORM_EPSILON
-        )
+        constants = (self.gain, self.offset)
+        y, _, inverse_std = graph.ops("LayerNormalization", x, *constants, outputs=3, epsilon=LAYER_NORM_EPSILON)
         return y, inverse_std

@@ -16,7 +16,7 @@ from contract.controller.estimator import (
     views,
 )
 from contract.errors import ExportError
-from export.int8.rounded_program import Int8Matrix, RoundedEstimator
+from export.int8 import Int8Matrix, RoundedEstimator
 from export.to_onnx.graph_builder import Graph, dequantised
 
 DOC: Final = "Pressures estimated from each other: see contract.controller.estimator"

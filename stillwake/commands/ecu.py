@@ -156,8 +156,7 @@ def provision(
     """
     from secrets import token_hex
 
-    from contract.release.container import read_files
-    from contract.release.image import image_of
+    from contract.release.container import image_of, read_files
     from contract.runtime.onnx_session import OnnxController
     from ecu.flashable import ecu_folder
     from ecu.flashable.vehicle_fit import VehicleFit

@@ -8,8 +8,8 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import McuError
 from examples.random_programs import random_program
-from export.program.windows import random_window
-from export.release.lowering import int8_library
+from export.program.controller_program import random_window
+from export.to_c.library import int8_library
 
 
 @pytest.mark.mcu

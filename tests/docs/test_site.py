@@ -45,7 +45,7 @@ def test_search_finds_a_word_without_a_server(browser):
 def test_formulas_and_links_to_the_code_show(browser):
     found = _open(browser, "reference/equations.html")
     assert found.page.locator("div.math math").first.evaluate("formula => formula.getBoundingClientRect().height") > 20
-    found.page.get_by_role("link", name="export.reference.cost.cost_terms").click()
+    found.page.get_by_role("link", name="export.reference.mpc.cost_terms").click()
     assert found.page.locator("dt:target").inner_text().startswith("cost_terms(")
     assert found.troubles == []
 

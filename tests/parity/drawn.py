@@ -1,12 +1,10 @@
-"""Programs whose sizes and settings are drawn at random, and what every library of one promises."""
+"""Programs whose sizes and settings are drawn at random."""
 
 import numpy as np
 
 from contract.config.controller import CostWeights, MpcConfig
 from contract.config.learning import ModelConfig
-from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.gates.parity import control_cases
 from export.program.controller_program import ControllerProgram
 
 NAMES = ("upper_39", "lower_39", "base_0", "base_9", "upper_07", "lower_07")
@@ -36,14 +34,3 @@ def drawn_program(seed: int) -> ControllerProgram:
     limit, sensors = float(rng.uniform(0.02, 0.2)), NAMES[: int(rng.integers(1, 7))]
     memory = 0 if len(sensors) % 2 else int(of_prior.integers(2, 18))
     return random_program(seed, model=model, mpc=mpc, action_limit=limit, sensors=sensors, prior_memory=memory)
-
-
-def assert_nothing_is_carried(program: ControllerProgram, controller: CController) -> None:
-    """Nothing from step to step, and no scratch is read before it is written."""
-    cases = list(control_cases(program, count=4))
-    first = [controller.control_step(*case.arguments) for case in cases]
-    for case, expected in zip(reversed(cases), reversed(first), strict=True):
-        controller._workspace[:] = 0xFF  # NaN, to show that no result depends on what it held before
-        found = controller.control_step(*case.arguments)
-        for name in ("plan", "forces", "cost"):
-            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))

@@ -16,8 +16,8 @@ from contract.controller.interface import Sizes
 from ecu.in_c.compiler import zig_compiler
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
-from export.program.windows import random_window
-from export.release.lowering import int8_library
+from export.program.controller_program import random_window
+from export.to_c.library import int8_library
 
 EMULATOR = shutil.which("qemu-aarch64") or shutil.which("qemu-aarch64-static")
 COMPILER = zig_compiler()

@@ -5,7 +5,6 @@ and Adam divides by a gradient plus 1e-8, which can raise a rounding of 1e-16 to
 Random reals hit no kink of max, min or |Cl|; ties are tested on their own.
 """
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,9 @@ import torch
 from benchmarks.controller.eager import EagerController
 from contract.config.controller import MpcConfig
 from examples.random_programs import random_program
-from export.gates.parity import ControlCase, control_cases
+from export.gates import ControlCase, control_cases
 from export.program.controller_program import ControllerProgram
-from export.reference.cost import cost_gradient
-from export.reference.mpc import control_step, gradient
+from export.reference.mpc import control_step, cost_gradient, gradient
 from tests.each import each
 from tests.parity.drawn import drawn_program
 
@@ -36,8 +34,8 @@ def one_thread():
 
 
 def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
-    expected: Any = EagerController(program, torch.float64).control_step(*case.arguments)
-    found = control_step(program, *case.arguments)
+    expected: Any = EagerController(program, torch.float64).control_step(*case)
+    found = control_step(program, *case)
     for name, value in zip(("plan", "forces", "terms", "cost"), expected, strict=True):
         np.testing.assert_allclose(getattr(found, name), value, rtol=0, atol=TOLERANCE, err_msg=name)
 
@@ -46,13 +44,6 @@ def assert_same_step(program: ControllerProgram, case: ControlCase) -> None:
 def test_control_step_of_random_small_nets(seed):
     program = drawn_program(seed)
     for case in control_cases(program, count=3, seed=seed):
-        assert_same_step(program, case)
-
-
-@each("mpc", [MpcConfig(), MpcConfig(horizon=40, iterations=3, learning_rate=5e-3)])
-def test_control_step_at_paper_size(mpc):
-    program = random_program(100, mpc=mpc)
-    for case in control_cases(program, count=2, seed=7):
         assert_same_step(program, case)
 
 
@@ -78,21 +69,6 @@ def test_ties_and_kinks_take_pytorchs_subgradients():
     values, actions = torch.tensor(forces, requires_grad=True), torch.tensor(plan, requires_grad=True)
     terms = EagerController(program, torch.float64).terms(values, actions, torch.tensor(0.01, dtype=torch.float64))
     torch.autograd.backward(torch.tensor(weights) @ terms)
-    assert values.grad is not None and actions.grad is not None
-    found = cost_gradient(forces, plan, 0.01, weights)
-    np.testing.assert_allclose(found.forces, values.grad.numpy(), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(found.plan, actions.grad.numpy(), rtol=0, atol=1e-14)
-
-
-def test_disagreement_would_show():
-    """The comparison is sharp: one weight changed by a ten-thousandth breaks it."""
-    program = random_program(5, mpc=MpcConfig(horizon=8))
-    matrix = program.dynamics.hidden.weight.copy()
-    matrix[3, 4] *= 1.0 + 1e-4
-    hidden = replace(program.dynamics.hidden, weight=matrix)
-    other = replace(program, dynamics=replace(program.dynamics, hidden=hidden))
-    (case,) = control_cases(program, count=1)
-    with pytest.raises(AssertionError):
-        expected = EagerController(program, torch.float64).control_step(case.window, case.plan, case.free)
-        found = control_step(other, case.window, case.plan, case.free)
-        np.testing.assert_allclose(found.forces, expected[1], rtol=0, atol=TOLERANCE)
+    for found, expected in zip(cost_gradient(forces, plan, 0.01, weights), (values, actions), strict=True):
+        assert expected.grad is not None
+        np.testing.assert_allclose(found, expected.grad.numpy(), rtol=0, atol=1e-14)

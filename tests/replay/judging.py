@@ -24,9 +24,9 @@ from ecu.c.sources import control_sources
 from ecu.in_c.c_ecu import CEcu
 from ecu.in_c.c_settings import ecu_settings
 from export.program.controller_program import program_of
-from export.release.lowering import int8_library
 from export.release.pipeline import calibration_windows
 from export.to_c.estimator import estimator_files
+from export.to_c.library import int8_library
 from tests.replay.recording import open_loop, python_ecu, shipped, vehicle
 from tests.replay.shelf import Answers, read
 

@@ -19,8 +19,8 @@ from typing import Any, Final, Protocol
 
 from contract.atomic import replacing
 from contract.config.tree import Config
-from contract.differences import differences
 from contract.errors import ConfigError, DatasetError, StillwakeError
+from contract.typed import differences
 
 
 class Phase(StrEnum):

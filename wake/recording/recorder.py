@@ -14,10 +14,10 @@ import numpy as np
 
 from contract.config.body import layout_of
 from contract.config.tree import Config
-from contract.differences import differences
 from contract.errors import DatasetError, OutputError, StillwakeError
 from contract.recording.dataset import Dataset, Episode, append, read, read_to_append, write
 from contract.side_by_side import spread
+from contract.typed import differences
 from wake.recording.episode_job import (
     EpisodeJob,
     EpisodeProgress,

@@ -93,9 +93,8 @@ def _bring_release(
     from can_bridge.tester.sequence import flash as flash_ecu
     from can_bridge.tester.transport import open_client
     from can_bridge.uds.security import AccessKey
-    from contract.release.container import read_files
+    from contract.release.container import image_of, read_files
     from contract.release.difference import is_image, opened
-    from contract.release.image import image_of
 
     key = None if access is None else AccessKey.read(access)
     release = None if is_image(bundle) else open_release(bundle, trust)

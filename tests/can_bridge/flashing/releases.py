@@ -17,7 +17,7 @@ from contract.config.learning import ModelConfig
 from contract.release import bundle, key_list
 from contract.release.bundle import pack
 from contract.release.checks import CONTROLLER, Bundle
-from contract.release.image import image_of
+from contract.release.container import image_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import Manifest
 from contract.release.signing import PublicKey, public_key

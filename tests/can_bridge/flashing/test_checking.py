@@ -10,8 +10,8 @@ from can_bridge.flashing.verdicts import Verdict
 from contract.config.operating_point import OperatingPoint
 from contract.release import key_list, signing, strict_json
 from contract.release.checks import CONTROLLER, SIGNATURE, dbc_sha256
+from contract.release.container import files_of, image_of
 from contract.release.controller_image import ImageFacts, seal
-from contract.release.image import files_of, image_of
 from contract.release.key_list import KeyList
 from contract.release.manifest import MANIFEST
 from contract.release.signing import public_key

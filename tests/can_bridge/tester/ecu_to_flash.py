@@ -1,8 +1,7 @@
 """An ECU with the real server, services and store, over a memory that a test can watch and disturb."""
 
 from contract.release import bundle
-from contract.release.container import read_files
-from contract.release.image import image_of
+from contract.release.container import image_of, read_files
 from contract.release.signing import PublicKey
 from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.plain_backing import PlainBacking

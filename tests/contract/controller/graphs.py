@@ -1,6 +1,6 @@
 """Graphs that no export writes, made with the `onnx` package: small, and sound but for what a test plants."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,10 +21,13 @@ def value(name: str, shape: Sequence[int]) -> onnx.ValueInfoProto:
     return helper.make_tensor_value_info(name, TensorProto.FLOAT, list(shape))
 
 
-def graph_of(nodes: Sequence[onnx.NodeProto] = (), constants: Sequence[onnx.TensorProto] = ()) -> onnx.ModelProto:
-    """A controller that keeps its plan; further nodes and constants stand before its own."""
+def graph_of(
+    nodes: Sequence[onnx.NodeProto] = (), constants: Sequence[onnx.TensorProto] = (), plan: str = "plan"
+) -> onnx.ModelProto:
+    """A controller that keeps its plan, or takes another value for it; further nodes and constants stand before its
+    own."""
     own = [
-        helper.make_node("Identity", ["plan"], ["new_plan"]),
+        helper.make_node("Identity", [plan], ["new_plan"]),
         helper.make_node("Identity", ["zero_forces"], ["forces"]),
         helper.make_node("Identity", ["weights"], ["terms"]),
         helper.make_node("ReduceSum", ["plan"], ["cost"], keepdims=0),
@@ -51,16 +54,7 @@ def greedy() -> bytes:
         helper.make_node("Add", ["plan", "total"], ["moved"]),
     ]
     one = onnx.numpy_helper.from_array(np.array([1]), "one")
-    model = graph_of(nodes, [constant("many", np.array(1e9)), one])
-    model.graph.node[len(nodes)].input[0] = "moved"
-    return model.SerializeToString()
-
-
-def edited(change: Callable[[onnx.ModelProto], object]) -> bytes:
-    """The file of a graph that was changed."""
-    model = graph_of()
-    change(model)
-    return model.SerializeToString()
+    return graph_of(nodes, [constant("many", np.array(1e9)), one], "moved").SerializeToString()
 
 
 def outside() -> onnx.TensorProto:
@@ -84,9 +78,8 @@ def endless() -> bytes:
         [helper.make_tensor_value_info("go_on", TensorProto.BOOL, []), value("y", (3,))],
     )
     loop = helper.make_node("Loop", ["many", "yes", "plan"], ["looped"], body=body)
-    model = graph_of([loop], [constant("many", 2**60, np.int64), constant("yes", True, np.bool_)])
-    model.graph.node[1].input[0] = "looped"
-    return model.SerializeToString()
+    constants = [constant("many", 2**60, np.int64), constant("yes", True, np.bool_)]
+    return graph_of([loop], constants, "looped").SerializeToString()
 
 
 def enormous() -> bytes:
@@ -96,6 +89,5 @@ def enormous() -> bytes:
         helper.make_node("ReduceMean", ["product"], ["mean"], keepdims=0),
         helper.make_node("Mul", ["plan", "mean"], ["scaled"]),
     ]
-    model = graph_of(nodes, [constant("column", np.ones((20_000, 1))), constant("row", np.ones((1, 20_000)))])
-    model.graph.node[3].input[0] = "scaled"
-    return model.SerializeToString()
+    constants = [constant("column", np.ones((20_000, 1))), constant("row", np.ones((1, 20_000)))]
+    return graph_of(nodes, constants, "scaled").SerializeToString()

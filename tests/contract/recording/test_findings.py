@@ -19,7 +19,7 @@ from contract.recording.episode import PlantFacts
 from contract.recording.findings import agreeing, asymmetry, findings, left_out, refuse_unfit, trainable
 from contract.sensor_layout import SensorLayout
 from contract.shipped import RECORDING
-from export.to_c.int8_format import INT8_LANES
+from export.to_c.int8_arrays import INT8_LANES
 from tests import foreign_plant
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 

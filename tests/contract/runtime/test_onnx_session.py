@@ -86,7 +86,9 @@ def unchecked(release: Bundle, model: bytes) -> Bundle:
     sizes = graphs.SIZES
     mpc = replace(release.manifest.mpc, horizon=sizes.horizon)
     scaling = replace(release.manifest.scaling, pressure_mean=(0.0,), pressure_std=(1.0,))
-    manifest = replace(release.manifest, window=sizes.window, sensors=("base_0",), mpc=mpc, scaling=scaling)
+    manifest = replace(
+        release.manifest, window=sizes.window, sensors=("base_0",), sensor_positions=None, mpc=mpc, scaling=scaling
+    )
     return replace(release, manifest=manifest, files={"controller.onnx": model})
 
 
@@ -114,8 +116,7 @@ def test_answers_that_are_not_finite_are_named(release):
     for bad in (np.nan, 3e38):
         square = onnx.helper.make_node("Mul", ["bad", "bad"], ["worse"])
         added = onnx.helper.make_node("Add", ["plan", "worse"], ["p"])
-        model = graphs.graph_of([square, added], [graphs.constant("bad", bad)])
-        model.graph.node[2].input[0] = "p"
+        model = graphs.graph_of([square, added], [graphs.constant("bad", bad)], "p")
         with pytest.raises(BundleControllerError, match="'new_plan' is not finite for a window of zeros"):
             OnnxController.of(unchecked(release, model.SerializeToString()))
 
@@ -124,9 +125,8 @@ def test_a_constant_in_the_working_directory_is_not_read(tmp_path, monkeypatch):
     """Were it read, whoever can write there could change the answers of a release that is signed."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "weights.bin").write_bytes(np.ones(64, dtype=np.float32).tobytes())
-    model = graphs.graph_of([onnx.helper.make_node("MatMul", ["outside", "plan"], ["p"])], [graphs.outside()])
-    model.graph.node[-1].input[0] = "p"
-    content = model.SerializeToString()
+    product = onnx.helper.make_node("MatMul", ["outside", "plan"], ["p"])
+    content = graphs.graph_of([product], [graphs.outside()], "p").SerializeToString()
     onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])  # By itself it reads the file.
     with pytest.raises(BundleControllerError, match=r"controller\.onnx does not load"):
         OnnxController(content, graphs.SIZES)

@@ -14,7 +14,7 @@ from can_bridge.wire.message_specs import ECU_STATUS, FRESHNESS_LENGTH, JET_COMM
 from can_bridge.wire.messages import Mode, Reason
 from contract.config.tree import Config
 from contract.config.vehicle import BusConfig
-from contract.release.image import files_of
+from contract.release.container import files_of
 from contract.release.manifest import MANIFEST, open_manifest
 from ecu.stepped import SteppedEcu
 from tests.ecu.flashable.vehicle_ecu import ACTIVATE, CONFIRM_ROUTINE, SELF_TEST, Rig, image, provision

@@ -22,7 +22,7 @@ from contract.config.vehicle import BenefitCheckConfig, EcuConfig, SensorCheckCo
 from contract.release import bundle as bundles
 from contract.release import signing
 from contract.release.checks import Bundle
-from contract.release.image import image_of
+from contract.release.container import image_of
 from contract.shipped import BUNDLE
 from ecu.flashable.equipment import Equipment
 from ecu.flashable.flashable_ecu import FlashableEcu

@@ -22,19 +22,17 @@ from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.host_library import CController
 from ecu.in_c.uds_settings import UDS_SETTINGS, uds_settings
 from examples.random_programs import random_program
-from export.gates.quantisation import QuantisationLimits
-from export.int8.calibrate import rounded_on
-from export.program.windows import random_window
-from export.release.gated import gate
-from export.release.lowering import lower
-from export.release.pipeline import write_c_release
+from export.int8 import rounded_on
+from export.program.controller_program import random_window
+from export.release.gated import gate, lower
+from export.release.pipeline import CLibrary, write_c_release
 from tests.conftest import write_random
 from tests.ecu.conftest import ByHand
 
 CONFIG = Config(ecu=EcuConfig(sensor_check=SensorCheckConfig(enabled=False)))
 WINDOW = 4
 MODEL = ModelConfig(window=WINDOW, latent=3, lstm_width=8, dynamics_width=16, decoder_width=8)
-LIMITS = QuantisationLimits(rms_action_error=0.05, max_cost_gap=1.0)
+LIMITS = {"rms_action_error": 0.05, "max_cost_gap": 1.0}
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,8 @@ def exported(root: Path) -> Exported:
     bundle = bundles.load(root / "bundle")
     ecu = firmware_sources() | {ECU_SETTINGS: ecu_settings(bundle, CONFIG)}
     ecu[f"loader/{UDS_SETTINGS}"] = uds_settings()
-    write_c_release(root / "c", gated, windows[:4], ecu)
+    library = CLibrary(folder=root / "c", compiled=compiled, ecu=lambda *_: ecu)
+    write_c_release(library, bundle, gated, windows[:4])
     return Exported(bundle, root / "bundle", root / "c")
 
 

@@ -32,11 +32,10 @@ from ecu.in_c.c_settings import ecu_settings
 from ecu.in_c.compiler import host_compiler
 from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_program
-from export.int8.calibrate import rounded_on
-from export.int8.rounded_program import rounded_estimator
-from export.program.windows import random_windows
-from export.release.lowering import library_of
+from export.int8 import rounded_estimator, rounded_on
+from export.program.controller_program import random_windows
 from export.to_c.estimator import estimator_files
+from export.to_c.library import c_library
 from export.to_onnx.sensor_estimator import build_estimator
 from tests.c_builds import SharedBuilds
 from tests.ecu.in_c.exported import CONFIG, Feed
@@ -59,7 +58,7 @@ def made(kind: str, seed: int, prior_memory: int = 0):
     config = Config() if kind == "int8" else CONFIG
     program = random_program(seed, model=replace(MODEL, window=WINDOW), mpc=MPC, prior_memory=prior_memory)
     windows = random_windows(program, 10)
-    files = library_of(rounded_on(program, windows) if kind == "int8" else program, windows)
+    files = c_library(rounded_on(program, windows) if kind == "int8" else program, windows)
     bundle = load(BUNDLE)
     estimator, mpc = bundle.manifest.sensor_estimator, bundle.manifest.mpc
     assert estimator is not None

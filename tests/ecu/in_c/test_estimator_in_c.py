@@ -24,12 +24,10 @@ from ecu.in_c.c_settings import HEADER, ecu_settings
 from ecu.in_c.compiler import host_compiler
 from examples.c_samples import MODEL, MPC
 from examples.random_programs import random_program
-from export.int8.calibrate import rounded_on
-from export.int8.layer_inputs import activation_ranges
-from export.int8.rounded_program import rounded_estimator
-from export.program.windows import random_windows
+from export.int8 import rounded_estimator
+from export.program.controller_program import random_windows
 from export.to_c.estimator import estimator_files
-from export.to_c.library import c_library
+from export.to_c.library import int8_library
 from export.to_onnx.sensor_estimator import build_estimator
 from tests.examples import examples
 
@@ -64,9 +62,7 @@ def graph(of=NETWORK) -> bytes:
 def in_c(shared_builds, tmp_path_factory) -> Callable[..., Estimate]:
     """The estimator of a graph, compiled with the headers of a small library and of the shipped release's ECU."""
     program = random_program(0, model=MODEL, mpc=MPC)
-    windows = random_windows(program, 10)
-    rounded = rounded_on(program, windows)
-    library = c_library(rounded, activation_ranges(rounded.program, windows))
+    library = int8_library(program, random_windows(program, 10))
     around = sources_in()
     headers = {name: text for name, text in (library | around).items() if name.endswith(".h")}
     headers |= {HEADER: ecu_settings(load(BUNDLE), Config())}

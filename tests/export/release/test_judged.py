@@ -15,10 +15,10 @@ from contract.release import bundle
 from contract.release.checks import CONTROLLER
 from contract.shipped import BUNDLE
 from examples.random_programs import random_program
-from export.int8.rounded_program import rounded_to_nearest
+from export.int8 import rounded_to_nearest
 from export.release.judged import OPERATORS, check_model, judge
 from export.to_onnx.control_step import build_controller
-from tests.contract.controller.graphs import edited, endless, graph_of, value
+from tests.contract.controller.graphs import endless, graph_of, value
 
 
 def nodes_of(graph: onnx.GraphProto) -> list[onnx.NodeProto]:
@@ -46,6 +46,8 @@ def test_what_no_controller_needs_is_refused_by_name():
         helper.make_node("Cast", ["plan"], ["count"], to=TensorProto.INT64),
         helper.make_node("Slice", ["zero_forces", "count", "count"], ["few"]),
     ]
+    with_function = graph_of()
+    with_function.functions.add(name="f", domain="d")
     for content, named in (
         (endless(), "operator 'Loop'"),
         (node("RandomNormalLike"), "operator 'RandomNormalLike'"),
@@ -55,7 +57,7 @@ def test_what_no_controller_needs_is_refused_by_name():
         (node("Nonsense"), "Nonsense"),
         (graph_of(cut).SerializeToString(), "Slice takes 'count', which is computed"),
         (graph_of((), [short]).SerializeToString(), "onnx refuses it"),
-        (edited(lambda m: m.functions.add(name="f", domain="d")), "function|refuses"),
+        (with_function.SerializeToString(), "function|refuses"),
         (b"not really ONNX", "onnx refuses it"),
     ):
         with pytest.raises(ValueError, match=named):

@@ -1,4 +1,7 @@
-"""From a model of another plant and its recording to a bundle and a C library: both, or nothing on the disk."""
+"""From a model of another plant and its recording to a bundle and a C library: both, or nothing on the disk.
+
+Speeds, wakes and estimators of a release are those that were given, and what does not fit is not written.
+"""
 
 import hashlib
 import re
@@ -11,27 +14,39 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.config.operating_point import OperatingPoint
 from contract.config.plant import FlowConfig
 from contract.config.tree import Config
-from contract.errors import BundleError, ExportError, StillwakeError
+from contract.controller.estimator import ESTIMATOR
+from contract.errors import BundleControllerError, BundleError, ExportError, StillwakeError
+from contract.model import model_folder
+from contract.model.model_folder import ModelFolder
 from contract.recording import dataset
 from contract.recording.dataset import Dataset, Episode, Role
 from contract.recording.episode import PlantFacts
-from contract.release import bundle
+from contract.release import bundle, signing
+from contract.release.bundle import MadeEstimator
+from contract.release.manifest import RestingWake, SensorEstimator, SpeedRange
 from contract.runtime.onnx_session import OnnxController
 from contract.sensor_layout import SensorLayout
 from ecu.bundle_policy import BundlePolicy
 from ecu.in_c.host_library import CController
 from examples.random_programs import random_program
+from export.int8 import rounded_estimator, rounded_on
+from export.program.controller_program import ControllerProgram, random_windows
 from export.release import pipeline
-from export.release.gated import Gated
-from export.release.lowering import Lowered, library_of, lower
+from export.release.gated import Gated, Lowered, gate, lower
+from export.release.pipeline import write_release
+from export.to_c.library import c_library
 from export.to_onnx.control_step import build_controller
+from export.to_onnx.sensor_estimator import build_estimator
 from tests import foreign_plant
+from tests.conftest import model_of
+from tests.contract.controller.test_estimator import random_network
 from tests.foreign_plant import BASE, LIMIT, NAMES, PERIOD, POSITIONS
 from tests.untrained_model import untrained
 from train import model_store
@@ -44,6 +59,7 @@ MODEL = ModelConfig(window=6, latent=3, lstm_width=5, dynamics_width=10, decoder
 CONFIG = Config(
     flow=FlowConfig(control_period=PERIOD, action_limit=LIMIT), model=MODEL, mpc=MpcConfig(horizon=6, iterations=3)
 )
+KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 CHOSEN = ("x.y", "tap A", "q'")
 FACTS = PlantFacts(control_period=PERIOD, action_limit=LIMIT)
 
@@ -93,22 +109,36 @@ def export(model, recording, tmp_path, monkeypatch) -> Export:
     return run
 
 
-def test_bundle_and_library_are_of_one_program_and_run_on_their_plant_and_on_no_other(export, tmp_path):
+def test_bundle_and_library_are_of_one_program_and_run_on_their_plant_and_on_no_other(export, model, tmp_path):
     for precision in ("float32", "int8"):
         begun, lines = list[str](), list[str]()
-        gated = export(library=True, precision=precision, named=False, phase=begun.append, notice=lines.append)
+        gated = export(library=True, precision=precision, named=False, key=KEY, phase=begun.append, notice=lines.append)
         assert lines == []
         read = bundle.load(tmp_path / "bundle")
         stated = re.search(r'SW_PROGRAM_SHA256 "(\w+)"', (tmp_path / "c" / "sw_settings.h").read_text())
         assert stated is not None
-        assert (read.manifest.precision, read.manifest.program_sha256) == (precision, stated.group(1))
+        manifest, exported = read.manifest, read.manifest.provenance["export"]
+        assert (manifest.precision, manifest.program_sha256) == (precision, stated.group(1))
+        assert (exported["quantisation"] is None) == (precision == "float32")
+        assert exported["parity"]["action"] == gated.graph.parity["action"]
         figures = dict(pipeline.gate_figures(gated))
         assert figures["graph against reference: cases"] == pipeline.GATE_WINDOWS
         assert ("int8 C against float32: cases" in figures) == (precision == "int8")
         assert tuple(begun) == pipeline.EXPORT_PHASES
-    assert read.manifest.sensors == CHOSEN
-    assert read.manifest.sensor_positions == tuple(POSITIONS[NAMES.index(name)] for name in CHOSEN)
-    assert (read.manifest.control_period, read.manifest.action_limit) == (PERIOD, LIMIT)
+    assert read.signer == signing.public_key(KEY)
+    assert manifest.sensors == CHOSEN
+    assert manifest.sensor_positions == tuple(POSITIONS[NAMES.index(name)] for name in CHOSEN)
+    assert (manifest.control_period, manifest.action_limit) == (PERIOD, LIMIT)
+    assert (manifest.created, manifest.compute_time_ms, manifest.mpc) == ("2026-01-02", 8.0, CONFIG.mpc)
+    about = model_folder.read(model)
+    assert manifest.dataset_sha256 == about.description.dataset_sha256
+    assert manifest.weights_sha256 == about.weights_sha256
+    assert manifest.provenance == {
+        "versions": about.description.versions,
+        "metrics": about.description.metrics,
+        "config": about.config_tree,
+        "export": exported,
+    }
     policy = BundlePolicy(read, OnnxController.of(read), LAYOUT)
     memory, held_out = policy.start(), EPISODES[2]
     commands = []
@@ -184,7 +214,7 @@ def test_a_lowering_that_fails_its_gate_keeps_both_from_the_disk(export, tmp_pat
             lowered = lower(program, **arguments)
             if of == "graph":
                 return replace(lowered, graph=build_controller(other).SerializeToString())
-            return replace(lowered, library=library_of(other, ()))
+            return replace(lowered, library=c_library(other))
 
         monkeypatch.setattr(pipeline, "lower", lower_wrongly)
         with pytest.raises(ExportError, match="and reference differ by"):
@@ -201,3 +231,58 @@ def test_neither_is_written_where_one_place_holds_something_else(export, tmp_pat
         assert [item.name for item in tmp_path.rglob("*")] == [occupied, "thesis.txt"]
         (tmp_path / occupied / "thesis.txt").unlink()
         (tmp_path / occupied).rmdir()
+
+
+FIGURES = SensorEstimator(fast=((0.5,) * 4,) * 4, slow=((0.25,) * 4,) * 4)
+
+
+@pytest.fixture(scope="module")
+def program() -> ControllerProgram:
+    model = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
+    return random_program(0, model=model, mpc=MpcConfig(horizon=6))
+
+
+def release(path, program: ControllerProgram, trained: ModelFolder | None = None, **changes) -> None:
+    gated = gate(lower(program, calibration=(), with_library=False), random_windows(program, 3))
+    trained = trained or model_of(program)
+    write_release(path, gated, trained, name="test", created=date(2026, 1, 2), config=Config(), **changes)
+
+
+def test_the_speeds_that_a_prior_was_trained_at_are_the_releases(tmp_path, program):
+    resting = RestingWake(speeds=(0.6, 1.4), base=(-0.3, -0.5), swing=(0.1, 0.3))
+    trained = model_of(program, resting=np.array([[0.6, -0.3, 0.1], [1.4, -0.5, 0.3]]))
+    trained = replace(trained, config_tree={"refine": {"slowest": 0.6, "fastest": 1.4}})
+    release(tmp_path / "release", program, trained)
+    manifest = bundle.load(tmp_path / "release").manifest
+    assert manifest.resting == resting
+    assert manifest.speeds == SpeedRange(slowest=0.6, fastest=1.4)
+    # 5 steps of the design speed last as long as 9 periods at the slowest.
+    assert manifest.past == 10
+
+
+def test_a_sensor_estimator_of_the_controllers_window_is_written_with_its_manifest(tmp_path, program):
+    other, made = (
+        MadeEstimator(
+            graph=build_estimator(
+                rounded_estimator(random_network(window=window, sensors=len(program.sensors)))
+            ).SerializeToString(),
+            figures=FIGURES,
+            provenance={"judged_on": ["test"]},
+        )
+        for window in (program.window + 1, program.window)
+    )
+    with pytest.raises(BundleControllerError, match="'window' has shape"):
+        release(tmp_path / "release", program, estimator=other)
+    assert not (tmp_path / "release").exists()
+    release(tmp_path / "release", program, estimator=made)
+    loaded = bundle.load(tmp_path / "release")
+    assert loaded.files[ESTIMATOR] == made.graph
+    assert loaded.manifest.sensor_estimator == FIGURES
+    assert loaded.manifest.provenance["sensor_estimator"] == {"judged_on": ["test"]}
+
+
+def test_rounding_that_changes_too_much_is_refused(program):
+    windows = random_windows(program, 30)
+    lowered = lower(rounded_on(program, windows), calibration=windows, with_library=False)
+    with pytest.raises(ExportError, match=r"int8 weights: rms_action_error is .*, at most 1e-15 is allowed"):
+        gate(lowered, windows[:3], {"rms_action_error": 1e-15})

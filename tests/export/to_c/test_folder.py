@@ -1,17 +1,22 @@
-"""The C library's folder as someone meets it who has nothing else: built by its own rules, and called from C++."""
+"""The C library's folder as someone meets it who has nothing else: built by its own rules, and called from C++.
+
+The sample folders, and the sources in place, parsed as editors do: by the flags of `compile_flags.txt`.
+"""
 
 import re
 import shutil
 import subprocess
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
-from contract.controller.c_folder import DOCUMENTS, EXPECTED, RECORDED, REPLAY
+from contract.controller.c_folder import COMPILE_FLAGS, DOCUMENTS, EXPECTED, RECORDED, REPLAY
 from ecu.in_c.compiler import STANDARD, host_compiler, zig_compiler
 
-pytestmark = pytest.mark.slow  # builds the folder as a stranger would
-
+SOURCES = Path(str(files("export.to_c").joinpath("sources")))
+SAMPLES = "../../../../build/c"
+"""The place of the samples, seen from a folder of the sources."""
 CPP = Path(__file__).with_name("c").joinpath("main.cpp").read_bytes()
 
 
@@ -49,6 +54,7 @@ def test_a_cpp_program_links_to_the_library(folder):
     float(answered.stdout)
 
 
+@pytest.mark.slow  # builds the folder as a stranger would
 def test_the_readmes_line_builds_an_example_that_answers_as_expected(folder):
     """And no compiler has a warning of it at this optimisation."""
     flags = [*STANDARD, "-Wshadow", "-Werror", "-O3", "-march=native", "-ffp-contract=fast"]
@@ -79,6 +85,7 @@ def test_cmake_builds_it_and_its_test_passes(folder):
     assert "100% tests passed" in ran.stdout
 
 
+@pytest.mark.slow
 def test_the_documents_are_filled_in_with_the_program_and_the_compilers_sizes(folder):
     assert all((folder / name).is_file() for name in DOCUMENTS)
     text = (folder / "README.md").read_text()
@@ -92,3 +99,23 @@ def test_the_documents_are_filled_in_with_the_program_and_the_compilers_sizes(fo
     )
     assert done([*host_compiler(), "-std=c99", "sizes.c", "-o", "sizes"], folder).returncode == 0
     assert done(["./sizes"], folder).stdout.split() == stated
+
+
+def parse(folder: Path, flags: list[str]) -> None:
+    sources = sorted(item.name for item in folder.glob("*.c"))
+    parsed = done([*host_compiler(), "-fsyntax-only", "-Werror", *flags, *sources], folder)
+    assert (parsed.returncode, parsed.stderr) == (0, "")
+
+
+def flags_of(folder: Path) -> list[str]:
+    return (folder / COMPILE_FLAGS).read_text().split()
+
+
+@pytest.mark.skipif("ziglang" in host_compiler(), reason="ziglang has no -fsyntax-only")
+def test_samples_and_sources_in_place_are_parsed_by_their_flags(samples):
+    for kind in ("float32", "int8"):
+        parse(samples / kind, flags_of(samples / kind))
+    for folder in ("step", "float32", "int8"):
+        flags = flags_of(SOURCES / folder)
+        assert any(SAMPLES in flag for flag in flags)
+        parse(SOURCES / folder, [flag.replace(SAMPLES, str(samples)) for flag in flags])

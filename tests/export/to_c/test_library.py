@@ -9,14 +9,13 @@ import pytest
 
 from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
-from contract.controller.c_folder import PROGRAM_SETTINGS, library_sources, write_folder
+from contract.controller.c_folder import PROGRAM_SETTINGS, library_sources, rows_text, write_folder
 from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
-from export.program.windows import random_window
+from export.program.controller_program import random_window
 from export.reference.mpc import control_step
-from export.release.lowering import int8_library
-from export.release.pipeline import recorded_rows
-from export.to_c.library import c_library
+from export.release.pipeline import rows_of
+from export.to_c.library import c_library, int8_library
 
 MODEL = ModelConfig(window=6, latent=3, lstm_width=17, dynamics_width=21, decoder_width=9)
 PROGRAM = random_program(3, model=MODEL, mpc=MpcConfig(horizon=7))
@@ -72,7 +71,7 @@ def test_sanitisers_find_nothing_in_a_recorded_sequence(tmp_path, contents, shar
     sanitisers = ("-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all")
     shared_builds.compile_c(contents, program, compiler=["gcc"], flags=("-O0", "-g1", *sanitisers, *flags))
     windows = [window.astype(np.float32).astype(np.float64) for window in WINDOWS]
-    done = subprocess.run([program], input=recorded_rows(windows), capture_output=True, text=True, check=True)
+    done = subprocess.run([program], input=rows_text(rows_of(windows)), capture_output=True, text=True, check=True)
     found = np.array([line.split() for line in done.stdout.splitlines()], dtype=np.float64)
     plan, expected = np.zeros(PROGRAM.mpc.horizon), []
     for window in windows:

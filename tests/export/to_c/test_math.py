@@ -14,21 +14,12 @@ EXP, LOGISTIC, TANH, INVERSE_SQRT, SQRT = range(5)
 
 
 @pytest.fixture(scope="module")
-def apply(tmp_path_factory, shared_builds):
+def apply(tmp_path_factory, shared_builds, applied):
     """One of the functions over an array of float32, compiled with every optimisation."""
     path = tmp_path_factory.mktemp("math") / "math.so"
     contents = {name: static_sources("float32")[name] for name in ("sw_math.h", "sw_compiler.h")} | {"shim.c": SHIM}
     shared_builds.compile_c(contents, path, compiler=host_compiler(), flags=("-shared", "-fPIC", "-O3"))
-    library = ctypes.CDLL(str(path))
-
-    def run(which: int, x: np.ndarray) -> np.ndarray:
-        x = np.ascontiguousarray(x, dtype=np.float32)
-        y = np.empty_like(x)
-        pointer = ctypes.POINTER(ctypes.c_float)
-        library.apply(which, len(x), x.ctypes.data_as(pointer), y.ctypes.data_as(pointer))
-        return y.astype(np.float64)
-
-    return run
+    return applied(ctypes.CDLL(str(path)), np.float32)
 
 
 def spread(low: float, high: float) -> np.ndarray:

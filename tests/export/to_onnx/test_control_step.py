@@ -1,6 +1,6 @@
 """The form of the graph: interface, operators, size. What it computes is tested in tests/parity."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +13,10 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.errors import ExportError
 from examples.random_programs import random_program
-from export.int8.rounded_program import rounded_to_nearest
+from export.int8 import rounded_to_nearest
 from export.program.controller_program import ControllerProgram, matrices
 from export.to_onnx.control_step import build_controller
+from tests.export.release.test_judged import nodes_of
 
 SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder_width=8)
 
@@ -23,14 +24,6 @@ SMALL = ModelConfig(window=5, latent=3, lstm_width=5, dynamics_width=10, decoder
 def as_it_is(program: ControllerProgram) -> ControllerProgram:
     """In float32."""
     return program
-
-
-def nodes(graph: onnx.GraphProto) -> Iterator[onnx.NodeProto]:
-    for node in graph.node:
-        yield node
-        for attribute in node.attribute:
-            if attribute.HasField("g"):
-                yield from nodes(attribute.g)
 
 
 def shapes(values: Iterable[onnx.ValueInfoProto]) -> dict[str, tuple[int, ...]]:
@@ -52,7 +45,7 @@ def test_interface_and_operators_are_those_of_the_bundle(paper_model):
     # Only standard operators of an opset that ONNX Runtime 1.20 knows.
     assert [(entry.domain, entry.version) for entry in paper_model.opset_import] == [("", 18)]
     assert paper_model.ir_version <= 10
-    for node in nodes(paper_model.graph):
+    for node in nodes_of(paper_model.graph):
         assert node.domain == ""
         assert onnx.defs.get_schema(node.op_type, 18).support_level == onnx.defs.OpSchema.SupportType.COMMON
 
@@ -60,7 +53,7 @@ def test_interface_and_operators_are_those_of_the_bundle(paper_model):
 def test_nothing_is_unrolled():
     def count(**mpc: Any) -> int:
         program = random_program(0, model=SMALL, mpc=MpcConfig(**mpc))
-        return sum(1 for _ in nodes(build_controller(program).graph))
+        return len(nodes_of(build_controller(program).graph))
 
     assert count(horizon=5, iterations=2) == count(horizon=50, iterations=20)
     assert count(horizon=5, iterations=2) < 300
@@ -81,10 +74,10 @@ def test_int8_weights_are_a_byte_each_and_dequantised_once():
     outside = sum(node.op_type == "DequantizeLinear" for node in graph.node)
     # LSTM 2, encoder 2, dynamics 3, decoder 2 and one a block, prior 2.
     assert outside == 11 + SMALL.decoder_blocks
-    assert sum(node.op_type == "DequantizeLinear" for node in nodes(graph)) == outside
+    assert sum(node.op_type == "DequantizeLinear" for node in nodes_of(graph)) == outside
     # onnxruntime 1.20 aborts where a per-row DequantizeLinear feeds an operator that only rearranges.
     weights = {node.output[0] for node in graph.node if node.op_type == "DequantizeLinear"}
-    consumers = {node.op_type for node in nodes(graph) if weights & set(node.input)}
+    consumers = {node.op_type for node in nodes_of(graph) if weights & set(node.input)}
     assert consumers <= {"LSTM", "Gemm", "MatMul", "Sub", "Mul", "ReduceMean"}
 
 

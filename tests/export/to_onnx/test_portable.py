@@ -8,9 +8,9 @@ from contract.config.controller import MpcConfig
 from contract.config.learning import ModelConfig
 from contract.shipped import BUNDLE
 from examples.random_programs import random_program
-from export.gates.parity import check_lowering
-from export.int8.rounded_program import effective, rounded_to_nearest
-from export.program.windows import random_windows
+from export.gates import check_lowering
+from export.int8 import effective, rounded_to_nearest
+from export.program.controller_program import random_windows
 from export.to_onnx.control_step import build_controller
 from export.to_onnx.portable import portable
 

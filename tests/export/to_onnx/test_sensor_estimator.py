@@ -10,7 +10,7 @@ from contract.controller.estimator import REACH, EstimatorNetwork, views
 from contract.controller.interface import ControllerError, Sizes
 from contract.errors import BundleControllerError, ExportError
 from contract.runtime.onnx_session import OnnxEstimator
-from export.int8.rounded_program import rounded_estimator
+from export.int8 import rounded_estimator
 from export.release.judged import check_model
 from export.to_onnx.sensor_estimator import build_estimator, read_estimator
 from tests.contract.controller.test_estimator import random_network

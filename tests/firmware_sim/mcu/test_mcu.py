@@ -13,11 +13,9 @@ from contract.config.learning import ModelConfig
 from contract.controller.c_folder import RECORDED, ProgramSettings, read_recorded, read_sources
 from contract.errors import LibraryError, McuError
 from examples.random_programs import random_program
-from export.program.controller_program import ControllerProgram
-from export.program.windows import random_window
-from export.release.lowering import int8_library
-from export.release.pipeline import recorded_rows
-from export.to_c.library import c_library
+from export.program.controller_program import ControllerProgram, random_window
+from export.release.pipeline import rows_of
+from export.to_c.library import c_library, int8_library
 from firmware_sim.mcu import measure as mcu
 from firmware_sim.mcu.build import CORTEX_M4F, CORTEX_M7, compile_for_cortex_m7, read_elf
 from firmware_sim.mcu.emulator import Machine
@@ -37,7 +35,7 @@ def sources_and_rows(program: ControllerProgram, precision: str, steps: int = 4)
     series = np.concatenate([random_window(program, rng) for _ in range(2)])
     windows = [series[i : i + program.window] for i in range(steps)]
     sources = c_library(program) if precision == "float32" else int8_library(program, windows)
-    return sources, np.loadtxt(recorded_rows(windows).splitlines(), dtype=np.float32)
+    return sources, rows_of(windows).astype(np.float32)
 
 
 def agrees(measured: mcu.Measurement) -> bool:

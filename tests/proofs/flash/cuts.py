@@ -32,8 +32,7 @@ from can_bridge.flashing.store import BootReason
 from can_bridge.tester.sequence import End, Flashed, Step
 from contract.errors import StillwakeError
 from contract.release import bundle
-from contract.release.container import read_files
-from contract.release.image import image_of
+from contract.release.container import image_of, read_files
 from contract.shipped import BUNDLE
 from tests.can_bridge.flashing.releases import RELEASE, provision
 from tests.can_bridge.flashing.store_ecu import StoreEcu

@@ -26,7 +26,7 @@ from contract.controller.c_folder import PROGRAM_SETTINGS, ProgramSettings
 from contract.errors import StillwakeError
 from contract.release import bundle
 from contract.release.checks import CONTROLLER, Bundle, read_checked
-from contract.release.image import files_of, image_of
+from contract.release.container import files_of, image_of
 from contract.release.manifest import MANIFEST, Manifest
 from contract.runtime.onnx_session import OnnxController
 from export.to_c.library import c_library

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from contract.controller.c_folder import ECU_SETTINGS, PROGRAM_SETTINGS, settings_header
-from contract.controller.c_numbers import Numbers
+from contract.controller.c_folder import ECU_SETTINGS, PROGRAM_SETTINGS, Numbers, settings_header
 from contract.controller.image_payload import RELEASE_PART, WEIGHTS_PART, layout_of, payload_of, sha256_of
 from contract.errors import BundleContainerError
 from contract.release import bundle, signing

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -62,7 +63,8 @@ def test_the_new_one_has_the_same_controller_and_names_where_it_comes_from(cli, 
     done = renew(cli, old, keys, tmp_path)
     assert done.code == 0, done.err
     renewed = bundle.load(tmp_path / "new", signing.public_key(NEW_KEY))
-    assert renewed.files[CONTROLLER] == (old / CONTROLLER).read_bytes()
+    assert renewed.files == {name: (old / name).read_bytes() for name in (CONTROLLER, ESTIMATOR)}
+    assert json.loads(json.dumps(asdict(renewed.manifest)))["sensor_estimator"] == before["sensor_estimator"]
     assert renewed.manifest.name == "renewed"
     assert renewed.manifest.provenance == {**before["provenance"], "renewed_from": before["manifest_sha256"]}
     for name in ("dataset_sha256", "weights_sha256", "program_sha256", "precision", "window", "action_limit"):

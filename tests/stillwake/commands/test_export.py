@@ -15,7 +15,7 @@ from contract.release import bundle as bundles
 from contract.release.checks import dbc_bytes
 from contract.release.controller_image import intel_hex, read
 from contract.shipped import BUNDLE
-from export.int8.rounded_program import rounded_to_nearest
+from export.int8 import rounded_to_nearest
 from firmware_sim.mcu.build import compile_board, read_elf
 from firmware_sim.mcu.measure import flash_bytes, linked_ram
 from stillwake.console.endings import EXTRAS

@@ -13,10 +13,9 @@ from contract.controller.c_folder import library_sources
 from contract.errors import ExportError
 from ecu.in_c.compiler import host_compiler
 from examples.random_programs import random_program
-from export.int8.layer_inputs import activation_ranges
-from export.int8.rounded_program import rounded_to_nearest
-from export.program.windows import random_windows
-from export.to_c.int8_format import (
+from export.int8 import rounded_to_nearest
+from export.program.controller_program import random_windows
+from export.to_c.int8_arrays import (
     AHEAD,
     ELU_ARGUMENT_ONE,
     ELU_ONE,
@@ -38,23 +37,15 @@ def library(tmp_path_factory, shared_builds):
     """The functions of `sw_tables.h` with the tables that the exporter writes."""
     model = ModelConfig(window=2, latent=2, lstm_width=3, dynamics_width=3, decoder_width=3)
     rounded = rounded_to_nearest(random_program(5, model=model, mpc=MpcConfig(horizon=4)))
-    ranges = activation_ranges(rounded.program, random_windows(rounded.program, 1))
     path = tmp_path_factory.mktemp("tables") / "tables.so"
-    contents = library_sources(c_library(rounded, ranges)) | {"shim.c": SHIM}
+    contents = library_sources(c_library(rounded, random_windows(rounded.program, 1))) | {"shim.c": SHIM}
     shared_builds.compile_c(contents, path, compiler=host_compiler(), flags=("-shared", "-fPIC", "-O1"))
     return ctypes.CDLL(str(path))
 
 
 @pytest.fixture(scope="module")
-def apply(library):
-    def run(which: int, x: np.ndarray) -> np.ndarray:
-        x = np.ascontiguousarray(x, dtype=np.int32)
-        y = np.empty_like(x)
-        pointer = ctypes.POINTER(ctypes.c_int32)
-        library.apply(which, len(x), x.ctypes.data_as(pointer), y.ctypes.data_as(pointer))
-        return y.astype(np.float64)
-
-    return run
+def apply(library, applied):
+    return applied(library, np.int32)
 
 
 def every_integer(reach: int, one: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,200 @@
+"""The checks that a lowering must pass before anything is written.
+
+The gate between reference and lowering computes the same control steps with both, and tolerances limit the
+differences. float32 has about 7 digits, and a roll-out of 25 steps with layer norms amplifies its rounding to about
+1e-6 in a force of order 1. Adam moves an action by about lr per iteration for any size of the gradient, so most actions
+agree to 1e-7. But if a gradient component is near Adam's epsilon, or a kink of |Cl| or max Cd lies between the two
+rounded values, the moves differ by a part of lr.
+
+The gate of int8 weights limits the difference in actions, and the resulting difference in cost. The float program and
+the lowering start from equal windows and previous plans. The float program's model computes the cost of both plans.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from contract.arrays import Array
+from contract.controller.goal import Goal
+from contract.controller.interface import TERMS, Controller, ControlStep
+from contract.errors import ExportError
+from export.program.controller_program import ControllerProgram, random_window
+from export.reference.model import encode
+from export.reference.mpc import control_step, evaluate, starting_plan
+
+SPEEDS: Final = (1.0, 0.6, 1.4)
+"""Speeds of the vehicle, as ratios to the design speed; the cases use them in turn if the program depends on the
+speed."""
+LIMITS: Final = (1.0, 0.8, 0.3, 1.2, 0.55)
+"""Bounds on the action's magnitude |a|, as fractions of the controller's bound; the cases use them in turn."""
+BEYOND: Final = 100.0
+"""Factor on the weights of effort and lift in every fourth case. It puts the goal outside the prior's training
+range."""
+MOVE: Final = 5e-3
+"""Largest allowed difference of an action, as a fraction of Adam's largest move (iterations * learning rate). With the
+paper's settings the largest difference is 2.5e-5 U_inf W."""
+FORCE: Final = 1e-4
+"""Largest allowed difference of a predicted Cd or Cl."""
+COST: Final = 1e-4
+"""Largest allowed difference of a cost term or of the cost J."""
+
+
+QUANTISATION_LIMITS: Final[Mapping[str, float]] = {"rms_action_error": 1e-3, "max_cost_gap": 1e-3}
+"""Largest permitted figures of int8 weights. The rms error of the commanded action a_t, in U_inf W, may be a fifth of
+the largest move in a control step: iterations * learning rate, 5e-3 with the paper's settings. The largest error has no
+limit. If a gradient is close to zero, Adam may move an action in opposite directions in the two programs, but the cost
+hardly changes. The cost gap, an increase of the cost J, is in units of Cd."""
+
+Figures = dict[str, float]
+"""The figures of a gate by name. "cases" is the number of control steps."""
+
+
+class ControlCase(NamedTuple):
+    """The arguments of `Controller.control_step` in order, representable in float32 so that reference and lowering get
+    equal numbers."""
+
+    window: Array
+    plan: Array
+    free: Array
+    weights: Array | None
+    speed: float = 1.0
+    limit: float | None = None
+
+
+def control_cases(
+    program: ControllerProgram, windows: Sequence[Array] | None = None, *, count: int = 20, seed: int = 0
+) -> Iterator[ControlCase]:
+    """Yield the arguments of control steps for recorded windows (L, S+1) or, without `windows`, for `count` random
+    windows. The previous plan is random. Up to a quarter of the plan is committed: these actions must not change. In
+    every second step the cost weights differ from their defaults and are all above zero."""
+    rng = np.random.default_rng(seed)
+    h, limit = program.mpc.horizon, program.action_limit
+    for i in range(count if windows is None else len(windows)):
+        window = random_window(program, rng) if windows is None else windows[i]
+        free = np.ones(h)
+        free[: rng.integers(0, h // 4 + 1)] = 0.0
+        weights = rng.uniform(0.5, 2.0, 8) * [1.0, 0.1, 0.05, 0.2, 4.0, 1.0, 4.0, 2.0] if i % 2 else None
+        if weights is not None and i % 4 == 3:
+            weights[[TERMS.index("effort"), TERMS.index("lift")]] *= BEYOND
+        # The actions stay slightly below the limit, because rounding to float32 may increase them.
+        plan = 0.999 * limit * rng.uniform(-1.0, 1.0, h)
+        yield ControlCase(
+            window=_as_float32(window),
+            plan=_as_float32(plan),
+            free=free,
+            weights=None if weights is None else _as_float32(weights),
+            speed=case_speed(program, i),
+            limit=float(np.float32(LIMITS[i % len(LIMITS)] * limit)),
+        )
+
+
+def case_speed(program: ControllerProgram, number: int) -> float:
+    """Return the vehicle's speed in the case with this number, as a ratio to the design speed."""
+    return float(np.float32(SPEEDS[number % len(SPEEDS)])) if program.knows_speed else 1.0
+
+
+def check_lowering(program: ControllerProgram, lowering: Controller, name: str, windows: Sequence[Array]) -> Figures:
+    """Compare a lowering with the reference. Returns the largest difference of an action, in U_inf W, of a force, and
+    of the cost or a term. Raises ExportError if a difference exceeds its tolerance or is NaN. `program` is the program
+    that the lowering should compute; for an int8 lowering, it has the dequantised weights. `windows` are recorded
+    windows (L, S+1) of L rows and S sensors, one per case."""
+    differences = []
+    for case in control_cases(program, windows):
+        expected = control_step(program, *case)
+        found = lowering.control_step(*case)
+        plan, forces, terms = (
+            np.abs(getattr(found, part) - getattr(expected, part)).max() for part in ("plan", "forces", "terms")
+        )
+        differences.append((plan, forces, max(terms, abs(found.cost - expected.cost))))
+    action, force, cost = (float(value) for value in np.max(differences, axis=0))
+    for figure, difference, allowed in (
+        ("action", action, MOVE * program.mpc.iterations * program.mpc.learning_rate),
+        ("force", force, FORCE),
+        ("cost", cost, COST),
+    ):
+        # The comparison is written so that NaN fails the gate too.
+        if not difference <= allowed:
+            raise ExportError(
+                f"{name} and reference differ by {difference:.2g} in {figure}, at most {allowed:.2g} is allowed"
+            )
+    return {"cases": len(differences), "action": action, "force": force, "cost": cost}
+
+
+def _as_float32(values: Array) -> Array:
+    return np.asarray(values, dtype=np.float32).astype(np.float64)
+
+
+Answer = Callable[[Array, Array, Array, Array | None, float, float | None], ControlStep]
+"""A function with the arguments and the result of `Controller.control_step`."""
+
+
+def exact_answers(program: ControllerProgram, windows: Iterable[Array]) -> list[ControlStep]:
+    """Compute the float program's control steps for consecutive windows (L, S+1); each step starts from the plan of the
+    step before. Speeds and goals vary from window to window if the program depends on them."""
+    plan, free = np.zeros(program.mpc.horizon), np.ones(program.mpc.horizon)
+    found = []
+    for number, window in enumerate(windows):
+        found.append(control_step(program, window, plan, free, *_asked(program, number)))
+        plan = found[-1].plan
+    return found
+
+
+def compare_answers(
+    program: ControllerProgram, answer: Answer, windows: Sequence[Array], exact_steps: Sequence[ControlStep]
+) -> Figures:
+    """Compute the control steps of `exact_answers` with a lowering, and compare them with the exact steps. In each
+    step, both programs start from the float program's previous plan. Raises ExportError if there are no windows.
+
+    Errors of the commanded action a_t and of all actions of a plan are in U_inf W. The cost gap is J(quantised plan) -
+    J(float plan); the float program computes both. The gap is positive if the quantised plan is worse.
+    """
+    h = program.mpc.horizon
+    plan, free = np.zeros(h), np.ones(h)
+    weights = np.array(program.mpc.weights.as_tuple())
+    errors, gaps = [], []
+    for number, (window, exact) in enumerate(zip(windows, exact_steps, strict=True)):
+        asked = _asked(program, number)
+        rounded = answer(window, plan, free, *asked)
+        start = starting_plan(program, window, plan, free, *asked)
+        priced = evaluate(program, encode(program, window), rounded.plan, float(window[-1, -1]), weights, start)
+        errors.append(rounded.plan - exact.plan)
+        gaps.append(float((priced.terms - exact.terms) @ weights))
+        plan = exact.plan
+    if not errors:
+        raise ExportError("quantisation gate: no windows to compare with")
+    error = np.array(errors)
+    return {
+        "cases": len(errors),
+        "max_action_error": float(np.abs(error[:, 0]).max()),
+        "rms_action_error": float(np.sqrt((error[:, 0] ** 2).mean())),
+        "max_plan_error": float(np.abs(error).max()),
+        "max_cost_gap": float(np.max(gaps)),
+        "mean_cost_gap": float(np.mean(gaps)),
+    }
+
+
+def _asked(program: ControllerProgram, number: int) -> tuple[Array | None, float, float | None]:
+    """Return weights, speed and limit for the window with this number; None stands for the program's weights or limit.
+    If the program has a prior, every second window has weights and a limit in the middle of the prior's range."""
+    speed, own = case_speed(program, number), program.mpc.weights
+    if program.prior is None or number % 2 == 0:
+        return None, speed, None
+    halfway = Goal(0.5, 0.5, 0.5)
+    effort, lift = (price * own.drag_mean for price in halfway.prices())
+    goal = replace(own, effort=effort, lift=lift)
+    return np.array(goal.as_tuple()), speed, halfway.share_of_limit() * program.action_limit
+
+
+def check_quantisation(figures: Figures, limits: Mapping[str, float], *, name: str = "int8 weights") -> None:
+    """Raise ExportError if a figure exceeds its limit; the message states the name of the compared lowering and the
+    exceeded figure."""
+    for figure, allowed in limits.items():
+        found = figures[figure]
+        # The comparison is written so that NaN fails the gate too.
+        if not found <= allowed:
+            raise ExportError(
+                f"{name}: {figure} is {found:.2g}, at most {allowed:.2g} is allowed; "
+                "train longer, or export with --precision float32"
+            )

@@ -1,1 +1,0 @@
-"""The checks that a lowering must pass before anything is written."""

@@ -1,1 +1,0 @@
-"""The rounding of weights to integers, and the calibration of this rounding with recorded windows."""
