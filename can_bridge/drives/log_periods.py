@@ -1,7 +1,7 @@
 """Numbered pressures and the commands that answer them, as one row for each control period.
 
-Row k has the pressures of frame k, and the action that the first command with frame k's counter commands. A command may
-be based on an older frame, because the ECU held its command or shut the jets when a frame was missing; such a command
+Row k has the pressures of frame k, and the action of the first command that echoes frame k's counter. A command may be
+based on an older frame, because the ECU held its command or shut the jets when a frame was missing; such a command
 belongs to the period in which it arrived. A command for the next period is the action of the next row.
 """
 
@@ -52,7 +52,7 @@ class SenderClock(NamedTuple):
     """The sender's periods on the log's clock.
 
     Attributes:
-        start_s: time of row 0 in s. Rows have median times: half of the frames came later than their row's time.
+        start_s: time of row 0 in s. It is a median: half of the frames came later than the times of their rows.
         period_s: the sender's period in s.
         jitter_s: largest difference in s between the time of a frame and its row's time.
     """
@@ -80,8 +80,8 @@ def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = N
     line. `period_s` is the sender's period in s, if it is known better than from these frames."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
-        # This is the Theil-Sen slope, but only from pairs of frames that are half of all frames apart: pairs closer
-        # together give slopes with larger errors.
+        # This is the Theil-Sen slope, but only from pairs with half of the frames between them: closer pairs give
+        # slopes with larger errors.
         half = len(stretch) // 2
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index

@@ -85,8 +85,8 @@ class Cutter:
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
             self.lines.append(
-                f"{self._at(clock, 1)}, {head - 1} rows before the first complete row are left out, and "
-                f"{len(table) - tail} after the last"
+                f"{self._at(clock, 1)}, {head - 1} rows before the first complete row and {len(table) - tail} rows "
+                f"after the last are left out"
             )
         before = np.arange(tail) < head
         cut = before.copy()

@@ -28,7 +28,7 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """The number of bits of the header. The message begins with it, least significant bit of each byte first."""
+        """The number of bits of the header at the beginning of a message, least significant bit of each byte first."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:

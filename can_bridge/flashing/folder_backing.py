@@ -53,7 +53,7 @@ class FolderFiles:
             (self._folder / old).replace(self._folder / new)
 
     def sync(self, name: str) -> None:
-        """Return when the file's content is on the disk."""
+        """Wait until the file's content is on the disk."""
         self._sync(self._folder / name)
 
     def sync_folder(self) -> None:

@@ -1,4 +1,4 @@
-"""The report on the store that a tester reads (`Did.STORE`), in less than 2048 bytes; lengths are in bytes.
+"""The report on the store, for testers (`Did.STORE`). It has less than 2048 bytes. Its parts, with lengths in bytes:
 
     "SWT1" (4)
     running slot, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)

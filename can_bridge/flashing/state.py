@@ -23,7 +23,7 @@ from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION
 
 TRIAL_BOOTS: Final = 3
-"""Number of boots of an activated image without confirmation before the store returns to the confirmed image."""
+"""Number of times that an activated image boots unconfirmed before the store returns to the confirmed image."""
 MOST_ATTEMPTS: Final = 255
 
 _MAGIC: Final = b"SWS1"
@@ -55,7 +55,7 @@ class SlotState:
 
     Attributes:
         length, sha256: length of the announced image in bytes, and its SHA-256, 32 bytes.
-        received: number of bytes that are stored for certain.
+        received: number of stored bytes; each of them survives a loss of power.
         digest: digest of the release, in hex.
         signer: public key that signed the image, 32 bytes.
     """

@@ -33,7 +33,7 @@ _NUMERIC: Final = "0123456789+-("
 _TRAILING: Final = 6
 """Smallest count of numbers that follow the data bytes in a CAN FD line; version 8 writes two more."""
 _FLAGS: Final = 2
-"""Index of the flags among the numbers after the bytes."""
+"""Index of the flags among the numbers after the data bytes."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
 _DAY_S: Final = 86_400.0
 _EVENTS: Final = {
@@ -137,7 +137,7 @@ class _Clock:
 
 
 def _between(first: str, second: str) -> float | None:
-    """Return the seconds between two dates less than a month apart; None if a date is unreadable."""
+    """Return the time in s between two dates less than a month apart; None if a date is unreadable."""
     months, days, seconds = [], [], []
     for text in (first, second):
         if (date := _DATE.search(text)) is None:
@@ -210,7 +210,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
     fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
-    # Some writers leave the flags 0, so a CAN FD frame is also known by its bit rate, length and length code.
+    # Some writers leave the flags 0, so the bit rate, the length and the length code also identify a CAN FD frame.
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
         fd |= FD_FRAME
     elif flags & _REMOTE_FLAG:

@@ -13,7 +13,7 @@ from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
 _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTIRL"}
-"""Columns before the data by version: number, time, bus, type or direction, identifier, reserved, length code."""
+"""Columns before the data by version: number N, time O, bus B, type or direction T, id I, reserved R, length code L."""
 _DAY_ZERO: Final = datetime(1899, 12, 30)
 _WARNING: Final = "FFFFFFFF"
 """Value that marks a warning, in the column of the identifier."""

@@ -92,7 +92,7 @@ def _open_without_waiting(path: str, flags: int) -> int:
 
 
 def _decoded(content: bytes) -> bytes:
-    """Decode a key. Raises ValueError, whose message does not show the content."""
+    """Decode a key. Raises a ValueError that does not show the content."""
     if len(content) == KEY_LENGTH:
         return content
     try:

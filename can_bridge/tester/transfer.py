@@ -91,7 +91,7 @@ class Transfer:
 
     def run(self) -> tuple[int, int]:
         """Transfer the image, in several attempts if necessary. Afterwards the ECU's verdict is good, and the ECU is in
-        the programming session and unlocked. Returns the number of bytes that the ECU had before, and of attempts.
+        the programming session and unlocked. Returns how many bytes the ECU had before, and the number of attempts.
 
         Raises:
             ImageRefusedError: the verdict is not good.
@@ -166,7 +166,7 @@ class Transfer:
 
 
 def in_session(begin: Callable[[], None], step: Callable[[], object], *, has_begun: bool = False) -> None:
-    """Begin a session, unless `has_begun`, and execute a step in it. Repeat both if the session ended before it."""
+    """Begin a session, unless `has_begun`, and run a step in it. Repeat both if the session ended before the step."""
     for left in reversed(range(TRIES)):
         if not has_begun:
             begin()

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Identifiers of our messages in all message sets, used or not. No message of another node may have one of them."""
+"""Identifiers of our messages in all message sets, used or not. Messages of other nodes must not have them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first. `left_out` has unsent messages of the file: "name (why)"."""
+    """The messages of other nodes, highest priority first. `left_out` has the file's other messages as "name (why)"."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
@@ -164,7 +164,7 @@ _IDS: Final = range(0x010, 0x700)
 
 
 def background(bus: BusConfig) -> BackgroundTraffic:
-    """Return the configured traffic of other nodes. Raises as `read_traffic` and `made_up` do."""
+    """Return the configured traffic of other nodes. Raises the errors of `read_traffic` and `made_up`."""
     config = bus.background
     if config.dbc:
         return read_traffic(Path(config.dbc), bus, seed=config.seed)
@@ -233,9 +233,9 @@ def send_background(
     drift_ppm: float = DRIFT_PPM,
 ) -> None:
     """Let a node of the simulated bus send periodic messages with random contents. Each message starts at its offset
-    from now, and is late by at most its jitter. It has a separate clock, as if sent by a separate node, so that its
-    phase relative to the control loop changes during a run. `SimulatedPort.refused` counts the frames that the bus
-    refuses.
+    from now, and is late by at most its jitter. Each message has a separate clock, as if a separate node sent it, so
+    that its phase relative to the control loop changes during a run. `SimulatedPort.refused` counts the frames that the
+    bus refuses.
 
     Args:
         seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.

@@ -2,8 +2,8 @@
 
 A `.mf4` file is for asammdf's window, CANape and vSignalyzer. An `.mcap` file is for Foxglove, Rerun and PlotJuggler.
 
-A node on a real bus writes a text file while it runs, and its measurement at its end. A process that is killed leaves
-the text file `.NAME.PID.log`, in candump's format, in the measurement's folder.
+A node on a real bus writes a text file while it runs, and converts this file to a measurement when it ends. A process
+that is killed leaves the text file `.NAME.PID.log`, in candump's format, in the measurement's folder.
 """
 
 import os
@@ -46,8 +46,8 @@ _PAUSE_S: Final = 0.05
 
 
 def check_measurement(path: Path) -> None:
-    """Check, before the frames are read, whether a measurement can be written. Raises BusError for an unknown ending,
-    or without asammdf; ModuleNotFoundError without another package; StillwakeError for a path that is not writable."""
+    """Check whether a measurement can be written; called before the frames are read. Raises BusError for an unknown
+    ending or without asammdf; ModuleNotFoundError without another package; StillwakeError for a path not writable."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
     if path.suffix.lower() == ".mf4":
@@ -73,7 +73,7 @@ def write_measurement(
 
     Args:
         messages: messages in the order of their times.
-        more: channels that are not in frames.
+        more: groups of channels whose values are not from frames.
         events, facts: see `can_bridge.logs.mcap_file.write_mcap`; they are only written to an `.mcap` file.
     """
     check_measurement(path)

@@ -28,8 +28,8 @@ class RawBus(OpenBus):
 
 
 def open_bus(config: BusConfig) -> RawBus:
-    """Connect to a bus with other nodes. Raises ConfigError for the simulated bus, which no other process can join;
-    BusError, which states the interface and the channel, if the bus cannot be opened."""
+    """Connect to a bus with other nodes. Raises ConfigError for the simulated bus, which no other process can join. If
+    the bus cannot be opened, raises a BusError that states the interface and the channel."""
     if config.interface == SIMULATED:
         raise ConfigError(
             "bus.interface = simulated: that bus exists only within a run; name a real bus, e.g. "

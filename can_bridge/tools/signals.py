@@ -28,9 +28,9 @@ PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 STALE_MS: Final = 70
 """Largest age in ms that a frame of the classic set can state. The value means this age or any greater age."""
 INVALID_PA: Final = -specs.INT12_MAX - 1
-"""Value in Pa in frames of the classic set by which the vehicle reports that the sensor's diagnosis found a fault."""
+"""Value in Pa with which a frame of the classic set reports that the sensor's own diagnosis found a fault."""
 NO_SPEED: Final = specs.SPEED_UNKNOWN * specs.SPEED_RESOLUTION_M_PER_S
-"""Value in m/s of the speed in a frame by which the vehicle reports that its speed is unknown."""
+"""Value in m/s with which a frame reports that the vehicle's speed is unknown."""
 
 
 class SignalValue(NamedTuple):
@@ -48,7 +48,7 @@ class SignalValue(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """The signals of one of our messages, in their order; empty for a wrong length or a value outside its table."""
+    """One of our messages and its signals in order; no signals for a wrong length or a value outside its table."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]

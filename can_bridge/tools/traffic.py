@@ -80,7 +80,7 @@ class Traffic:
         self.verifier = VerifierState()
 
     def add(self, frame: Frame, time_ns: int | None = None) -> None:
-        """Add a frame of the message. `time_ns` is its time in a log (it may be below 0); None for its time stamp."""
+        """Add a frame of the message. `time_ns` is its time in a log, possibly below 0; None for its time stamp."""
         time_ns = frame.timestamp_ns if time_ns is None else time_ns
         self.latest, self.decoded = frame, decode(frame)
         self.first_ns = self.first_ns if self.count else time_ns
@@ -173,8 +173,8 @@ class Summary:
     """The traffic so far.
 
     Attributes:
-        config: settings of the bus, for the load and the rules for counters. A frame without bit-rate switch counts at
-            the nominal rate.
+        config: settings of the bus, for the load and the rules for counters. For the load, a frame without a bit-rate
+            switch has the nominal rate.
         key: key for secured messages; without it their authentication is not checked.
         most: largest number of messages that are listed; frames with further identifiers are only counted, in
             `unlisted`.

@@ -54,8 +54,8 @@ class KeptFault:
     """The stored state of one code.
 
     Attributes:
-        age: number of operation cycles, counted from the last failure of a confirmed fault, in which the fault's test
-            passed and did not fail.
+        age: number of operation cycles in which the test of a confirmed fault passed and did not fail, since its last
+            failure.
         snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
     """
 
@@ -122,7 +122,7 @@ class FaultMemory:
         """Record the noted results, and store the record if this is allowed now. Raises MediumError if storing fails;
         the next call does not repeat the attempt."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays queued, for when recording resumes.
+            # While recording is off, only the latest result stays queued. It is recorded when recording resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue

@@ -56,7 +56,7 @@ class SecurityAccess:
         self._closed_until_ns: dict[Level, int] = {}
 
     def power_on(self, now_ns: int) -> None:
-        """Restart the delay of each level with too many wrong attempts: the time without power is unknown."""
+        """Restart the delay of each level with too many wrong attempts, because the time without power is unknown."""
         for level in Level:
             if self._attempts.failed_attempts(level) >= MAX_ATTEMPTS:
                 self._closed_until_ns[level] = now_ns + DELAY_NS

@@ -30,8 +30,8 @@ _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> BusFault:
-    """Return the fault that a text describes. Raises ConfigError, with the text and its wrong part, if a part is
-    unknown, missing, of another type or out of its bounds."""
+    """Return the fault that a text describes. If a part of the text is unknown, missing, of another type or out of its
+    bounds, raises a ConfigError with the text and this part."""
     return parse_described(text, BUS_FAULTS, "fault")
 
 
@@ -91,7 +91,7 @@ def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
     except ValueError:
         pass
     wording = "a time" if instant else "START..END"
-    either = "" if instant else ", start or end may be left out"
+    either = "" if instant else "; START or END may be left out"
     raise ConfigError(f"{described}: {text!r} must be {wording} in seconds{either}")
 
 
