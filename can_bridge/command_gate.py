@@ -31,7 +31,7 @@ class Intervention(Flag):
 
 @dataclass(frozen=True, kw_only=True)
 class GateLimits:
-    """Bounds on the commands that may pass.
+    """The bounds on the commands that may pass.
 
     Attributes:
         flow_m2_per_s: largest magnitude of the command.

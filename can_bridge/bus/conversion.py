@@ -1,4 +1,4 @@
-"""Conversion between our frames and python-can's messages."""
+"""The conversion between our frames and python-can's messages."""
 
 import can
 

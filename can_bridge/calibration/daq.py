@@ -1,4 +1,4 @@
-"""Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period.
+"""The measurement by XCP (DAQ), with one dynamic list and one event: the end of a control period.
 
 The values of the ECU's latest control period are in a memory area. A measurement tool reads this area, or receives it.
 To receive it, the tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and

@@ -160,8 +160,8 @@ class XcpAccess:
 
     def seed(self, mode: int, resource: int) -> bytes:
         """Return the number of unsent seed bytes as one byte, and the next seed bytes; return a single zero if the
-        resource is not locked. Raises Denied for an unknown resource or mode, for the rest of a seed that was not
-        requested, or if the random source gives zeros."""
+        resource is not locked. Raises Denied for an unknown resource or mode, if the tool requests the rest of a seed
+        but no rest is unsent, or if the random source gives zeros."""
         if mode == 0:
             self._forget()
             deny_if(resource != CAL_PAG, Error.OUT_OF_RANGE)

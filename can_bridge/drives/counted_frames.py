@@ -21,8 +21,8 @@ _LONGEST: Final = 1000
 _JUMP: Final = 0.5
 """Largest permanent shift of times within a stretch, in periods; the counters show no losses across a larger shift."""
 _AROUND: Final = 16
-"""Number of frames before, and after, a possible shift of the reception times; the shift is the difference of their
-median delays. The number exceeds the length of a burst, and is large enough to average jitter of 0.4 periods."""
+"""Number of frames on each side of a possible shift of the reception times. The shift is the difference between the
+sides' median delays. The number exceeds the length of a burst, and is large enough to average jitter of 0.4 periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +36,8 @@ class CountedFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameStretch:
-    """Frames that a sender sent without a restart. `index` is the number of control periods from the first frame to
-    each of the n frames, (n,), rising."""
+    """The n frames that a sender sent without a restart. `index` is the number of control periods from the first frame
+    to each frame, (n,), rising."""
 
     index: Index
     frames: tuple[CountedFrame, ...]

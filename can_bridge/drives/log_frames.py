@@ -21,7 +21,7 @@ _SHOWN: Final = 12
 
 @dataclass(frozen=True, kw_only=True)
 class LogFrames:
-    """Our frames in a log.
+    """The frames of our messages in a log.
 
     Attributes:
         channel: the only channel with valid frames of our messages; empty if the log has no channels.
@@ -57,7 +57,7 @@ def frames_of(
         path: file of the log, for error messages.
         only: the message set to read; by default, the set of the pressures in the log.
         key: key of secured messages; without it, freshness and authentication codes are not checked.
-        back_s: largest time in s by which a message may be earlier than an earlier message of the log.
+        back_s: largest permitted decrease of the times in s, from the latest time so far to a message's time.
     """
     buses: dict[str, _Bus] = {}
     others = Counter[str]()

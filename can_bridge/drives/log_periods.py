@@ -1,4 +1,4 @@
-"""Numbered pressures and the commands that answer them, as one row for each control period.
+"""The numbered pressures and the commands that answer them, as one row for each control period.
 
 Row k has the pressures of frame k, and the action of the first command that echoes frame k's counter. A command may be
 based on an older frame, because the ECU held its command or shut the jets when a frame was missing; such a command
@@ -27,7 +27,7 @@ _UNKNOWN_LAG: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """Conversion from the messages' units to the units of a data set.
+    """The conversion from the messages' units to the units of a data set.
 
     Attributes:
         period: control period in W / U_inf.

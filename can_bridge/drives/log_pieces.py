@@ -22,7 +22,7 @@ _SHOWN: Final = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One uninterrupted part of a drive, with n rows.
+    """An uninterrupted part of a drive, with n rows.
 
     Attributes:
         first_row: number of the data set's control periods from the log's first pressure to row 0.

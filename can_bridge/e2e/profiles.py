@@ -1,4 +1,4 @@
-"""AUTOSAR end-to-end protection: the profiles in use, by their number in AUTOSAR and in the DBC (PRS_E2EProtocol).
+"""The profiles of AUTOSAR's end-to-end protection, with their numbers in AUTOSAR and in the DBC (PRS_E2EProtocol).
 
 The header is a little-endian CRC and a counter. In profile 2 the counter is the low half of a byte. The CRC covers all
 bytes after the CRC, and a data ID, which differs between messages and is not sent. So a message that is received under

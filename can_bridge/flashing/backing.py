@@ -49,7 +49,7 @@ class Slot(IntEnum):
 
 
 class RecordKind(IntEnum):
-    """Kinds of records that survive a loss of power; the newest record of each kind is valid."""
+    """The kinds of records that survive a loss of power; the newest record of each kind is valid."""
 
     STATE = 1
     KEYS = 2

@@ -17,7 +17,7 @@ from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKin
 
 
 class FolderFiles:
-    """Access to files in one folder by their names; every method raises MediumError if the system reports an error."""
+    """The files of one folder, accessed by name; every method raises MediumError if the system reports an error."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

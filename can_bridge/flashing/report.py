@@ -116,7 +116,7 @@ def decode(raw: bytes) -> StoreReport:
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:
-            raise ValueError(f"begins with {magic.hex()}, this version reads {_MAGIC.hex()}")
+            raise ValueError(f"begins with {magic.hex()}; this version reads {_MAGIC.hex()}")
         first, at = _slot(raw, _HEAD.size)
         second, at = _slot(raw, at)
         if at != len(raw):

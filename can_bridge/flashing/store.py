@@ -1,4 +1,4 @@
-"""Two slots for releases, one with the running release and one for a new image, and the ECU's rules for releases.
+"""The two slots for releases, one for the running release and one for a new image, and the ECU's rules for releases.
 
 The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot uses the
 state stored until then, and finds a valid image if there was a valid image before.
@@ -263,7 +263,7 @@ class Store(Remembered):
         # answer to a first request is lost, the repeated request must not undo the first request.
         now = self.running if self.running is not None else active
         if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
-            raise OutOfOrderError("no release to revert to: none is on trial, and no earlier one was confirmed")
+            raise OutOfOrderError("no release to revert to: none is on trial, and no earlier release was confirmed")
         verdict, _ = yield from self.judged(now.other)
         if verdict == Verdict.GOOD and active != now.other:
             self.keep(replace(self.state, active=now.other))

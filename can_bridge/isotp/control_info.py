@@ -50,7 +50,7 @@ class Consecutive(NamedTuple):
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: the number of frames until its next answer (0 for all), and the ns between two frames."""
+    """The receiver's answer: the number of frames until its next answer (0 for all), and the time between frames."""
 
     status: FlowStatus | None
     block_size: int

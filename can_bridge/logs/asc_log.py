@@ -1,4 +1,4 @@
-"""Vector's ASC: "CAN, Log & Trigger ASC Logging Format", 1.4. Times are in s since the measurement or the trigger.
+"""The ASC of Vector: "CAN, Log & Trigger ASC Logging Format", 1.4. Times count in s from the measurement or trigger.
 
     0.000144 1  120  Rx  d 8 00 01 02 03 04 05 06 07                        classic CAN
     0.000144 CANFD   1 Rx   120  Pressure  1 0 a 16 00 01 ..  <eight numbers>   on a channel of CAN FD
@@ -121,9 +121,9 @@ class _Clock:
         return self._sum_s if is_relative else time_s
 
     def place(self, time_s: float, *, is_relative: bool) -> None:
-        """Note a frame's time. If a block's first frame has an absolute time that would be earlier than a frame of an
-        earlier block, the block's times count from the block's own date: `offset_s` is then the time from the first
-        block's date to this date. Raises ValueError if a date is unreadable, or the frame would still be earlier."""
+        """Note a frame's time. If the first frame of a block would be earlier than a frame of a previous block,
+        absolute times of the block count from the block's own date: `offset_s` is then the time from the first block's
+        date to this date. Raises ValueError if a date is unreadable, or the frame would still be earlier."""
         if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:

@@ -1,4 +1,4 @@
-"""Vector's BLF format: objects, most of them in compressed containers. Vector publishes no description of the format;
+"""The BLF format of Vector: objects, mostly in compressed containers. Vector publishes no description of the format;
 the reader follows the files that Vector's binlog and python-can write.
 """
 

@@ -1,4 +1,4 @@
-"""Logs of can-utils: the files of `candump -L`, and the screen output of candump.
+"""The logs of can-utils: the files of `candump -L`, and the screen output of candump.
 
     (1436509052.249713) can0 123##1112233           with -L or -l
      (1436509052.249713)  can0  123  [03]  11 22 33  without

@@ -45,7 +45,7 @@ SinceEpoch = Callable[[datetime], float]
 
 
 class LogEvent(NamedTuple):
-    """One or more lines, or objects of a binary file, that are not frames. `name` states their kind."""
+    """An entry that is not a frame: `lines` lines, or objects of a binary file, of the kind `name`."""
 
     name: str
     lines: int = 1
@@ -154,7 +154,7 @@ class NamedChannel(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChannelGroup:
-    """Channels with common times.
+    """A group of channels with common times.
 
     Attributes:
         name: name of the message, or of a part of a run; unique in a file.

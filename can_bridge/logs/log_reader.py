@@ -1,4 +1,4 @@
-"""Recorded CAN traffic: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, MCAP, python-can's tables.
+"""A reader of recorded CAN traffic: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, MCAP, python-can's tables.
 
 Every line or object is one of three things: a message, an event that is counted by its name, or an error, which ends
 the reading and states the line's number. So the counts add up to the number of lines. The times are the file's own:

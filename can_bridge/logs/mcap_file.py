@@ -1,5 +1,5 @@
-"""MCAP files with a topic of frames and a topic for each group of channels, in Protobuf. A file contains its schemas,
-so that Foxglove, Rerun and PlotJuggler read it. When a log is read, messages that are no frames count as events."""
+"""The MCAP files: a topic of frames, and a topic for each group of channels, in Protobuf. A file contains its schemas,
+so that Foxglove, Rerun and PlotJuggler read it. When a file is read as a log, messages without frames are events."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence

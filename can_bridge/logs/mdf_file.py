@@ -1,4 +1,4 @@
-"""ASAM MDF 4: logs and measurements, read and written by asammdf.
+"""The format ASAM MDF 4: logs and measurements, read and written by asammdf.
 
 Frames are in the groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus Logging", 1.0), as Vector's
 programs, CANedge loggers and python-can write them. The files that this module writes (4.1) also have named channels

@@ -1,4 +1,4 @@
-"""PEAK's trace files, versions 1.0 to 2.1: "PEAK CAN TRC File Format", 2020. Times are in ms since the start.
+"""The trace files of PEAK, versions 1.0 to 2.1: "PEAK CAN TRC File Format", 2020. Times are in ms since the start.
 
 The header of versions 2.0 and 2.1 names the columns; versions 1.0 to 1.3 have fixed columns.
 """

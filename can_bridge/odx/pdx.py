@@ -1,4 +1,4 @@
-"""The PDX file (ISO 22901-1): an archive of diagnostic layers, communication parameters, flash sequence, catalogue."""
+"""The PDX file (ISO 22901-1): an archive of diagnostic layers, bus parameters, a flash sequence and a catalogue."""
 
 import io
 import re
@@ -110,7 +110,7 @@ _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (va
 
 
 class Described(NamedTuple):
-    """One service with one sub-function or identifier.
+    """A service with one sub-function or identifier.
 
     Attributes:
         constants: numbers that follow the service's number in the request and in the answer. A number has 8 bits, or

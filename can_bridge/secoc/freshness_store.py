@@ -24,7 +24,7 @@ FRESHNESS_SCHEMA: Final = "stillwake-freshness/1"
 
 class FreshnessStore:
     """The file with a node's freshness values. Only one process may use the file at a time. The first `begin` creates
-    it, and `accepted` writes it once in `every` frames."""
+    the file, and `accepted` writes it once in `every` frames."""
 
     def __init__(self, path: Path, *, every: int = 50) -> None:
         if every < 1:

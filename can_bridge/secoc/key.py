@@ -28,7 +28,7 @@ class Key(NeverCopied):
         if len(secret) != KEY_LENGTH:
             raise ValueError(f"a key of {len(secret)} bytes: must have {KEY_LENGTH}")
         if not any(secret):
-            raise ValueError("a key of zeros: must be a random one")
+            raise ValueError("a key of zeros: must be random")
         # Copying a prepared object for each frame is four times as fast as preparing a new object.
         self._prepared = CMAC(AES(secret))
 

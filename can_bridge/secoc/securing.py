@@ -1,4 +1,4 @@
-"""Functions that secure and verify frames. A frame that is not authentic or not fresh is dropped before the E2E check.
+"""The functions that secure and verify frames. A frame that is not authentic or fresh is dropped before the E2E check.
 
     protected part (E2E header first) | zeros | freshness, 8 bytes | MAC, 8 bytes
 

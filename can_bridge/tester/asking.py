@@ -1,4 +1,4 @@
-"""Requests to an ECU through udsoncan's client. A request that gets no answer is repeated."""
+"""The requests to an ECU through udsoncan's client. A request that gets no answer is repeated."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ class Asking:
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Wait; with `keep_session`, send messages meanwhile that keep the session open."""
+        """Wait. If `keep_session`, send messages during the wait, so that the session stays open."""
         left = seconds
         while left > 0:
             if keep_session:

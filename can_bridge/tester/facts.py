@@ -87,10 +87,10 @@ _ENTERED = Status.PENDING | Status.CONFIRMED | Status.TEST_FAILED
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFault:
-    """One trouble code that is or was present.
+    """A trouble code that is or was present.
 
     Attributes:
-        code: number of the trouble code, of three bytes.
+        code: number of the trouble code, with three bytes.
         age: number of operation cycles without the fault since the fault was last found.
         time_ms, mode_before, missed, overruns, pressures_cp: values at the time when the fault was found; None if no
             snapshot is stored.

@@ -1,4 +1,4 @@
-"""Flashing of an ECU, step by step, through an open udsoncan client, on real buses and in virtual time.
+"""The steps that flash an ECU through an open udsoncan client, on real buses and in virtual time.
 
 Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. If
 `flash` is called again, it continues from the state of the ECU: with an image that is partly transferred or not yet

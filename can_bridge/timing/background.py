@@ -1,5 +1,5 @@
-"""Periodic messages, the background traffic of other nodes (generated, or from a DBC file), and its sender on a
-simulated bus.
+"""The background traffic of other nodes on a simulated bus: periodic messages, generated or from a DBC file, and a
+function that sends them.
 
 The share of the bus that generated messages fill is computed from the longest frame of each message. A background of
 0.9 therefore leaves at least a tenth of the bus free, so that no queue grows without bound. Random contents need fewer

@@ -11,8 +11,8 @@ frame is sent twice, and messages keep their periods and jitters. Phases do not 
 
 With CAN FD the same equations hold: a node loses in the arbitration phase, which has the nominal bit rate, and then
 waits for one whole frame. A frame of higher priority can still win if it is queued at most one nominal bit after the
-bus became free; this time is the paper's tau_bit. The bits of the data phase are shorter; a longer tau_bit can only
-increase the number of counted frames.
+bus became free; this time is the paper's tau_bit. The bits of the data phase are shorter. The nominal tau_bit is used
+for them too, because a longer tau_bit can only increase the number of counted frames.
 """
 
 from collections.abc import Sequence
@@ -153,7 +153,7 @@ class MessageLoad:
 
     Attributes:
         ours: whether the message belongs to the control loop, not to the background.
-        worst_ns, mean_ns: time on the bus with intermission, for the longest frame and on average for random contents.
+        worst_ns, mean_ns: time of the longest frame on the bus, and mean over random contents, with intermission.
         response: worst-case response time. For the ECU's messages it begins one compute time of the ECU after the
             pressures were sampled, so it is the time that the bus adds to the age of the pressures.
     """

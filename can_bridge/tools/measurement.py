@@ -1,4 +1,4 @@
-"""Measurements: the frames of a log together with their signals as named channels, in one file.
+"""The measurements: the frames of a log together with their signals as named channels, in one file.
 
 A `.mf4` file is for asammdf's window, CANape and vSignalyzer. An `.mcap` file is for Foxglove, Rerun and PlotJuggler.
 
@@ -121,7 +121,7 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
 @contextmanager
 def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
     """Yield a function that stores a frame and whether the frame was received. Any thread may call this function, and
-    the function never waits. When the `with` block ends, also by an error, the measurement is written. Without a path
+    the function never waits. The measurement is written when the `with` block ends, even with an error. Without a path
     nothing is stored.
 
     Times are the computer's date and time at the start of the log, plus the time that its monotonic clock has measured

@@ -1,4 +1,4 @@
-"""Conversion between frames and named signals with units, for people; nodes use `can_bridge.wire.message_sets`.
+"""The conversion between frames and named signals with units, for people; nodes use `can_bridge.wire.message_sets`.
 
 `contract/stillwake.dbc` defines the names and units.
 """
@@ -48,7 +48,7 @@ class SignalValue(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """One of our messages and its signals in order; no signals for a wrong length or a value outside its table."""
+    """A message of ours and its signals in order; no signals for a wrong length or a value outside its table."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]
@@ -163,7 +163,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     for text in assignments:
         signal, equals, value = text.partition("=")
         if signal in PROTECTION:
-            raise BusError(f"{text}: {signal} is filled in by the sender; --counter names the first counter")
+            raise BusError(f"{text}: {signal} is filled in by the sender; --counter sets the first counter")
         if not equals or signal not in known:
             raise BusError(f"{text}: must be SIGNAL=VALUE with one of {', '.join(known)}")
         values[signal] = _value(text, signals[signal], value)

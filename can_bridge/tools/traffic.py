@@ -1,4 +1,4 @@
-"""Statistics of the traffic of a log or a bus, by message: count, rate, losses, results of the end-to-end checks.
+"""The statistics of the traffic in a log or on a bus, by message: count, rate, losses, results of end-to-end checks.
 
 The authentication of a secured message is checked first, as in a node; a frame that this check rejects gets no
 end-to-end check. Without a key only the end-to-end check is made.
@@ -52,7 +52,7 @@ MAC_REFUSED: Final = (Mac.NOT_AUTHENTIC, Mac.NOT_FRESH)
 
 
 class Traffic:
-    """One message with the statistics of its frames so far.
+    """A message with the statistics of its frames so far.
 
     Attributes:
         decoded: content of the newest frame; None for a message that is not ours.

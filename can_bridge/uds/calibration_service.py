@@ -1,4 +1,4 @@
-"""Calibration of an ECU through UDS: its identifiers, and the values in non-volatile memory.
+"""The calibration of an ECU through UDS: identifiers to read and write, and values in non-volatile memory.
 
 Stored values are used only with the release for which they were stored, and only if the vehicle's settings allow them.
 """

@@ -32,7 +32,7 @@ _MOST_NOTED: Final = 64
 
 
 class Status(IntFlag):
-    """Bits of a trouble code's status; bit 7, the warning lamp, is not supported."""
+    """The bits of a trouble code's status; bit 7, the warning lamp, is not supported."""
 
     TEST_FAILED = 0x01
     FAILED_THIS_CYCLE = 0x02
@@ -115,7 +115,7 @@ class FaultMemory:
         self.is_on = True
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
-        """Note that the test for this reason failed now or, for None, that all tests passed."""
+        """Note that the test for `reason` failed now. If `reason` is None, note that all tests passed."""
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:
@@ -176,7 +176,7 @@ _ALL_RECORDS: Final = 0xFF
 
 
 class FaultReport(IntEnum):
-    """Sub-functions of service 0x19."""
+    """A sub-function of service 0x19."""
 
     COUNT = 0x01
     BY_STATUS = 0x02

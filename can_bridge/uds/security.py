@@ -1,4 +1,4 @@
-"""Security access (ISO 14229-1, service 0x27): the shared secret, seeds, keys, wrong attempts and the delay after them.
+"""The security access (ISO 14229-1, service 0x27): shared secret, seeds, keys, wrong attempts and the delay after them.
 
 Each security level has its own key: the AES-CMAC of a label and the level's number, computed with the shared key. The
 answer to a seed is the AES-CMAC of the seed, computed with the level's key.

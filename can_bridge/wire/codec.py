@@ -1,4 +1,4 @@
-"""Conversion of the CAN FD set's messages to data bytes and back, as defined in `contract/stillwake.dbc`.
+"""The conversion of the CAN FD set's messages to data bytes and back, as defined in `contract/stillwake.dbc`.
 
 `emit_*` returns the protected part of a message with an empty E2E header; `can_bridge.e2e` fills the header. `emit_*`
 raises ValueError for a value that is not finite or out of range. `parse_*` reads the values, not the header. It returns

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Message(Generic[T]):
-    """One message of a set, with its functions `emit_*` and `parse_*` of `codec`."""
+    """A message of a set, with its functions `emit_*` and `parse_*` of the set's codec."""
 
     spec: MessageSpec
     emit: Callable[[T], bytes]

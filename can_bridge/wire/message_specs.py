@@ -1,5 +1,5 @@
-"""Identifiers, lengths, protection and resolutions of the messages, as in `contract/stillwake.dbc`. They are repeated
-here because the runtime has no DBC parser; tests compare them with the file."""
+"""The identifiers, lengths, protection and resolutions of the messages, as in `contract/stillwake.dbc`. They are
+repeated here because the runtime has no DBC parser; tests compare them with the file."""
 
 from dataclasses import dataclass, replace
 from typing import Final, Literal

@@ -21,7 +21,7 @@ SET_ASIDE_LIMIT: Final = 0b1111
 
 
 class Mode(IntEnum):
-    """State of the control loop in EcuStatus, and origin of the command in JetCommand."""
+    """The state of the control loop in EcuStatus, and the origin of the command in JetCommand."""
 
     OFF = 0
     WARMUP = 1
@@ -32,7 +32,7 @@ class Mode(IntEnum):
 
 
 class Reason(IntEnum):
-    """Reasons why the jets do not follow the controller."""
+    """The reasons why the jets do not follow the controller."""
 
     NONE = 0
     STREAM_LOST = 1
@@ -57,7 +57,7 @@ class Reason(IntEnum):
 
 
 class Pressure(NamedTuple):
-    """Wall pressures of one instant.
+    """The wall pressures of one instant.
 
     Attributes:
         pressure_pa: pressures relative to the free stream, in Pa, (4,), in the order of the bundle's sensors.
@@ -104,7 +104,7 @@ class JetCommand(NamedTuple):
 
 
 class EcuStatus(NamedTuple):
-    """Health of the controller, and numbers of events since power-on.
+    """The health of the controller, and numbers of events since power-on.
 
     Attributes:
         overruns, missed, crc_errors: numbers of events, up to COUNT_LIMIT; the sender limits all counts.

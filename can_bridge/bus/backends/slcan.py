@@ -1,4 +1,4 @@
-"""Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with our own code to read and write lines.
+"""A backend for serial CAN adapters (slcan, the Lawicel protocol): python-can's backend, with our own code for lines.
 
 python-can 4.6 never discards a line that it cannot decode, reads truncated and foreign lines as frames, treats the
 acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. This module only uses

@@ -1,4 +1,4 @@
-"""CAN over UDP multicast: python-can's backend with a parser that checks every value.
+"""A backend for CAN over UDP multicast: python-can's backend with a parser that checks every value.
 
 python-can 4.6 does not check the types of a datagram's values: 20 bytes with `{"data": 2**30}` allocate a gigabyte. The
 C parser of msgpack (1.1.2) leaks up to 4 KB for each truncated map, so msgspec reads the datagrams. python-can's

@@ -158,7 +158,7 @@ def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, f
         clock: returns the present time in ns; the spans of the faults refer to this time.
         seed: random seed; equal faults, frames, times and seeds give equal results. Each fault has a random generator
             of its own, so that its random numbers do not depend on the other faults.
-        first: number of faults that earlier calls applied to the port; each fault has the next random generator.
+        first: number of faults that earlier calls applied to this port, so that no random sequence is used twice.
     """
     injectors: list[Injector] = []
     for place, fault in enumerate(faults, first):

@@ -1,4 +1,4 @@
-"""Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
+"""The faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
 the receiver's controller. After wrong bits on the bus, the sender repeats the frame, and the error counters rise.
@@ -239,7 +239,7 @@ class WireErrors(Span, section="wire_errors"):
     """See `FrameFault.frame_ids`."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """Return a function to pass to a `SimulatedBus` as `corrupts` or `mishears`. Each bus needs its own one."""
+        """Return a function to pass to a `SimulatedBus` as `corrupts` or `mishears`. Each bus needs a new one."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 

@@ -1,4 +1,4 @@
-"""Faults of whole nodes: a lost connection, a slow consumer, a clock that drifts, frames sent without end."""
+"""The faults of whole nodes: a lost connection, a slow consumer, a clock that drifts, frames sent without end."""
 
 from collections import deque
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Conversion between faults and lines of text, for settings and the command line.
+"""The conversion between faults and lines of text, for settings and the command line.
 
     drop:probability=0.1@5..10         a tenth of the frames is lost, from 5 s to 10 s
     flip_bits:bits=2,at=receive@5..    from 5 s on

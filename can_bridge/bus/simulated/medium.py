@@ -46,7 +46,7 @@ class Transmission(NamedTuple):
 
 
 class BusActivity(NamedTuple):
-    """Activity on the bus until `now_ns`: numbers of sent frames and destroyed attempts, and their time on the bus."""
+    """The activity until `now_ns`: numbers of sent frames and destroyed attempts, and their time on the bus."""
 
     frames: int
     error_frames: int
