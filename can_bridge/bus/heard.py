@@ -73,7 +73,7 @@ class Silence:
         self._is_told = False
 
     def look(self, usable: int, heard: Heard, rejected: Mapping[Rejection, int]) -> None:
-        """Evaluate the frames received since the last call. `usable` and `rejected` are total numbers of receptions."""
+        """Evaluate the frames received since the last call. `usable` and `rejected` count all receptions so far."""
         if usable > self._usable:
             if self._is_told:
                 self._report(f"usable {self._wanted.name} frames come")

@@ -35,7 +35,7 @@ class Segment:
 
     @property
     def in_force(self) -> Calibration:
-        """The values of the page in force, from the next control period on."""
+        """The values of the page in force; the controller uses them from the next control period on."""
         return self._working if self.page is Page.WORKING else self.reference
 
     def read(self, page: Page, offset: int, length: int) -> bytes:

@@ -31,7 +31,7 @@ class Scales:
 
     Attributes:
         period: control period in W / U_inf.
-        point: operating point; its W is used, and its U_inf and rho where the log does not state them.
+        point: operating point. Its W is always used, its U_inf and rho only where the log does not state them.
         action_limit: bound on the action, in U_inf W. An action that exceeds the bound by up to half the resolution is
             replaced by the bound.
         given: names of the operating point's settings that the user gave; the log must not contradict them.
@@ -64,8 +64,8 @@ class SenderClock(NamedTuple):
 
 def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> tuple[Array, Array, int]:
     """Return the contents of the stretch's n frames: pressures in Pa, (n, 4), sampling times in s on the log's clock,
-    (n,), and the number of frames whose pressures were a period old or older when they were sent, so that they fit no
-    row. Pressures are NaN if a sensor was invalid, the pressures were too old, or the frame cannot be parsed."""
+    (n,), and the number of frames that fit no row, because they were sent a period or more after the sampling.
+    Pressures are NaN if a sensor was invalid, the pressures were too old, or the frame cannot be parsed."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
     valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])

@@ -57,7 +57,7 @@ class LogSeries:
         unused: numbers of frames that were not used, by the reason.
         lost: number of rows without a pressure frame and number of rows without a command, according to the counters.
         filled: number of rows with interpolated pressures and number of rows with an interpolated action.
-        stale: number of frames whose pressures were a period old or older when they were sent.
+        stale: number of frames that were sent a period or more after their pressures were sampled.
         drift: relative difference between the sender's period, measured on the log's clock, and its nominal value.
         jitter_s: largest difference in s between the time of a pressure frame and its row's time.
         gaps: a line of text for each gap, with times in s after the log's first pressure.

@@ -30,7 +30,7 @@ class VehicleSpeeds:
     Attributes:
         time_s: times of measurement in s on the log's clock, increasing, (n,).
         density: density of the air in kg/m3, (n,); NaN if the vehicle does not state it.
-        oldest_s: longest time in s, before or after its measurement, for which a speed is used.
+        oldest_s: longest time in s for which a speed is used before and after its measurement.
         left_out: number of speeds in the frames that are implausible or repeated.
     """
 

@@ -51,7 +51,7 @@ class SlotPhase(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SlotState:
-    """The state of one slot. Until the image was checked, the fields of its release have their defaults.
+    """The state of one slot. Until the image was checked, the fields that describe its release have their defaults.
 
     Attributes:
         length, sha256: length of the announced image in bytes, and its SHA-256, 32 bytes.

@@ -199,7 +199,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
         return entries.error_frame(time_s, channel)
     if direction == "txrq":
         return LogEvent(entries.REQUEST)
-    # The name of the message, which may follow the identifier, is often missing.
+    # The message's name may follow the identifier, but is often missing.
     rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
     if len(rest) < 4:
         raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")

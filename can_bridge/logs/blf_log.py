@@ -113,7 +113,7 @@ class _Stream:
         return b"LOBJ" in self._rest
 
     def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
-        """Yield each object's type, bytes and header length. Raises ValueError if an object is missing."""
+        """Yield each object's type, bytes and header length. Raises ValueError if an object is missing or too short."""
         data, at = self._rest + block, 0
         while True:
             # Up to three bytes of padding come between objects, depending on their type.

@@ -41,7 +41,7 @@ _BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 Binary = BinaryIO | GzipFile
 """An open file, plain or gzip."""
 SinceEpoch = Callable[[datetime], float]
-"""A function that converts a local start time, which a file states without a time zone, to s since the epoch."""
+"""A function that converts a file's local start time to s since the epoch; the file does not state a time zone."""
 
 
 class LogEvent(NamedTuple):

@@ -51,7 +51,7 @@ def asammdf_for(path: Path) -> Any:
             f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert elsewhere, from or to BLF: "
             f"`python -m can.logconvert {path.name} {path.stem}.blf`"
         ) from error
-    # asammdf also logs the errors that it raises, and its object for a file that it could not open fails in `__del__`.
+    # asammdf also logs the errors that it raises. After it failed to open a file, its object fails in `__del__`.
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     reader: Any = import_module("asammdf.blocks.mdf_v4").MDF4
     reader.__del__ = lambda one: one.close() if {"header", "_file"} <= vars(one).keys() else None

@@ -4,7 +4,7 @@ Each node has a JSON file of its own. `begin` counts the power cycle before the 
 freshness value is used twice. `accepted` stores the newest freshness value from the other node: immediately when the
 other node has begun another power cycle, otherwise once in `every` frames, because flash memory wears. A restarted node
 refuses every frame whose value is not above the stored value. One gap remains: frames that were accepted after the
-stored value can be replayed to a node that has just restarted, until the first genuine frame arrives.
+last write can be replayed to a node that has just restarted, until the first genuine frame arrives.
 """
 
 import json

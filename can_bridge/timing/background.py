@@ -85,7 +85,7 @@ def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
     """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases from `seed`.
 
     A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is a message of
-    stillwake: the description of a whole vehicle contains these too. Raises BusError as `load_network` does, or if no
+    stillwake: a description of a whole vehicle also contains these. Raises BusError as `load_network` does, or if no
     message can be sent, two messages have the same identifier, or a message does not fit this bus.
     """
     database = load_network(path)

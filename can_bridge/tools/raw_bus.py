@@ -40,7 +40,7 @@ def open_bus(config: BusConfig) -> RawBus:
 
 def frame_of(message: can.Message) -> Frame | None:
     """Return the data frame in a message, with an 11- or 29-bit identifier; None for remote, error and invalid frames.
-    A negative time, which a log has before a trigger, becomes 0."""
+    A time below 0 becomes 0; a log has such times before a trigger."""
     if message.timestamp < 0.0:
         message = copy(message)
         message.timestamp = 0.0

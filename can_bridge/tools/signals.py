@@ -43,7 +43,7 @@ class SignalValue(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The value as text: its name if it has one, otherwise its number with up to ten digits."""
+        """The value as text: the value's name if there is one, otherwise the number with up to ten digits."""
         return self.text or (str(self.value) if isinstance(self.value, int) else f"{self.value:.10g}")
 
 

@@ -5,8 +5,8 @@
     drop:probability=1,frame_ids=0x120+0x130
     disconnect
 
-The name of a fault is its section, and the names of its parameters are its fields. If a parameter has the same name as
-its fault, the fault may be left out: reynolds=700.
+The name of a fault is the `section` of its class, and its parameters are the fields of the class. If a parameter has
+the same name as its fault, the name of the fault may be left out: reynolds=700.
 """
 
 from collections.abc import Mapping

@@ -30,8 +30,8 @@ Corrupts = Callable[[Frame, str, int], int | None]
 returns the index of the inverted bit; None if no bit is inverted."""
 
 SUSPEND: Final = 8
-"""Number of bits for which an error-passive node waits after its own frame before its next frame. If another node
-begins a frame meanwhile, the waiting node may send right after that frame, because the frame outlasts the wait."""
+"""Number of bits for which an error-passive node waits between two frames of its own. If another node begins a frame
+during the wait, the waiting node may send right after that frame, because the frame outlasts the wait."""
 
 
 class Transmission(NamedTuple):
