@@ -1,4 +1,4 @@
-"""The ASC of Vector: "CAN, Log & Trigger ASC Logging Format", 1.4. Times count in s from the measurement or trigger.
+"""The ASC files of Vector: "CAN, Log & Trigger ASC Logging Format", 1.4. Times are in s since measurement or trigger.
 
     0.000144 1  120  Rx  d 8 00 01 02 03 04 05 06 07                        classic CAN
     0.000144 CANFD   1 Rx   120  Pressure  1 0 a 16 00 01 ..  <eight numbers>   on a channel of CAN FD

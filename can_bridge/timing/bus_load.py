@@ -153,7 +153,7 @@ class MessageLoad:
 
     Attributes:
         ours: whether the message belongs to the control loop, not to the background.
-        worst_ns, mean_ns: time of the longest frame on the bus, and mean over random contents, with intermission.
+        worst_ns, mean_ns: longest and mean time of a frame with intermission; the mean is over random contents.
         response: worst-case response time. For the ECU's messages it begins one compute time of the ECU after the
             pressures were sampled, so it is the time that the bus adds to the age of the pressures.
     """

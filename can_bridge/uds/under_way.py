@@ -55,7 +55,7 @@ class Download:
 
     Attributes:
         missing: number of bytes that have not come yet.
-        is_closed: whether the tester has ended the download. Blocks are then refused; a repeated request to end is not.
+        is_closed: whether the tester has ended the download. Blocks are then refused, but not a repeated end.
     """
 
     def __init__(self, offset: int, length: int) -> None:
