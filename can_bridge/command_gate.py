@@ -1,8 +1,8 @@
 """The last check before a jet command is sent on the bus. The check does not rely on any output of the controller.
 
 The gate shuts the jets immediately if there is no permission, the command is not finite, the clock did not advance, or
-there are no fresh pressures. Otherwise the command is limited to its range, and then to one step from the previous
-command. The result is within the range too. Zero is the safe state, so no limit applies when the gate shuts the jets.
+there are no fresh pressures. Otherwise the gate limits the command to its range, and then to one step from the previous
+command; the result stays in the range. Zero is the safe state, so no limit applies when the gate shuts the jets.
 
 Pressures that are too old for a new command may still be the basis of a command between the previous command and zero,
 because the fail-safe first repeats and then halves the last command.
@@ -31,7 +31,7 @@ class Intervention(Flag):
 
 @dataclass(frozen=True, kw_only=True)
 class GateLimits:
-    """Bounds on the commands that may pass.
+    """The bounds on the commands that may pass.
 
     Attributes:
         flow_m2_per_s: largest magnitude of the command.
@@ -62,8 +62,8 @@ class GateLimits:
         if steps > INT16_MAX:
             widest = INT16_MAX * FLOW_RESOLUTION_M2_PER_S
             raise ConfigError(
-                f"flow.action_limit is {limit:g} m2/s at this speed and width: JetCommand ends at {widest:g}; state "
-                f"the vehicle's operating_point.width and operating_point.speed"
+                f"flow.action_limit is {limit:g} m2/s at this speed and width: JetCommand's range ends at {widest:g}; "
+                f"state the vehicle's operating_point.width and operating_point.speed"
             )
         held_age_ns = (1 + config.ecu.hold_periods + config.ecu.decay_periods) * config.period_ns
         return cls(

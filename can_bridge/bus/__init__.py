@@ -1,1 +1,1 @@
-"""Real, virtual and simulated buses with a common interface, and the code with which a node receives frames."""
+"""The real, virtual and simulated buses with a common interface, and the code with which a node receives frames."""

@@ -27,12 +27,12 @@ class Heard(Counter[tuple[int, int]]):
 def line(
     heard: Heard, wanted: MessageSpec, messages: MessageSet, rejected: Mapping[Rejection, int], *, sender: str
 ) -> str:
-    """Return a line that states why no usable frame arrived in `SILENCE_S`, as far as the received frames show.
+    """Return a line with the most likely reason why no usable frame arrived in `SILENCE_S`.
 
     Args:
         wanted: the message that the node waits for, one of the node's `messages`.
-        rejected: numbers of receptions that were not frames of this node's format, by reason.
-        sender: word for the node that sends the message.
+        rejected: numbers of receptions that were rejected in this time, by reason.
+        sender: word for the node that sends the `wanted` message.
     """
     opening = f"no usable {wanted.name} (0x{wanted.frame_id:03x}) in {SILENCE_S:g} s"
     lengths = {length: count for (frame_id, length), count in heard.items() if frame_id == wanted.frame_id}
@@ -65,7 +65,7 @@ def line(
 
 
 class Silence:
-    """A reporter of `SILENCE_S` without a usable frame, and of the next usable frame. For the arguments see `line`."""
+    """A reporter of the times in which no usable frame comes, and of their ends. For the arguments see `line`."""
 
     def __init__(self, wanted: MessageSpec, messages: MessageSet, sender: str, report: Callable[[str], None]) -> None:
         self._wanted, self._messages, self._sender, self._report = wanted, messages, sender, report
@@ -73,7 +73,7 @@ class Silence:
         self._is_told = False
 
     def look(self, usable: int, heard: Heard, rejected: Mapping[Rejection, int]) -> None:
-        """Evaluate the frames received since the last call. `usable` and `rejected` are total numbers of receptions."""
+        """Evaluate the frames received since the last call. `usable` and `rejected` count all receptions so far."""
         if usable > self._usable:
             if self._is_told:
                 self._report(f"usable {self._wanted.name} frames come")

@@ -46,7 +46,7 @@ class Bus(Protocol):
 
 
 class Rejection(Enum):
-    """Reasons to reject a reception. Tables and reports show the values as text."""
+    """The reasons to reject a reception. Tables and reports show the values as text."""
 
     GARBAGE = "unreadable"
     """No CAN frame: a datagram or line of another format, or an identifier or time out of range."""

@@ -2,8 +2,8 @@
 
 A file belongs to one release on one vehicle, and states the limits that this vehicle sets. The text that all files
 share is in `stillwake.a2l`, in the meta language that ASAM publishes with XCP (part 2, section "ASAM MCD-2 MC
-description file", and part 3). It describes only the features of this ECU. The timeouts T1 to T7 are longer than
-a control period, because the ECU answers every command within a control period.
+description file", and part 3). The text describes only the features of this ECU. The timeouts T1 to T7 are longer
+than a control period, because the ECU answers every command within a control period.
 """
 
 from collections.abc import Iterator

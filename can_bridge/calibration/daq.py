@@ -1,9 +1,9 @@
-"""Measurement by XCP (DAQ): one dynamic list, and one event, the end of a control period.
+"""The measurement by XCP (DAQ), with one dynamic list and one event: the end of a control period.
 
-The values of the ECU's latest control period are a memory area, which a measurement tool reads or receives.
-A tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and starts the list. If
-frames of an earlier period are still waiting when a control period ends, the values of the ended period are not sent.
-So all frames that are sent for one event have the values of one period.
+The values of the ECU's latest control period are in a memory area. A measurement tool reads this area, or receives it.
+To receive it, the tool allocates the list's frames (ODTs) and their entries, writes the address of each entry, and
+starts the list. If frames of an earlier period are still waiting when a control period ends, the values of the ended
+period are not sent. So all frames that are sent for one event have the values of one period.
 """
 
 import struct
@@ -19,7 +19,7 @@ from contract.arrays import Array
 from contract.controller.calibration import PACKED_BYTES, Calibration
 
 MEASURED_ADDRESS: Final = 0x2000_0100
-"""The address at which a tool finds the area; the area is after the calibration segment."""
+"""The address at which a tool finds the memory area; the calibration segment ends before this address."""
 _STATES: Final = struct.Struct("<3Bb")
 MEASURED_BYTES: Final = 4 * SENSORS + 4 + _STATES.size + PACKED_BYTES
 """The size of the area in bytes: four for each floating-point value, one for each state number, and the calibration."""
@@ -73,7 +73,7 @@ def cycle_of(period_ns: int) -> tuple[int, int]:
 
 
 class _Stage(IntEnum):
-    """The stage of the allocation, whose commands have a fixed order (ASAM MCD-1 XCP, part 2)."""
+    """The stage of the allocation. The commands of the allocation have a fixed order (ASAM MCD-1 XCP, part 2)."""
 
     NOTHING = 0
     FREED = 1
@@ -83,8 +83,8 @@ class _Stage(IntEnum):
 
 
 class DaqLists:
-    """The measurement list, and the values of the latest control period. Only `sample` may be called by another thread.
-    The method of a command takes a packet of at least its shortest length and returns the answer, or raises Denied."""
+    """The measurement list, and the values of the latest control period. Another thread may only call `sample`. A
+    command's method takes a packet of at least the command's shortest length; it returns an answer or raises Denied."""
 
     def __init__(self, period_ns: int) -> None:
         self._cycle = cycle_of(period_ns)
@@ -129,7 +129,7 @@ class DaqLists:
         at = address - MEASURED_ADDRESS
         return self._measured[at : at + length] if 0 <= at <= at + length <= MEASURED_BYTES else None
 
-    # The commands of XCP, by their names.
+    # Each method below executes the XCP command of the same name.
 
     def free_daq(self, data: bytes) -> bytes:
         self.free()

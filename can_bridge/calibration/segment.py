@@ -21,7 +21,7 @@ class Page(IntEnum):
 
 
 class Segment:
-    """The two pages, and the page in force, `page`. Raises ConfigError for release values out of the limits."""
+    """The two pages; `page` is the page in force. Raises ConfigError for release values out of the limits."""
 
     def __init__(self, reference: Calibration, limits: CalibrationLimits) -> None:
         limits.check(reference)
@@ -35,7 +35,7 @@ class Segment:
 
     @property
     def in_force(self) -> Calibration:
-        """The values of the page in force, from the next control period on."""
+        """The values of the page in force; the controller uses them from the next control period on."""
         return self._working if self.page is Page.WORKING else self.reference
 
     def read(self, page: Page, offset: int, length: int) -> bytes:
@@ -48,7 +48,7 @@ class Segment:
         return bytes(raw[offset : offset + length])
 
     def write(self, offset: int, data: bytes) -> None:
-        """Write bytes of the working page, in order: from the beginning of a value, or from the end of the last write.
+        """Write bytes of the working page. A write begins at the beginning of a value, or where the last write ended.
         The first bytes of a partly written value wait for the rest; a write to another place discards them. Raises
         ConfigError, without a change, for a range outside the segment, a write that begins inside a value, or a value
         that is not allowed."""

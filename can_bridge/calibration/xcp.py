@@ -131,7 +131,7 @@ _PIECE: Final = MAX_CTO - 2
 
 
 class AnswersSeeds(Protocol):
-    """An object that has the access secret: `can_bridge.uds.security.AccessKey`."""
+    """An object that has the access secret, such as `can_bridge.uds.security.AccessKey`."""
 
     def answer(self, level: Level, seed: bytes) -> bytes:
         """Return the key that is valid for a seed."""
@@ -160,8 +160,8 @@ class XcpAccess:
 
     def seed(self, mode: int, resource: int) -> bytes:
         """Return the number of unsent seed bytes as one byte, and the next seed bytes; return a single zero if the
-        resource is not locked. Raises Denied for an unknown resource or mode, for the rest of a seed that was not
-        requested, or if the random source gives zeros."""
+        resource is not locked. Raises Denied for an unknown resource or mode, if the tool requests the rest of a seed
+        but no rest is unsent, or if the random source gives zeros."""
         if mode == 0:
             self._forget()
             deny_if(resource != CAL_PAG, Error.OUT_OF_RANGE)
@@ -180,7 +180,7 @@ class XcpAccess:
 
     def unlock(self, left: int, data: bytes) -> None:
         """Process the next bytes of the key; `left` is the number of key bytes still to come, including these. Raises
-        Denied unless the whole seed was read and no part of the key is missing; WrongKey, which ends the connection."""
+        Denied if bytes of the seed were not read or bytes of the key are missing; WrongKey for a complete wrong key."""
         if not self._seed or self._unsent or left != XCP_KEY_LENGTH - len(self._key):
             self._forget()
             raise Denied(Error.SEQUENCE)

@@ -54,7 +54,7 @@ class XcpSlave:
         self._to_store = None
 
     def command(self, now_ns: int, data: bytes) -> list[bytes]:
-        """Take a packet from the tool and return the packets to the tool. No packet raises an exception."""
+        """Process a packet from the tool, and return the packets to send to the tool. Never raises."""
         self._end_if_idle(now_ns)
         if not data or not (self._is_connected or data[0] == Command.CONNECT):
             return []

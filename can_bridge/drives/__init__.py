@@ -1,1 +1,1 @@
-"""Conversion of a log of a drive to time series with one row for each control period."""
+"""The conversion of a drive's log to time series with one row for each control period."""

@@ -15,14 +15,14 @@ import numpy as np
 from contract.arrays import Array, Index
 
 SLACK: Final = 2.0
-"""Largest difference, in periods, between the time from frame to frame and the time that their counters imply."""
+"""Largest difference, in periods, between the time from one frame to the next and the time that the counters imply."""
 _LONGEST: Final = 1000
 """Largest number of periods without a frame within a stretch, so that a change of the clock does not add many rows."""
 _JUMP: Final = 0.5
-"""Largest permanent shift of times within a stretch, in periods; after a larger shift the counter shows no losses."""
+"""Largest permanent shift of times within a stretch, in periods; the counters show no losses across a larger shift."""
 _AROUND: Final = 16
-"""Number of frames before, and after, a possible shift of the reception times; the shift is the difference of their
-median delays. The number exceeds the length of a burst, and is large enough to average jitter of 0.4 periods."""
+"""Number of frames on each side of a possible shift of the reception times. The shift is the difference between the
+sides' median delays. The number exceeds the length of a burst, and is large enough to average jitter of 0.4 periods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +36,8 @@ class CountedFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameStretch:
-    """Frames that a sender sent without a restart. `index` is the number of control periods from the first frame to
-    each of the n frames, (n,), rising."""
+    """The n frames that a sender sent without a restart. `index` is the number of control periods from the first frame
+    to each frame, (n,), rising."""
 
     index: Index
     frames: tuple[CountedFrame, ...]

@@ -1,4 +1,4 @@
-"""The pressures, commands and speeds in a log: our frames with a valid CRC on one channel, and counts of all others."""
+"""The pressures, commands and speeds in a log: our frames with a valid CRC on one channel. Other frames are counted."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,7 +21,7 @@ _SHOWN: Final = 12
 
 @dataclass(frozen=True, kw_only=True)
 class LogFrames:
-    """Our frames in a log.
+    """The frames of our messages in a log.
 
     Attributes:
         channel: the only channel with valid frames of our messages; empty if the log has no channels.
@@ -57,7 +57,7 @@ def frames_of(
         path: file of the log, for error messages.
         only: the message set to read; by default, the set of the pressures in the log.
         key: key of secured messages; without it, freshness and authentication codes are not checked.
-        back_s: largest time in s by which a message's time may be before the latest time so far in the log.
+        back_s: largest permitted decrease of the times in s, from the latest time so far to a message's time.
     """
     buses: dict[str, _Bus] = {}
     others = Counter[str]()
@@ -105,8 +105,8 @@ def frames_of(
 
 class _Bus:
     """The frames of one channel, by identifier: frames to use, and numbers of frames with a valid CRC (`sound`), of
-    damaged and forged frames, and of all data frames. `goes_back` has the latest time in s so far, and the time of a
-    frame that is too far before it."""
+    damaged frames, of forged frames, and of all data frames (`seen`). `goes_back` describes the first decrease of the
+    times: the latest time before it and the decreased time, in s."""
 
     def __init__(self) -> None:
         self.kept: dict[int, list[CountedFrame]] = {}

@@ -1,7 +1,7 @@
-"""Numbered pressures and the commands that answer them, as one row for each control period.
+"""The numbered pressures and the commands that answer them, as one row for each control period.
 
-Row k has the pressures of frame k, and the action that the first command with frame k's counter commands. A command may
-be based on an older frame, because the ECU held its command or shut the jets when a frame was missing; such a command
+Row k has the pressures of frame k, and the action of the first command that echoes frame k's counter. A command may be
+based on an older frame, because the ECU held its command or shut the jets when a frame was missing; such a command
 belongs to the period in which it arrived. A command for the next period is the action of the next row.
 """
 
@@ -27,11 +27,11 @@ _UNKNOWN_LAG: Final = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """Conversion from the messages' units to the units of a data set.
+    """The conversion from the messages' units to the units of a data set.
 
     Attributes:
         period: control period in W / U_inf.
-        point: operating point; its W is used, and its U_inf and rho where the log does not state them.
+        point: operating point. Its W is always used, its U_inf and rho only where the log does not state them.
         action_limit: bound on the action, in U_inf W. An action that exceeds the bound by up to half the resolution is
             replaced by the bound.
         given: names of the operating point's settings that the user gave; the log must not contradict them.
@@ -52,7 +52,7 @@ class SenderClock(NamedTuple):
     """The sender's periods on the log's clock.
 
     Attributes:
-        start_s: time of row 0 in s. Rows have median times: half of the frames came later than their row's time.
+        start_s: time of row 0 in s. It is a median: half of the frames came later than the times of their rows.
         period_s: the sender's period in s.
         jitter_s: largest difference in s between the time of a frame and its row's time.
     """
@@ -64,8 +64,8 @@ class SenderClock(NamedTuple):
 
 def samples_of(stretch: FrameStretch, messages: MessageSet, period_s: float) -> tuple[Array, Array, int]:
     """Return the contents of the stretch's n frames: pressures in Pa, (n, 4), sampling times in s on the log's clock,
-    (n,), and the number of frames whose pressures were a period old or older when they were sent, so that they fit no
-    row. Pressures are NaN if a sensor was invalid, the pressures were too old, or the frame cannot be parsed."""
+    (n,), and the number of frames that fit no row, because they were sent a period or more after the sampling.
+    Pressures are NaN if a sensor was invalid, the pressures were too old, or the frame cannot be parsed."""
     parsed = [messages.pressure.parse(frame.data) for frame in stretch.frames]
     pressure = np.array([(np.nan,) * SENSORS if one is None else one.pressure_pa for one in parsed])
     valid = np.array([(False,) * SENSORS if one is None else one.valid for one in parsed])
@@ -80,8 +80,8 @@ def clock_of(stretch: FrameStretch, sampled_s: Array, period_s: float | None = N
     line. `period_s` is the sender's period in s, if it is known better than from these frames."""
     index = stretch.index.astype(np.float64)
     if period_s is None:
-        # This is the Theil-Sen slope, but only from pairs of frames that are half of all frames apart: pairs closer
-        # together give slopes with larger errors.
+        # This is the Theil-Sen slope, but only from pairs with half of the frames between them: closer pairs give
+        # slopes with larger errors.
         half = len(stretch) // 2
         period_s = float(np.median((sampled_s[half:] - sampled_s[:-half]) / (index[half:] - index[:-half])))
     late = sampled_s - period_s * index

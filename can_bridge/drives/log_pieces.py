@@ -22,7 +22,7 @@ _SHOWN: Final = 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """One uninterrupted part of a drive, with n rows.
+    """An uninterrupted part of a drive, with n rows.
 
     Attributes:
         first_row: number of the data set's control periods from the log's first pressure to row 0.
@@ -85,8 +85,8 @@ class Cutter:
         head, tail = int(whole[0]), int(whole[-1]) + 1
         if len(table) - 1 > tail - head:
             self.lines.append(
-                f"{self._at(clock, 1)}, {head - 1} rows before the first complete row are left out, and "
-                f"{len(table) - tail} after the last"
+                f"{self._at(clock, 1)}, {head - 1} rows before the first complete row and {len(table) - tail} rows "
+                f"after the last are left out"
             )
         before = np.arange(tail) < head
         cut = before.copy()

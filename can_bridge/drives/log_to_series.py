@@ -36,20 +36,20 @@ _OUTSIDE: Final = 0.05
 _CONTRADICTS: Final = 0.01
 """Largest relative difference between a setting and the log; above zero, because the vehicle's value has an error."""
 _STANDS: Final = 0.2
-"""Distance travelled from one row to the next below which the vehicle counts as stationary, as a share of the control
-period in W. The pressures are then as small as their resolution."""
+"""The vehicle counts as stationary if it travels less than this share of a control period (in W) from one row to the
+next. The pressures of a stationary vehicle are as small as their resolution."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSeries:
-    """The pieces of a log in the order of time, and a report of the data that were read, and that were not read.
+    """The pieces of a log in the order of time, and a report of the data that were read or left out.
 
     Attributes:
         start_s: time of the log's first row in s on the log's clock; `travel` is counted from this time.
         period_s: the sender's period in s on the log's clock.
         messages: name of the message set.
-        speed: smallest, median and largest speed of the vehicle in the log in m/s, the median while the vehicle moves;
-            None if the log has no speed.
+        speed: smallest, median and largest speed of the vehicle in m/s; the median does not include times without
+            motion. None if the log has no speed.
         without_speed: number of rows in which the speed was unknown or the vehicle did not move.
         dynamic_pressure: dynamic pressure in Pa at the median speed.
         is_resampled: whether rows were interpolated between the log's rows, because the speed varies.
@@ -57,7 +57,7 @@ class LogSeries:
         unused: numbers of frames that were not used, by the reason.
         lost: number of rows without a pressure frame and number of rows without a command, according to the counters.
         filled: number of rows with interpolated pressures and number of rows with an interpolated action.
-        stale: number of frames whose pressures were a period old or older when they were sent.
+        stale: number of frames that were sent a period or more after their pressures were sampled.
         drift: relative difference between the sender's period, measured on the log's clock, and its nominal value.
         jitter_s: largest difference in s between the time of a pressure frame and its row's time.
         gaps: a line of text for each gap, with times in s after the log's first pressure.
@@ -96,8 +96,8 @@ def series_of(
     only: MessageSet | None = None,
     key: Key | None = None,
 ) -> LogSeries:
-    """Return a drive's series. Raises DatasetError if the log lacks data, has another period, or has a long gap without
-    `split`.
+    """Return a drive's series. Raises DatasetError if the log lacks data, has another period, or has a long gap while
+    `split` is false.
 
     Args:
         path: file of the log, for error messages.
@@ -113,7 +113,7 @@ def series_of(
     speeds = vehicle_speeds(log.speeds, log.messages, scales.believed)
     interval_s = usual_interval(log.pressures, modulus)
     if interval_s is None:
-        raise DatasetError(f"{path}: none of its pressures are consecutive: every other frame is missing")
+        raise DatasetError(f"{path}: none of its pressures are consecutive: frames between them are missing")
     if speeds is None:
         nominal_s, point = scales.period_s, scales.point
         _check_period(path, interval_s, scales)
@@ -199,7 +199,7 @@ def series_of(
 
 def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales) -> OperatingPoint:
     """Return the operating point with the log's median density and median speed while the vehicle moves. Raises
-    DatasetError if it never moves, a given setting contradicts the log, or no speed in it fits the control period."""
+    DatasetError if the vehicle never moves, a given setting contradicts the log, or no speed fits the period."""
     moving = speeds.speed[_moves(speeds.speed, period_s, scales)]
     if not len(moving):  # the vehicle stands, or the control period belongs to another vehicle
         moving = speeds.speed[speeds.speed > 0.0]
@@ -213,7 +213,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
             continue
         if not values.min() * (1 - _CONTRADICTS) <= setting <= values.max() * (1 + _CONTRADICTS):
             raise DatasetError(
-                f"{path}: operating_point.{name} = {setting:g} {unit}, its VehicleSpeed frames say "
+                f"{path}: operating_point.{name} = {setting:g} {unit}, but its VehicleSpeed frames say "
                 f"{float(np.median(values)):g} {unit}: leave the setting out; Cp is computed with the log's value"
             )
     point = replace(scales.point, speed=median, density=float(np.median(known)) if len(known) else scales.point.density)
@@ -232,7 +232,7 @@ def _point_of(path: Path, speeds: VehicleSpeeds, period_s: float, scales: Scales
 def _air(
     speeds: VehicleSpeeds | None, clock: SenderClock, rows: int, nominal_s: float, scales: Scales
 ) -> tuple[Array, Array]:
-    """Return each row's speed in m/s, NaN if it is unknown or the vehicle stands, and air density in kg/m3."""
+    """Return each row's speed in m/s and air density in kg/m3. An unknown or stationary vehicle's speed is NaN."""
     point = scales.point
     if speeds is None:
         return np.full(rows, point.speed), np.full(rows, point.density)
@@ -256,7 +256,7 @@ def _check_period(path: Path, interval_s: float, scales: Scales) -> None:
 
 def _check_drift(path: Path, clock: SenderClock, rows: int, scales: Scales) -> None:
     drift = clock.period_s / scales.period_s - 1.0
-    # Jitter at the two ends of a log looks like drift, so a shorter log is allowed a larger drift.
+    # Jitter at the two ends of a log looks like drift, so the limit on the drift is larger for a shorter log.
     if abs(drift) > _DRIFT + clock.jitter_s / (scales.period_s * rows / 2):
         raise DatasetError(
             f"{path}: pressures come every {clock.period_s * 1e3:.6g} ms, but the control period is "

@@ -30,7 +30,7 @@ class VehicleSpeeds:
     Attributes:
         time_s: times of measurement in s on the log's clock, increasing, (n,).
         density: density of the air in kg/m3, (n,); NaN if the vehicle does not state it.
-        oldest_s: longest time in s, before or after its measurement, for which a speed is used.
+        oldest_s: longest time in s for which a speed is used before and after its measurement.
         left_out: number of speeds in the frames that are implausible or repeated.
     """
 
@@ -88,8 +88,8 @@ def _line(wanted: Array, x: Array, y: Array) -> Array:
 
 
 def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config: SpeedConfig) -> VehicleSpeeds | None:
-    """Return the valid speeds; None if no frame has a valid speed. The speeds are grouped into spans without a jump. A
-    span that is shorter than the time for which a speed is used is left out, unless all spans are so short."""
+    """Return the valid speeds; None if no frame has a valid speed. The speeds are grouped into spans without a jump.
+    Spans shorter than `config.oldest_ms` are left out, unless all spans are so short."""
     oldest_s = config.oldest_ms * 1e-3
     said = []
     for frame in frames:
@@ -110,8 +110,8 @@ def vehicle_speeds(frames: Sequence[CountedFrame], messages: MessageSet, config:
 
 
 def _spans(said: list[tuple[float, float, float]], config: SpeedConfig) -> list[list[tuple[float, float, float]]]:
-    """Group triples of time, speed and density into spans. If no vehicle can reach a triple's speed so fast, the triple
-    begins a new span if the speed before it is too old to be used; otherwise the triple is left out."""
+    """Group triples of time, speed and density into spans. A triple whose speed no vehicle can reach so fast is left
+    out; if the speed before it is too old to be used, the triple begins a new span instead."""
     spans: list[list[tuple[float, float, float]]] = []
     for one in said:
         passed = one[0] - spans[-1][-1][0] if spans else np.inf

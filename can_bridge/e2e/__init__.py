@@ -1,1 +1,1 @@
-"""AUTOSAR end-to-end protection: the sender's header and the receiver's state machine."""
+"""The end-to-end protection of AUTOSAR: the sender's header and the receiver's state machine."""

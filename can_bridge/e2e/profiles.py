@@ -1,4 +1,4 @@
-"""AUTOSAR end-to-end protection: the profiles in use, by their number in AUTOSAR and in the DBC (PRS_E2EProtocol).
+"""The profiles of AUTOSAR's end-to-end protection, with their numbers in AUTOSAR and in the DBC (PRS_E2EProtocol).
 
 The header is a little-endian CRC and a counter. In profile 2 the counter is the low half of a byte. The CRC covers all
 bytes after the CRC, and a data ID, which differs between messages and is not sent. So a message that is received under
@@ -28,7 +28,7 @@ class Profile:
 
     @property
     def header_bits(self) -> int:
-        """The number of bits of the header. The message begins with it, least significant bit of each byte first."""
+        """The number of bits of the header at the beginning of a message, least significant bit of each byte first."""
         return 8 * self.crc_length + (self.counter_period - 1).bit_length()
 
     def protect(self, data: bytes, *, data_id: int, counter: int) -> bytes:

@@ -32,7 +32,7 @@ from contract.config.vehicle import E2eConfig
 
 
 class FrameCheck(Enum):
-    """The result of checking a frame or a period; the values count from zero."""
+    """The result of the check of a frame or of a period. Its value is its index in `ReceiverState.counts`."""
 
     OK = 0
     OK_SOME_LOST = 1

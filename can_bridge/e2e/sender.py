@@ -1,4 +1,4 @@
-"""The sender of a protected message: it builds frames from data and numbers them."""
+"""The sender of a protected message: it builds numbered frames from data."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class SenderState:
 
 
 def protected_frame(state: SenderState, data: bytes, *, spec: MessageSpec, now_ns: int) -> Frame:
-    """Return the next frame of a message, with data from the message's `emit`. For a secured message, this is the
+    """Return the next frame of a message, with data from the message's `emit`. For a secured message, it has only the
     protected part; `can_bridge.secoc.node.secured` adds the rest. Raises ValueError for data of another length."""
     if len(data) != spec.protected:
         raise ValueError(f"{spec.name} of {len(data)} bytes: must have {spec.protected}")

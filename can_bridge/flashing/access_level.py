@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Level(IntEnum):
-    """Security levels; the value is the sub-function that requests the level's seed."""
+    """A security level; the value is the sub-function that requests the level's seed."""
 
     PROGRAMMING = 0x01
     CALIBRATION = 0x03

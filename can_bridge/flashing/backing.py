@@ -1,7 +1,7 @@
 """The interface from the store to its memory: a folder (`folder_backing`) or a chip's flash memory.
 
-After a loss of power the memory has the old record or the whole new record (`keep`). It also has all data that were
-written to a slot before the last `keep` of a `RecordKind.STATE`.
+If the power fails during `keep`, the memory then has the old record or the whole new record. A loss of power never
+deletes data that were written to a slot before the last `keep` of a `RecordKind.STATE`.
 """
 
 from collections.abc import Generator, Mapping
@@ -49,7 +49,7 @@ class Slot(IntEnum):
 
 
 class RecordKind(IntEnum):
-    """Kinds of records that survive a loss of power; the newest record of each kind is valid."""
+    """The kinds of records that survive a loss of power; the newest record of each kind is valid."""
 
     STATE = 1
     KEYS = 2

@@ -35,7 +35,7 @@ Fits = Callable[[Any], Verdict]
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """The ECU's own rules for images. If `keys`, the key list, is None, no image is accepted."""
+    """The ECU's own rules for images. `keys` is the key list; if it is None, no image is accepted."""
 
     keys: KeyList | None
     hardware: str
@@ -44,8 +44,8 @@ class Rules:
 
 
 def check(image: bytes, rules: Rules) -> tuple[Verdict, Bundle | None]:
-    """Return GOOD and an image's bundle or, if a check fails, the verdict of the first failed check and None. Nothing
-    is parsed before its signature is verified."""
+    """Return GOOD and the image's bundle. If a check fails, return the verdict of the first failed check, and None.
+    Nothing is parsed before its signature is verified."""
     files = {}
     try:
         files = files_of(image)
@@ -108,7 +108,7 @@ def fits_as(image: bytes) -> Fits:
 
 
 def _own_verdict(release: Release, hardware: str | None, rules: Rules) -> Verdict:
-    """Return the verdict of the ECU's own rules on a release that is valid in itself."""
+    """Return the verdict of the ECU's own rules on a release whose content is valid."""
     if hardware not in (None, rules.hardware):
         return Verdict.WRONG_HARDWARE
     verdict = rules.fits(release)

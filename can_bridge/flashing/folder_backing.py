@@ -17,7 +17,7 @@ from can_bridge.flashing.backing import MAX_RECORD, Long, MediumError, RecordKin
 
 
 class FolderFiles:
-    """Access to files in one folder by their names; every method raises MediumError if the system reports an error."""
+    """The files of one folder, accessed by name; every method raises MediumError if the system reports an error."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -53,7 +53,7 @@ class FolderFiles:
             (self._folder / old).replace(self._folder / new)
 
     def sync(self, name: str) -> None:
-        """Return when the file's content is on the disk."""
+        """Wait until the file's content is on the disk."""
         self._sync(self._folder / name)
 
     def sync_folder(self) -> None:

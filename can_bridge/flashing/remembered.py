@@ -1,4 +1,4 @@
-"""The data of a store, other than images, that survive a loss of power: state, key list, calibrations and faults."""
+"""The data of a store that survive a loss of power, besides the images: state, key list, calibrations and faults."""
 
 import hashlib
 import struct
@@ -28,7 +28,7 @@ class Remembered:
     Args:
         root: the key that signs key lists.
         fits: returns whether a release was made for this vehicle.
-        check: checks an image: the check of bundles, or `judge_image` for the images of microcontrollers.
+        check: checks an image: `checking.check` for bundles, `judge_image` for the images of microcontrollers.
 
     Attributes:
         keys: the keys that may sign; None without a valid list.

@@ -1,4 +1,4 @@
-"""The report on the store that a tester reads (`Did.STORE`), in less than 2048 bytes; lengths are in bytes.
+"""The report on the store, for testers (`Did.STORE`). It has less than 2048 bytes. Its parts, with lengths in bytes:
 
     "SWT1" (4)
     running slot, active slot, slot of the next boot (1 each, 0xFF for none); reason of the last boot (1, 0 for none)
@@ -116,7 +116,7 @@ def decode(raw: bytes) -> StoreReport:
     try:
         magic, *listed, reason, least, version, programming, calibration = _HEAD.unpack_from(raw)
         if magic != _MAGIC:
-            raise ValueError(f"begins with {magic.hex()}, this version reads {_MAGIC.hex()}")
+            raise ValueError(f"begins with {magic.hex()}; this version reads {_MAGIC.hex()}")
         first, at = _slot(raw, _HEAD.size)
         second, at = _slot(raw, at)
         if at != len(raw):

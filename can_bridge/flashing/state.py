@@ -23,7 +23,7 @@ from contract.printable import is_name
 from contract.release.manifest import FIRST_SECURITY_VERSION
 
 TRIAL_BOOTS: Final = 3
-"""Number of boots of an activated image without confirmation before the store returns to the confirmed image."""
+"""Number of times that an activated image boots unconfirmed before the store returns to the confirmed image."""
 MOST_ATTEMPTS: Final = 255
 
 _MAGIC: Final = b"SWS1"
@@ -51,11 +51,11 @@ class SlotPhase(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class SlotState:
-    """The state of one slot. Until the image was checked, the fields of its release have their defaults.
+    """The state of one slot. Until the image was checked, the fields that describe its release have their defaults.
 
     Attributes:
         length, sha256: length of the announced image in bytes, and its SHA-256, 32 bytes.
-        received: number of bytes that are stored for certain.
+        received: number of stored bytes; each of them survives a loss of power.
         digest: digest of the release, in hex.
         signer: public key that signed the image, 32 bytes.
     """

@@ -1,4 +1,4 @@
-"""Two slots for releases, one with the running release and one for a new image, and the ECU's rules for releases.
+"""The two slots for releases, one for the running release and one for a new image, and the ECU's rules for releases.
 
 The store has no clock, no randomness and no thread. A loss of power may interrupt any call. The next boot uses the
 state stored until then, and finds a valid image if there was a valid image before.
@@ -8,7 +8,7 @@ state stored until then, and finds a valid image if there was a valid image befo
     confirm                         end the trial, and raise the least security version to the release's version
     revert                          return to the previous release
 
-The slot of a confirmed image that runs, or that the next boot starts, is never written.
+The store never writes to a slot whose confirmed image is running or boots next.
 """
 
 import hashlib
@@ -80,7 +80,7 @@ class Store(Remembered):
         fits: Fits,
         check: ImageCheck = check,
     ) -> "Store":
-        """Fill an empty backing, at production, with a key list and a confirmed image in slot A. Raises OutOfOrderError
+        """Fill an empty backing at production, with a key list and a confirmed image in slot A. Raises OutOfOrderError
         if a release is confirmed; KeyFileError if the root key did not sign the list; ConfigError for a bad image."""
         store = cls(backing, root=root, hardware=hardware, fits=fits, check=check)
         if store.state.active is not None:
@@ -113,7 +113,7 @@ class Store(Remembered):
         return self.last_boot
 
     def _boot_trial(self, slot: Slot, verdicts: dict[Slot, Verdict]) -> Boot | None:
-        """Return the boot of the image on trial, if it has a boot left and passes its checks; otherwise reject it."""
+        """Return the trial image's boot. If this image has no boot left or fails a check, reject it and return None."""
         standing = self.state.slots[slot]
         try:
             if standing.boots_left > 0:
@@ -144,10 +144,10 @@ class Store(Remembered):
         return Boot(verdicts=verdicts, reason=BootReason.NO_RELEASE)
 
     def announce(self, length: int, sha256: bytes) -> Long[int]:
-        """Prepare a slot for an image. Returns the offset of the first byte to send. The offset is 0 for a new image,
-        and `length` if all bytes are stored. After an interrupted transfer of this image, it is the number of bytes
-        received, or less if the memory can only continue from an earlier byte. Raises ConfigError for a length or hash
-        out of range; OutOfOrderError if `revert` selected another release and the ECU was not reset since."""
+        """Prepare a slot for an image. Returns the offset of the first byte to send: 0 for a new image, and `length` if
+        all bytes are stored. After an interrupted transfer of this image, the offset is the number of bytes received,
+        or less if the memory can only continue from an earlier byte. Raises ConfigError for a length or hash out of
+        range; OutOfOrderError if `revert` selected another release and the ECU was not reset since."""
         if not 0 < length <= self.backing.capacity:
             raise ConfigError(f"image of {length} bytes: must have 1 to {self.backing.capacity} for this ECU")
         if len(sha256) != _SHA256_BYTES:
@@ -162,7 +162,7 @@ class Store(Remembered):
         wanted = stays or 0
         announced = SlotState(phase=SlotPhase.FILLING, length=length, sha256=sha256, received=wanted)
         if stays is None or stays < standing.received:
-            # Stored before the slot is erased, so that erased bytes never count as received.
+            # The new state is stored before the slot is erased, so that erased bytes never count as received.
             self.keep(self._without(slot).with_slot(slot, announced if stays else SlotState()))
             yield from self.backing.clear(slot, wanted)
         if announced != self.state.slots[slot]:
@@ -263,7 +263,7 @@ class Store(Remembered):
         # answer to a first request is lost, the repeated request must not undo the first request.
         now = self.running if self.running is not None else active
         if now is None or self.state.slots[now.other].phase != SlotPhase.CONFIRMED:
-            raise OutOfOrderError("no release to revert to: none is on trial, and no earlier one was confirmed")
+            raise OutOfOrderError("no release to revert to: none is on trial, and no earlier release was confirmed")
         verdict, _ = yield from self.judged(now.other)
         if verdict == Verdict.GOOD and active != now.other:
             self.keep(replace(self.state, active=now.other))
@@ -309,7 +309,7 @@ class Store(Remembered):
         self._calibrations = kept
 
     def _writable_slot(self) -> Slot:
-        """Return the slot to write. The other slot keeps a confirmed running release, otherwise the active release."""
+        """Return the slot to write. The other slot has the confirmed release that runs, or else the active release."""
         running, active = self.running, self.state.active
         if running is None or (active is not None and self.state.slots[running].phase != SlotPhase.CONFIRMED):
             return Slot.A if active is None else active.other

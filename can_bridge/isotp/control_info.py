@@ -14,7 +14,7 @@ FRAME_LENGTHS: Final = tuple(length for length in FD_LENGTHS if length >= CLASSI
 PADDING: Final = 0xCC
 """Padding byte that needs the fewest stuff bits (ISO 15765-2, section 10.4.2.2)."""
 SEQUENCE_NUMBERS: Final = 16
-"""Number of different sequence numbers: they have four bits."""
+"""Number of different sequence numbers; a sequence number has four bits."""
 
 _SINGLE, _FIRST, _CONSECUTIVE, _FLOW = range(4)
 _LARGEST_MILLISECONDS: Final = 0x7F
@@ -50,7 +50,7 @@ class Consecutive(NamedTuple):
 
 
 class FlowControl(NamedTuple):
-    """The receiver's answer: the number of frames until its next answer (0 for all), and their separation in ns."""
+    """The receiver's answer: the number of frames until its next answer (0 for all), and the time between frames."""
 
     status: FlowStatus | None
     block_size: int

@@ -69,7 +69,7 @@ class _Reception:
             self.abort()
 
     def first(self, now_ns: int, part: First) -> FlowStatus:
-        """Begin to receive a message, in place of an incomplete one; return the flow status of the answer."""
+        """Drop an incomplete message, and begin to receive a new message; return the flow status of the answer."""
         self.abort()
         if part.length > MAX_MESSAGE:
             return FlowStatus.OVERFLOW
@@ -148,7 +148,7 @@ class _Transmission:
             self._end()
 
     def flow(self, now_ns: int, part: FlowControl) -> None:
-        """Process the receiver's flow control; it is ignored if the transmission does not wait for it."""
+        """Process the receiver's flow control; ignore it unless the transmission is waiting for it."""
         if self._state is not _State.WAITING:
             return
         if part.status is FlowStatus.CONTINUE:

@@ -1,1 +1,1 @@
-"""Files of recorded CAN traffic: writing and reading."""
+"""The files of recorded CAN traffic: functions that write and read them."""

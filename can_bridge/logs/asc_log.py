@@ -1,4 +1,4 @@
-"""Vector's ASC: "CAN, Log & Trigger ASC Logging Format", 1.4. Times are in s since the measurement or the trigger.
+"""The ASC files of Vector: "CAN, Log & Trigger ASC Logging Format", 1.4. Times are in s since measurement or trigger.
 
     0.000144 1  120  Rx  d 8 00 01 02 03 04 05 06 07                        classic CAN
     0.000144 CANFD   1 Rx   120  Pressure  1 0 a 16 00 01 ..  <eight numbers>   on a channel of CAN FD
@@ -33,7 +33,7 @@ _NUMERIC: Final = "0123456789+-("
 _TRAILING: Final = 6
 """Smallest count of numbers that follow the data bytes in a CAN FD line; version 8 writes two more."""
 _FLAGS: Final = 2
-"""Index of the flags among the numbers after the bytes."""
+"""Index of the flags among the numbers after the data bytes."""
 _FD_FLAG, _REMOTE_FLAG = 0x1000, 0x10
 _DAY_S: Final = 86_400.0
 _EVENTS: Final = {
@@ -121,9 +121,9 @@ class _Clock:
         return self._sum_s if is_relative else time_s
 
     def place(self, time_s: float, *, is_relative: bool) -> None:
-        """Note a frame's time. If a block's first frame has an absolute time that would be earlier than a frame of an
-        earlier block, the block's times count from the block's own date: `offset_s` is then the time from the first
-        block's date to this date. Raises ValueError if a date is unreadable, or the frame would still be earlier."""
+        """Note a frame's time. If the first frame of a block would be earlier than a frame of a previous block,
+        absolute times of the block count from the block's own date: `offset_s` is then the time from the first block's
+        date to this date. Raises ValueError if a date is unreadable, or the frame would still be earlier."""
         if self._is_new and not is_relative and time_s + self.offset_s < self._latest:
             since = _between(self._first_date or "", self._date)
             if since is None or time_s + since < self._latest:
@@ -137,7 +137,7 @@ class _Clock:
 
 
 def _between(first: str, second: str) -> float | None:
-    """Return the seconds between two dates less than a month apart; None if a date is unreadable."""
+    """Return the time in s between two dates less than a month apart; None if a date is unreadable."""
     months, days, seconds = [], [], []
     for text in (first, second):
         if (date := _DATE.search(text)) is None:
@@ -199,7 +199,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
         return entries.error_frame(time_s, channel)
     if direction == "txrq":
         return LogEvent(entries.REQUEST)
-    # The name of the message, which may follow the identifier, is often missing.
+    # The message's name may follow the identifier, but is often missing.
     rest = words[5:] if words[5:6] and words[5] in ("0", "1") else words[6:]
     if len(rest) < 4:
         raise ValueError(f"{quoted(' '.join(words), 60)} ends before its length")
@@ -210,7 +210,7 @@ def _on_fd_channel(time_s: float, words: list[str], base: int) -> Entry:
     trailing = rest[4 + length :]
     flags = int(trailing[_FLAGS], 16) if len(trailing) >= _TRAILING else 0
     fd = BRS * (rest[0] == "1") | ESI * (rest[1] == "1")
-    # Some writers leave the flags 0, so a CAN FD frame is also known by its bit rate, length and length code.
+    # Some writers leave the flags 0, so the bit rate, the length and the length code also identify a CAN FD frame.
     if flags & _FD_FLAG or fd & BRS or length > 8 or not (flags or (length == 8 and code > 8)):
         fd |= FD_FRAME
     elif flags & _REMOTE_FLAG:

@@ -1,4 +1,4 @@
-"""Vector's BLF format: objects, most of them in compressed containers. Vector publishes no description of the format;
+"""The BLF format of Vector: objects, mostly in compressed containers. Vector publishes no description of the format;
 the reader follows the files that Vector's binlog and python-can write.
 """
 
@@ -95,7 +95,7 @@ def _entry(kind: int, one: bytes, header: int, start_ns: int) -> Entry:
         return _frame(time_s, channel, frame_id, code, data[:valid], flags, fd & 7)
     if kind == _FD_64_TYPE:
         channel, code, valid, frame_id, flags, direction, behind = _FD_64.unpack_from(one, header)
-        # If fewer bytes are stored than the length announces, the others are zero, as in Vector's own programs.
+        # If fewer bytes are stored than announced, the missing bytes count as zero, as in Vector's own programs.
         data = one[header + _FD_64.size : behind or None][:valid].ljust(valid, b"\0")
         return _frame(time_s, channel, frame_id, code, data, direction | (flags & 0x10) << 3, flags >> 12 & 7)
     (channel,) = _CHANNEL.unpack_from(one, header)
@@ -113,7 +113,7 @@ class _Stream:
         return b"LOBJ" in self._rest
 
     def objects(self, block: bytes) -> Iterator[tuple[int, bytes, int]]:
-        """Yield each object's type, bytes and header length. Raises ValueError if no object begins where it must."""
+        """Yield each object's type, bytes and header length. Raises ValueError if an object is missing or too short."""
         data, at = self._rest + block, 0
         while True:
             # Up to three bytes of padding come between objects, depending on their type.
@@ -145,8 +145,8 @@ def _unpacked(container: bytes) -> bytes:
 def _frame(
     time_s: float, channel: int, frame_id: int, code: int, data: bytes, flags: int, fd: int = 0
 ) -> can.Message | LogEvent:
-    """Return a frame, or an event for a transmit request. `flags` has the direction and the remote bit, `fd` the bits
-    `FD_FRAME`, `BRS` and `ESI` of `can_bridge.logs.entries`."""
+    """Return a frame, or an event for a transmit request. `flags` has the direction and the remote bit; `fd` has the
+    bits `FD_FRAME`, `BRS` and `ESI` of `can_bridge.logs.entries`."""
     if flags & _DIRECTION == _TX_REQUEST:
         return LogEvent(entries.REQUEST)
     length, is_rx = entries.length_of(code, is_fd=bool(fd)), flags & _DIRECTION != _TX

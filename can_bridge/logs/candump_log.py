@@ -1,4 +1,4 @@
-"""Logs of can-utils: the files of `candump -L`, and the screen output of candump.
+"""The logs of can-utils: the files of `candump -L`, and the screen output of candump.
 
     (1436509052.249713) can0 123##1112233           with -L or -l
      (1436509052.249713)  can0  123  [03]  11 22 33  without
@@ -62,7 +62,7 @@ def read_candump(lines: entries.Lines, since_epoch: entries.SinceEpoch) -> Itera
 
 
 class _Clock:
-    """A reader of the times in parentheses, in s. It detects times that count from the previous line."""
+    """A reader of the times in parentheses, in s. It rejects times that count from the previous line."""
 
     def __init__(self, since_epoch: entries.SinceEpoch) -> None:
         self._since_epoch = since_epoch
@@ -112,7 +112,7 @@ def _entry(text: str, clock: _Clock, *, is_whole: bool) -> Entry:
     time_s, ident, is_rx, rest = clock.of(time, channel), _ident(digits), direction != "TX", rest or ""
     if ident[1] and ident[0] & _ERROR:
         return entries.error_frame(time_s, channel, ident[0] & ~_ERROR)
-    # {1} has a length code. [8] has a number of bytes in classic CAN, [08] in CAN FD.
+    # Braces contain a length code: {1}. Brackets contain the number of bytes: [8] in classic CAN, [08] in CAN FD.
     fd = FD_FRAME if code is None and len(length) > 1 else 0
     if length is None:
         count = entries.length_of(int(code, 16), is_fd=False)

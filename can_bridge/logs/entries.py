@@ -20,7 +20,7 @@ COMMENT: Final = "comment"
 REQUEST: Final = "transmit request"
 """Event name of a node's request to send a frame. The frame itself is another entry, or was never sent."""
 NOT_OURS: Final = "frame with a name that stillwake does not use"
-"""Event name of a frame that has a name in place of an identifier, if no message of ours has this name."""
+"""Event name of a frame that has a name in place of an identifier, but not the name of one of our messages."""
 XL: Final = "CAN XL frame"
 
 IDS: Final = {spec.name: spec.frame_id for spec in SPECS}
@@ -41,11 +41,11 @@ _BYTE: Final = {16: re.compile("[0-9A-Fa-f]{2}"), 10: re.compile("[0-9]{1,3}")}
 Binary = BinaryIO | GzipFile
 """An open file, plain or gzip."""
 SinceEpoch = Callable[[datetime], float]
-"""A function that converts a local start time, which a file states without a time zone, to s since the epoch."""
+"""A function that converts a file's local start time to s since the epoch; the file does not state a time zone."""
 
 
 class LogEvent(NamedTuple):
-    """One or more lines, or objects of a binary file, that are not frames. `name` states their kind."""
+    """An entry that is not a frame: `lines` lines, or objects of a binary file, of the kind `name`."""
 
     name: str
     lines: int = 1
@@ -67,7 +67,7 @@ def error_class(message: can.Message) -> str:
 
 
 def error_frame(time_s: float, channel: str, classes: int = 0) -> can.Message:
-    """Return an error frame; `classes` are the bits of its errors, 0 for a format that does not state them."""
+    """Return an error frame. `classes` has the bits of the error classes; 0 for a format that does not state them."""
     return can.Message(timestamp=time_s, is_error_frame=True, arbitration_id=classes, channel=channel)
 
 
@@ -102,7 +102,7 @@ def length_of(code: int, *, is_fd: bool) -> int:
 
 
 def check_length(length: int, *, is_fd: bool) -> int:
-    """Return the length. Raises ValueError if no frame can have this length."""
+    """Return the length unchanged. Raises ValueError if no frame can have this length."""
     if length not in (FD_LENGTHS if is_fd else CLASSIC_LENGTHS):
         raise ValueError(f"{length} bytes are not a length of {'CAN FD' if is_fd else 'classic CAN'}")
     return length
@@ -118,12 +118,12 @@ def bytes_of(words: list[str], length: int, base: int = 16) -> bytes:
 
 
 Lines = Iterator[tuple[int, str]]
-"""The lines of a text log that are not empty, with their line ends and their numbers from 1."""
+"""The lines of a text log except empty lines: for each line its number, from 1, and its text with the line end."""
 
 
 def lines_of(file: Binary) -> Lines:
-    """Yield the lines of a text log. Escape characters replace bytes that are invalid in the encoding. They have no
-    effect in headers and comments; a reader rejects a frame's line that has an escape character."""
+    """Yield the lines of a text log. Escape characters replace bytes that are invalid in the encoding. Headers and
+    comments may contain escape characters; readers reject a frame's line that contains an escape character."""
     raw = io.BufferedReader(cast(io.RawIOBase, file))
     encoding = json.detect_encoding(raw.peek(4)[:4])
     errors = "surrogateescape" if encoding.startswith("utf-8") else "replace"
@@ -133,11 +133,11 @@ def lines_of(file: Binary) -> Lines:
 
 
 class NamedChannel(NamedTuple):
-    """A quantity over the times of its group.
+    """A quantity with one value for each time of its group.
 
     Attributes:
         unit: unit as in `contract/stillwake.dbc`; empty if there is none.
-        values: one value for each of the group's n times, (n,); NaN where there is no value.
+        values: values at the group's n times, (n,); NaN where there is no value.
         words: names of the values, for an enumeration; empty for a number.
     """
 
@@ -154,7 +154,7 @@ class NamedChannel(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChannelGroup:
-    """Channels with common times.
+    """A group of channels with common times.
 
     Attributes:
         name: name of the message, or of a part of a run; unique in a file.

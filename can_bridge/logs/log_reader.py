@@ -1,4 +1,4 @@
-"""Recorded CAN traffic: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, MCAP, python-can's tables.
+"""A reader of recorded CAN traffic: candump, Vector ASC and BLF, PEAK TRC, ASAM MDF, MCAP, python-can's tables.
 
 Every line or object is one of three things: a message, an event that is counted by its name, or an error, which ends
 the reading and states the line's number. So the counts add up to the number of lines. The times are the file's own:
@@ -28,7 +28,7 @@ from contract.errors import BusError
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".trc", ".mf4", ".mcap", ".csv", ".db")
 PACKED: Final = ".gz"
 _UNPACKED: Final = (".mf4", ".mcap", ".db")
-"""Endings of files that are read by libraries. The libraries need the file itself, not its unpacked content."""
+"""Endings of files that libraries read from the disk, so that these files cannot be packed."""
 
 GREATEST_TIME_S: Final = 2**63 / 1e9
 """Largest time in s before or after the epoch that 64 bits of nanoseconds can represent: 292 years."""
@@ -90,8 +90,8 @@ class CanLog:
         self._zone, self._only = zone, frozenset(channels)
 
     def __iter__(self) -> Iterator[can.Message]:
-        """Yield the messages in the order of the file. If the file is damaged, or a line is neither a message nor an
-        event, the messages before that place are yielded, and then BusError is raised with the file's name."""
+        """Yield the messages in the order of the file. At damage, or at a line that is neither a message nor an event,
+        raises BusError with the file's name, after the messages before that place."""
         with ExitStack() as stack:
             try:
                 for entry in self._entries(stack):

@@ -1,5 +1,5 @@
-"""MCAP files with a topic of frames and a topic for each group of channels, in Protobuf. A file contains its schemas,
-so that Foxglove, Rerun and PlotJuggler read it. When a file is read as a log, other topics are counted as events."""
+"""The MCAP files: a topic of frames, and a topic for each group of channels, in Protobuf. A file contains its schemas,
+so that Foxglove, Rerun and PlotJuggler read it. When a file is read as a log, messages without frames are events."""
 
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -44,7 +44,7 @@ def write_mcap(
     events: Iterable[Dated] = (),
     facts: Mapping[str, str],
 ) -> None:
-    """Write an MCAP file, with its messages in the order of time, and a layout for Foxglove beside it. Each file is
+    """Write an MCAP file whose messages are in the order of time, and a layout for Foxglove beside it. Each file is
     written completely or not at all. Raises BusError for a time before 0, which the format cannot represent."""
     from mcap_protobuf.writer import Writer
 

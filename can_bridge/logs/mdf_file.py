@@ -1,8 +1,8 @@
-"""ASAM MDF 4: logs and measurements, read and written by asammdf.
+"""The format ASAM MDF 4: logs and measurements, read and written by asammdf.
 
 Frames are in the groups CAN_DataFrame, CAN_ErrorFrame and CAN_RemoteFrame ("ASAM MDF, Bus Logging", 1.0), as Vector's
-programs, CANedge loggers and python-can write them. Written files (4.1) also have named channels with units, for
-programs without our DBC.
+programs, CANedge loggers and python-can write them. The files that this module writes (4.1) also have named channels
+with units, for programs without our DBC.
 """
 
 import io
@@ -33,17 +33,17 @@ _FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
     _REMOTE_FRAME: {"ID": "<u4", "IDE": "u1", "Dir": "u1", "DLC": "u1"},
     _ERROR_FRAME: {"ErrorType": "u1"},
 }
-"""Type of each field of a record, except the field BusChannel, by the name of the group and the name of the field."""
+"""Types of a record's fields, by the group's name and the field's name. The field BusChannel is not included."""
 _SMALLEST: Final = 2
 """asammdf's number for compression by transposition and deflate, which the standard allows from version 4.1 on."""
 _NAMES: Final = {"CAN_OverloadFrame": "overload frame"}
 _EXTENDED: Final = 0x80000000
 _ERROR_TYPES: Final = {**dict.fromkeys((1, 2, 3, 4), entries.PROTOCOL), 5: entries.NO_ACK}
-"""Linux's error classes, by the standard's error types (bit, form, stuff, CRC, acknowledgement)."""
+"""The error class of Linux for each error type of the standard (1 to 5: bit, form, stuff, CRC, acknowledgement)."""
 
 
 def asammdf_for(path: Path) -> Any:
-    """Return the package asammdf. Raises BusError, which states the file's name, if the package is not installed."""
+    """Return the package asammdf. Raises BusError with the file's name if the package is not installed."""
     try:
         package = import_module("asammdf")
     except ImportError as error:
@@ -51,7 +51,7 @@ def asammdf_for(path: Path) -> Any:
             f"{path}: ASAM MDF needs asammdf: {install('mdf')}; or convert elsewhere, from or to BLF: "
             f"`python -m can.logconvert {path.name} {path.stem}.blf`"
         ) from error
-    # asammdf also logs the errors that it raises, and its object for a file that it could not open fails in `__del__`.
+    # asammdf also logs the errors that it raises. After it failed to open a file, its object fails in `__del__`.
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     reader: Any = import_module("asammdf.blocks.mdf_v4").MDF4
     reader.__del__ = lambda one: one.close() if {"header", "_file"} <= vars(one).keys() else None
@@ -82,7 +82,7 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
                 try:
                     columns = _columns(measurement, index, fields, rows)
                 except (ValueError, failure):
-                    # After a loss of power, the last frame's bytes may be missing: they are outside its record.
+                    # Bytes are stored apart from records: after a loss of power, the last record may have no bytes.
                     columns = _columns(measurement, index, fields, rows - 1)
                     others.append(LogEvent("frame without its bytes"))
                 groups.append(_frames(kind, columns, start_s))
@@ -97,8 +97,8 @@ def read_mdf(path: Path, since_epoch: entries.SinceEpoch) -> Iterator[Entry]:
 
 
 def _columns(measurement: Any, group: int, names: list[str], rows: int) -> dict[str, Any]:
-    """Return the fields of the first `rows` records, by name. Constants may be stored in conversions, so conversions
-    are applied, except conversions of numbers to texts such as "Rx"."""
+    """Return the fields of the first `rows` records, by name. A conversion may contain a constant field's value, so
+    conversions are applied, except conversions of numbers to texts such as "Rx"."""
     found = {}
     for name in names:
         with redirect_stdout(io.StringIO()):  # asammdf prints a page before it raises
@@ -135,9 +135,9 @@ def _frames(kind: str, fields: Mapping[str, Any], start_s: float) -> Iterator[ca
 
 
 def write_mdf(path: Path, messages: Sequence[can.Message], groups: Sequence[ChannelGroup]) -> None:
-    """Write a measurement, completely or not at all. Times count from the start in the header: the last full second
-    before the first message or value, but not before 1970, where the times of a run in virtual time begin. Raises
-    BusError if asammdf is missing; StillwakeError if the file cannot be written."""
+    """Write a measurement, completely or not at all. Times count from the start time in the header. This is the last
+    full second before the first message or value, at least 1970, when virtual time begins. Raises BusError if asammdf
+    is missing; StillwakeError if the file cannot be written."""
     asammdf = asammdf_for(path)
     first_s = [*(one.timestamp for one in messages), *(float(one.times_s[0]) for one in groups if len(one.times_s))]
     start_s = max(0, floor(min(first_s)))
@@ -170,7 +170,7 @@ def _kind(message: can.Message) -> str:
 
 
 def _numbers(messages: Sequence[can.Message]) -> dict[str, int]:
-    """Return each channel's number: its name if it is a number below 256, else the first free number from 1 on."""
+    """Return each channel's number: its name if this is a number below 256, else the first free number from 1 on."""
     names = list(dict.fromkeys(str(one.channel or "") for one in messages))
     found = {name: int(name) for name in names if name.isdecimal() and int(name) < 256}
     free = (number for number in range(1, 256) if number not in found.values())

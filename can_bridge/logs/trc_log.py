@@ -1,4 +1,4 @@
-"""PEAK's trace files, versions 1.0 to 2.1: "PEAK CAN TRC File Format", 2020. Times are in ms since the start.
+"""The trace files of PEAK, versions 1.0 to 2.1: "PEAK CAN TRC File Format", 2020. Times are in ms since the start.
 
 The header of versions 2.0 and 2.1 names the columns; versions 1.0 to 1.3 have fixed columns.
 """
@@ -13,7 +13,7 @@ from can_bridge.wire.frame import FD_LENGTHS
 from contract.printable import quoted
 
 _COLUMNS: Final = {"1.0": "NOIL", "1.1": "NOTIL", "1.2": "NOBTIL", "1.3": "NOBTIRL"}
-"""Columns before the data by version: number, time, bus, type or direction, identifier, reserved, length code."""
+"""Columns before the data by version: number N, time O, bus B, type or direction T, id I, reserved R, length code L."""
 _DAY_ZERO: Final = datetime(1899, 12, 30)
 _WARNING: Final = "FFFFFFFF"
 """Value that marks a warning, in the column of the identifier."""

@@ -1,4 +1,4 @@
-"""The PDX file (ISO 22901-1): an archive of diagnostic layers, communication parameters, flash sequence, catalogue."""
+"""The PDX file (ISO 22901-1): an archive of diagnostic layers, bus parameters, a flash sequence and a catalogue."""
 
 import io
 import re
@@ -69,7 +69,7 @@ def texts(name: str, by_number: Mapping[int, str]) -> str:
 
 
 def service(name: str, semantic: str, states: Iterable[str]) -> str:
-    """Return a service with the request and the answer of this name, for the states in which it is allowed."""
+    """Return a service that refers to the request and the answer of the same name, and to the states that permit it."""
     needed = "".join(f'<PRE-CONDITION-STATE-REF ID-REF="{state}"/>' for state in states)
     return (
         f'<DIAG-SERVICE ID="service.{name}" SEMANTIC="{semantic}" ADDRESSING="PHYSICAL">'
@@ -104,17 +104,17 @@ DID_TYPES: Final[Mapping[Did, str]] = {
     Did.CALIBRATION_LIMITS: "calibration_limits",
     Did.CALIBRATION_STORED: "u8",
 }
-"""Type of each identifier's value. A value to write has the same type, except the key list."""
+"""Type of each identifier's value when it is read. A written value has the same type, except for the key list."""
 _OPTIONS: Final = {Routine.ERASE: (value("length", "u32"), value("sha256", "bytes_32"))}
 _STATUSES: Final = {Routine.ERASE: (value("offset", "u32"),), Routine.CHECK: (value("verdict", "verdict"),)}
 
 
 class Described(NamedTuple):
-    """One service with one sub-function or identifier.
+    """A service with one sub-function or identifier.
 
     Attributes:
-        constants: numbers that follow the service's number in the request and are repeated in the answer, of 8 bits, or
-            of 16 bits from 256 on.
+        constants: numbers that follow the service's number in the request and in the answer. A number has 8 bits, or
+            16 bits if it is 256 or more.
         request, answer: parameters of the request and of the answer that follow the constants.
         at: permission; None for the permission of the whole service.
     """
@@ -223,7 +223,7 @@ def pdx(bus: BusConfig, because: Mapping[Reason, str]) -> bytes:
     listed = {file.name: file.read_text(encoding="utf-8") for file in files(__package__).joinpath("files").iterdir()}
     with zipfile.ZipFile(packed, "w") as archive:
         for name, text in sorted(listed.items()):
-            # A file's time is the earliest that the format can state, so that equal descriptions give equal bytes.
+            # Each file gets the earliest time that the format can state, so that equal descriptions give equal bytes.
             filled = Template(text).substitute(_filling(bus, because)) if name.startswith("stillwake.") else text
             archive.writestr(zipfile.ZipInfo(name), filled, zipfile.ZIP_DEFLATED)
     return packed.getvalue()

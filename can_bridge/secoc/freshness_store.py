@@ -4,7 +4,7 @@ Each node has a JSON file of its own. `begin` counts the power cycle before the 
 freshness value is used twice. `accepted` stores the newest freshness value from the other node: immediately when the
 other node has begun another power cycle, otherwise once in `every` frames, because flash memory wears. A restarted node
 refuses every frame whose value is not above the stored value. One gap remains: frames that were accepted after the
-stored value can be replayed to a node that has just restarted, until the first genuine frame arrives.
+last write can be replayed to a node that has just restarted, until the first genuine frame arrives.
 """
 
 import json
@@ -24,7 +24,7 @@ FRESHNESS_SCHEMA: Final = "stillwake-freshness/1"
 
 class FreshnessStore:
     """The file with a node's freshness values. Only one process may use the file at a time. The first `begin` creates
-    it, and `accepted` writes it once in `every` frames."""
+    the file, and `accepted` writes it once in `every` frames."""
 
     def __init__(self, path: Path, *, every: int = 50) -> None:
         if every < 1:

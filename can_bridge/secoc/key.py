@@ -28,7 +28,7 @@ class Key(NeverCopied):
         if len(secret) != KEY_LENGTH:
             raise ValueError(f"a key of {len(secret)} bytes: must have {KEY_LENGTH}")
         if not any(secret):
-            raise ValueError("a key of zeros: must be a random one")
+            raise ValueError("a key of zeros: must be random")
         # Copying a prepared object for each frame is four times as fast as preparing a new object.
         self._prepared = CMAC(AES(secret))
 
@@ -92,7 +92,7 @@ def _open_without_waiting(path: str, flags: int) -> int:
 
 
 def _decoded(content: bytes) -> bytes:
-    """Decode a key. Raises ValueError, whose message does not show the content."""
+    """Decode a key. Raises a ValueError that does not show the content."""
     if len(content) == KEY_LENGTH:
         return content
     try:

@@ -37,7 +37,7 @@ class Authentication:
 
 
 def authentication_in_virtual_time(config: BusConfig) -> Authentication | None:
-    """Return the node's data in its first power cycle; None without a key. Raises KeyFileError like `read_key`."""
+    """Return a node's data for its first power cycle; None without a key. Raises KeyFileError as `read_key` does."""
     return Authentication(key=read_key(Path(config.key))) if config.key else None
 
 
@@ -50,5 +50,5 @@ def key_of(authentication: Authentication | None, config: BusConfig) -> Key | No
 
 
 def secured(frame: Frame, *, spec: MessageSpec, key: Key | None, freshness: Freshness) -> Frame:
-    """Return the frame as sent on the bus: with its MAC, or unchanged without authentication."""
+    """Return the frame as sent on the bus: with freshness and MAC, or unchanged if `key` is None."""
     return frame if key is None else secure(frame, spec, key, freshness)

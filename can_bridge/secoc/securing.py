@@ -1,4 +1,4 @@
-"""Functions that secure and verify frames. A frame that is not authentic or not fresh is dropped before the E2E check.
+"""The functions that secure and verify frames. A frame that is not authentic or fresh is dropped before the E2E check.
 
     protected part (E2E header first) | zeros | freshness, 8 bytes | MAC, 8 bytes
 
@@ -45,8 +45,8 @@ class Freshness:
         return self.trip << 32 | self.count
 
     def next(self) -> Self:
-        """Return the freshness of the next frame. After 2^32 frames, 2.7 years at 20 ms, the count stays constant:
-        receivers then refuse every frame, and the jets stay shut, until the power is switched off and on."""
+        """Return the freshness of the next frame. After 2^32 frames (2.7 years at 20 ms) the count stays constant.
+        Receivers then refuse every frame, and the jets stay shut, until the power is switched off and on."""
         return type(self)(trip=self.trip, count=min(self.count + 1, LARGEST_HALF))
 
 
@@ -97,7 +97,7 @@ class VerifierState:
 
 
 class Verification(NamedTuple):
-    """The frames of a period that passed. `none_authentic` is true if frames of the message came and none passed."""
+    """The frames that passed in a period. `none_authentic` is true if frames of the message came and none passed."""
 
     state: VerifierState
     frames: Sequence[Frame]

@@ -1,4 +1,4 @@
-"""Requests to an ECU through udsoncan's client. A request that gets no answer is repeated."""
+"""The requests to an ECU through udsoncan's client. A request that gets no answer is repeated."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ BUSY_WAIT_S: Final = 0.1
 PRESENT_S: Final = 2.0
 """Time in s between two messages that keep a session open; within `S3_MS` one of these messages may be lost."""
 DELAY_S: Final = 15.0
-"""Longest wait in s while the ECU accepts no key because it received wrong keys: more than the ECU's delay of 10 s."""
+"""Longest wait in s while the ECU accepts no key after wrong keys; it exceeds the ECU's delay of 10 s."""
 
 
 class Asking:
@@ -126,7 +126,7 @@ class Asking:
         self._ask("end the transfer", self._client.request_transfer_exit)
 
     def faults(self, report: str, *args: int, **others: int) -> Any:
-        """Return the codes in a report of the fault memory. `report` is the client's method that requests it."""
+        """Return the codes in a report of the fault memory. `report` names the client's method for this report."""
         return self._ask("report its faults", lambda: getattr(self._client, report)(*args, **others)).service_data.dtcs
 
     def clear_faults(self) -> None:
@@ -145,7 +145,7 @@ class Asking:
         self._in_good_state("reset", lambda: self._client.ecu_reset(1), times=times)
 
     def wait(self, seconds: float, *, keep_session: bool = True) -> None:
-        """Wait; with `keep_session`, send messages meanwhile that keep the session open."""
+        """Wait. If `keep_session`, send messages during the wait, so that the session stays open."""
         left = seconds
         while left > 0:
             if keep_session:

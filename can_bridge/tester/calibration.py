@@ -1,4 +1,4 @@
-"""Calibration of an ECU through UDS, with a connected client, in steps: read, change, read back or store."""
+"""The steps of an ECU's calibration through UDS, with a connected client: read, change, read back, store."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -55,8 +55,8 @@ def _text(asking: Asking, did: Did) -> str:
 
 
 def check_fits(release: Bundle, length: int, facts: EcuFacts) -> None:
-    """Raise WrongReleaseError for the first property of the release, or of its image of `length` bytes, that does not
-    fit the ECU. The bundle has the DBC of this version, because no other bundle can be loaded."""
+    """Raise WrongReleaseError if a property of the release does not fit the ECU. `length` is the size of the release's
+    image in bytes. The bundle has the DBC of this version, because no other bundle can be loaded."""
     for line in _misfits(release, length, facts):
         raise WrongReleaseError(f"bundle {release.manifest.name} {line}; nothing was written")
 
@@ -87,11 +87,11 @@ _ENTERED = Status.PENDING | Status.CONFIRMED | Status.TEST_FAILED
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFault:
-    """One trouble code that is or was present.
+    """A trouble code that is or was present.
 
     Attributes:
-        code: number of the trouble code, of three bytes.
-        age: number of operation cycles without the fault since it was last found.
+        code: number of the trouble code, with three bytes.
+        age: number of operation cycles without the fault since the fault was last found.
         time_ms, mode_before, missed, overruns, pressures_cp: values at the time when the fault was found; None if no
             snapshot is stored.
     """

@@ -1,4 +1,4 @@
-"""The errors of flashing, each with a one-line message and an exit status.
+"""The errors of flashing. Each error has a one-line message and an exit status.
 
 The status states the remedy. 3: repair the connection. 4: use the right key. 5: try again when the vehicle is
 stationary. 6: use another release or key list. 7: examine the ECU. 8: the new release failed, and the previous release
@@ -63,7 +63,7 @@ class WrongKeysError(FlashError):
 
 
 class ImageRefusedError(WrongReleaseError):
-    """The ECU rejected a transferred image, for the reason `verdict`."""
+    """The ECU rejected a transferred image; `verdict` is the reason."""
 
     def __init__(self, verdict: Verdict) -> None:
         super().__init__(f"the ECU refused the release: {verdict.in_words}; it keeps its present release")

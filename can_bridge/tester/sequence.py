@@ -1,4 +1,4 @@
-"""Flashing of an ECU, step by step, through an open udsoncan client, on real buses and in virtual time.
+"""The steps that flash an ECU through an open udsoncan client, on real buses and in virtual time.
 
 Nothing in this module prints, sleeps or reads a clock. After any interruption the ECU still has its old release. If
 `flash` is called again, it continues from the state of the ECU: with an image that is partly transferred or not yet
@@ -66,9 +66,9 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Flashed:
-    """The report on one run of `flash`. `resumed_from` is the number of bytes that the ECU had before a transfer, or
-    None if no image had to be transferred; `attempts` counts announcements of the image; `unanswered` counts requests
-    that were repeated because no answer came."""
+    """The report on one run of `flash`. `resumed_from` is the number of bytes that the ECU had before the transfer;
+    None if no image had to be transferred. `attempts` counts the announcements of the image. `unanswered` counts the
+    requests that were repeated because no answer came."""
 
     end: End
     before: EcuFacts
@@ -99,8 +99,8 @@ def flash(
         client: client with an open connection; this function changes its settings.
         image: image of the release, as built by `contract.release.container`.
         key: returns the key for a seed of the programming level; a dry run needs none.
-        dry_run: whether nothing is written.
-        confirm: whether the release is confirmed; otherwise it stays on trial.
+        dry_run: whether to stop before anything is written.
+        confirm: whether to confirm the release; otherwise it stays on trial.
         judge: raises FlashError if an ECU with these properties must not be flashed with this image.
     """
     began = clock()
@@ -246,7 +246,7 @@ class _Flashing:
         return read_store(self.asking)
 
     def _leave(self) -> None:
-        """Reset the ECU to its old release: only a reset ends a transfer that has begun."""
+        """Reset the ECU, so that its old release runs. Only a reset ends a transfer that has begun."""
         with suppress(FlashError):
             self.asking.session(Session.PROGRAMMING)
             self.asking.reset(times=1)

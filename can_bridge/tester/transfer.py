@@ -1,4 +1,4 @@
-"""Transfer of an image to an ECU: announce the image, send it from the requested byte on, and check it.
+"""The transfer of an image to an ECU: announce the image, send it from the requested byte on, and check it.
 
 After any interruption, such as lost frames, a session that ended or a loss of power, the next attempt begins with a new
 session and a new announcement. The answer to the announcement states the byte from which the image is to be sent.
@@ -91,7 +91,7 @@ class Transfer:
 
     def run(self) -> tuple[int, int]:
         """Transfer the image, in several attempts if necessary. Afterwards the ECU's verdict is good, and the ECU is in
-        the programming session and unlocked. Returns the number of bytes that the ECU had before, and of attempts.
+        the programming session and unlocked. Returns how many bytes the ECU had before, and the number of attempts.
 
         Raises:
             ImageRefusedError: the verdict is not good.
@@ -166,7 +166,7 @@ class Transfer:
 
 
 def in_session(begin: Callable[[], None], step: Callable[[], object], *, has_begun: bool = False) -> None:
-    """Begin a session, unless `has_begun`, and execute a step in it. Repeat both if the session ended before it."""
+    """Begin a session, unless `has_begun`, and run a step in it. Repeat both if the session ended before the step."""
     for left in reversed(range(TRIES)):
         if not has_begun:
             begin()

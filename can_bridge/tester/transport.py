@@ -1,7 +1,7 @@
 """A CAN connection for udsoncan: ISO-TP by can-isotp over the buses of `can_bridge.bus`. Needs the extra `flash`.
 
-There is no thread: the bus is read only while a request is sent and its answer is awaited, because an ECU sends nothing
-unrequested. Late or repeated responses to an earlier request are dropped.
+There is no thread: an ECU sends nothing unrequested, so the bus is only read while a request is sent and its answer is
+awaited. Late or repeated responses to an earlier request are dropped.
 """
 
 import logging
@@ -121,7 +121,7 @@ class BusConnection(BaseConnection):
         self._layer.reset()
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
-        """Send a request. Raises TimeoutException if the ECU's flow control stops it, BusError if the bus fails."""
+        """Send a request. Raises TimeoutException if the ECU accepts only a part of it, BusError if the bus fails."""
         self._request, self._failed = payload, False
         self._layer.send(payload)
         until = time.monotonic() + SEND_S

@@ -1,5 +1,5 @@
-"""Periodic messages, the background traffic of other nodes (generated, or from a DBC file), and its sender on a
-simulated bus.
+"""The background traffic of other nodes on a simulated bus: periodic messages, generated or from a DBC file, and a
+function that sends them.
 
 The share of the bus that generated messages fill is computed from the longest frame of each message. A background of
 0.9 therefore leaves at least a tenth of the bus free, so that no queue grows without bound. Random contents need fewer
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 NS_PER_MS: Final = 10**6
 
 OUR_IDS: Final = frozenset(spec.frame_id for spec in SPECS)
-"""Identifiers of our messages in all message sets, used or not. No message of another node may have one of them."""
+"""Identifiers of our messages in all message sets, used or not. Messages of other nodes must not have them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ _OURS: Final = {(spec.name, spec.frame_id) for spec in SPECS}
 
 @dataclass(frozen=True, kw_only=True)
 class BackgroundTraffic:
-    """The messages of other nodes, highest priority first. `left_out` has unsent messages of the file: "name (why)"."""
+    """The messages of other nodes, highest priority first. `left_out` has the file's other messages as "name (why)"."""
 
     messages: tuple[PeriodicMessage, ...]
     left_out: tuple[str, ...] = ()
@@ -85,7 +85,7 @@ def read_traffic(path: Path, bus: BusConfig, *, seed: int) -> BackgroundTraffic:
     """Return a file's messages at their cycle times (`GenMsgCycleTime` in a DBC), with random phases from `seed`.
 
     A message is left out if it has no cycle time, if no CAN frame of this bus can carry it, or if it is a message of
-    stillwake: the description of a whole vehicle contains these too. Raises BusError as `load_network` does, or if no
+    stillwake: a description of a whole vehicle also contains these. Raises BusError as `load_network` does, or if no
     message can be sent, two messages have the same identifier, or a message does not fit this bus.
     """
     database = load_network(path)
@@ -164,7 +164,7 @@ _IDS: Final = range(0x010, 0x700)
 
 
 def background(bus: BusConfig) -> BackgroundTraffic:
-    """Return the configured traffic of other nodes. Raises as `read_traffic` and `made_up` do."""
+    """Return the configured traffic of other nodes. Raises the errors of `read_traffic` and `made_up`."""
     config = bus.background
     if config.dbc:
         return read_traffic(Path(config.dbc), bus, seed=config.seed)
@@ -233,9 +233,9 @@ def send_background(
     drift_ppm: float = DRIFT_PPM,
 ) -> None:
     """Let a node of the simulated bus send periodic messages with random contents. Each message starts at its offset
-    from now, and is late by at most its jitter. It has a separate clock, as if sent by a separate node, so that its
-    phase relative to the control loop changes during a run. `SimulatedPort.refused` counts the frames that the bus
-    refuses.
+    from now, and is late by at most its jitter. Each message has a separate clock, as if a separate node sent it, so
+    that its phase relative to the control loop changes during a run. `SimulatedPort.refused` counts the frames that the
+    bus refuses.
 
     Args:
         seed: random seed of contents, jitter and clocks. Each message has an independent random sequence.

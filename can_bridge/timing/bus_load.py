@@ -11,8 +11,8 @@ frame is sent twice, and messages keep their periods and jitters. Phases do not 
 
 With CAN FD the same equations hold: a node loses in the arbitration phase, which has the nominal bit rate, and then
 waits for one whole frame. A frame of higher priority can still win if it is queued at most one nominal bit after the
-bus became free; this time is the paper's tau_bit. The bits of the data phase are shorter; a longer tau_bit can only
-increase the number of counted frames.
+bus became free; this time is the paper's tau_bit. The bits of the data phase are shorter. The nominal tau_bit is used
+for them too, because a longer tau_bit can only increase the number of counted frames.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from contract.config.vehicle import BusConfig
 from contract.errors import ConfigError
 
 LONGEST_BUSY_NS: Final = 60 * 10**9
-"""Longest examined busy period in ns. After a longer one (near 100 % load), the response time counts as unbounded."""
+"""Longest examined busy period in ns. If it is longer (near 100 % load), the response time counts as unbounded."""
 
 
 class MessageTiming(NamedTuple):
@@ -135,7 +135,7 @@ def _busy_ns(rhythms: _Rhythms, blocking: int) -> int | None:
 
 
 def _demand(rhythms: _Rhythms, within_ns: int, bit_ns: int) -> int:
-    """Return the largest total time in ns on the bus of all frames that can be queued within `within_ns`."""
+    """Return the longest time in ns for which the frames that can be queued within `within_ns` occupy the bus."""
     return sum(_ceil(within_ns + jitter + bit_ns, period) * busy for (period, jitter), busy in rhythms.items())
 
 
@@ -153,9 +153,9 @@ class MessageLoad:
 
     Attributes:
         ours: whether the message belongs to the control loop, not to the background.
-        worst_ns, mean_ns: time on the bus with intermission, for the longest frame and on average for random contents.
-        response: worst-case response time. For the ECU's messages it begins when the ECU's compute time has passed
-            since the sampling of the pressures, so it is the time that the bus adds to the age of the pressures.
+        worst_ns, mean_ns: longest and mean time of a frame with intermission; the mean is over random contents.
+        response: worst-case response time. For the ECU's messages it begins one compute time of the ECU after the
+            pressures were sampled, so it is the time that the bus adds to the age of the pressures.
     """
 
     message: PeriodicMessage
@@ -185,7 +185,7 @@ class BusLoad:
 
 
 def bus_load(config: Config) -> BusLoad:
-    """Return loads and worst-case response times with these settings. Raises as `background` and `loop_messages` do."""
+    """Return loads and worst-case response times. Raises the errors of `background` and `loop_messages`."""
     bus = config.bus
     others = background(bus)
     ours = loop_messages(config, others.messages)

@@ -1,9 +1,9 @@
-"""Measurements: the frames of a log together with their signals as named channels, in one file.
+"""The measurements: the frames of a log together with their signals as named channels, in one file.
 
 A `.mf4` file is for asammdf's window, CANape and vSignalyzer. An `.mcap` file is for Foxglove, Rerun and PlotJuggler.
 
-A node on a real bus writes a text file while it runs, and its measurement at its end. A process that is killed leaves
-the text file `.NAME.PID.log`, in candump's format, in the measurement's folder.
+A node on a real bus writes a text file while it runs, and converts this file to a measurement when it ends. A process
+that is killed leaves the text file `.NAME.PID.log`, in candump's format, in the measurement's folder.
 """
 
 import os
@@ -46,8 +46,8 @@ _PAUSE_S: Final = 0.05
 
 
 def check_measurement(path: Path) -> None:
-    """Check, before the frames are read, whether a measurement can be written. Raises BusError for an unknown ending,
-    or without asammdf; ModuleNotFoundError without another package; StillwakeError for a path that is not writable."""
+    """Check whether a measurement can be written; called before the frames are read. Raises BusError for an unknown
+    ending or without asammdf; ModuleNotFoundError without another package; StillwakeError for a path not writable."""
     if path.suffix.lower() not in MEASUREMENTS:
         raise BusError(f"{path}: a measurement must end in {' or '.join(MEASUREMENTS)}")
     if path.suffix.lower() == ".mf4":
@@ -73,7 +73,7 @@ def write_measurement(
 
     Args:
         messages: messages in the order of their times.
-        more: channels that are not in frames.
+        more: groups of channels whose values are not from frames.
         events, facts: see `can_bridge.logs.mcap_file.write_mcap`; they are only written to an `.mcap` file.
     """
     check_measurement(path)
@@ -121,7 +121,7 @@ def groups_of(messages: Iterable[can.Message]) -> tuple[list[ChannelGroup], Coun
 @contextmanager
 def live_log(path: Path | None) -> Iterator[Callable[[Frame, bool], None]]:
     """Yield a function that stores a frame and whether the frame was received. Any thread may call this function, and
-    the function never waits. When the `with` block ends, also by an error, the measurement is written. Without a path
+    the function never waits. The measurement is written when the `with` block ends, even with an error. Without a path
     nothing is stored.
 
     Times are the computer's date and time at the start of the log, plus the time that its monotonic clock has measured

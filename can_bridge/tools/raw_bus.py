@@ -28,8 +28,8 @@ class RawBus(OpenBus):
 
 
 def open_bus(config: BusConfig) -> RawBus:
-    """Connect to a bus with other nodes. Raises ConfigError for the simulated bus, which no other process can join;
-    BusError, which states the interface and the channel, if the bus cannot be opened."""
+    """Connect to a bus with other nodes. Raises ConfigError for the simulated bus, which no other process can join. If
+    the bus cannot be opened, raises a BusError that states the interface and the channel."""
     if config.interface == SIMULATED:
         raise ConfigError(
             "bus.interface = simulated: that bus exists only within a run; name a real bus, e.g. "
@@ -40,7 +40,7 @@ def open_bus(config: BusConfig) -> RawBus:
 
 def frame_of(message: can.Message) -> Frame | None:
     """Return the data frame in a message, with an 11- or 29-bit identifier; None for remote, error and invalid frames.
-    A negative time, which a log has before a trigger, becomes 0."""
+    A time below 0 becomes 0; a log has such times before a trigger."""
     if message.timestamp < 0.0:
         message = copy(message)
         message.timestamp = 0.0

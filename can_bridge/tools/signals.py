@@ -1,4 +1,4 @@
-"""Conversion between frames and named signals with units, for people; nodes use `can_bridge.wire.message_sets`.
+"""The conversion between frames and named signals with units, for people; nodes use `can_bridge.wire.message_sets`.
 
 `contract/stillwake.dbc` defines the names and units.
 """
@@ -28,9 +28,9 @@ PROTECTION: Final = frozenset({"E2E_CRC", "E2E_Counter", "Freshness", "MAC"})
 STALE_MS: Final = 70
 """Largest age in ms that a frame of the classic set can state. The value means this age or any greater age."""
 INVALID_PA: Final = -specs.INT12_MAX - 1
-"""Value in Pa in frames of the classic set by which the vehicle reports that the sensor's diagnosis found a fault."""
+"""Value in Pa with which a frame of the classic set reports that the sensor's own diagnosis found a fault."""
 NO_SPEED: Final = specs.SPEED_UNKNOWN * specs.SPEED_RESOLUTION_M_PER_S
-"""Value in m/s of the speed in a frame by which the vehicle reports that its speed is unknown."""
+"""Value in m/s with which a frame reports that the vehicle's speed is unknown."""
 
 
 class SignalValue(NamedTuple):
@@ -43,12 +43,12 @@ class SignalValue(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The value as text: its name if it has one, otherwise its number with up to ten digits."""
+        """The value as text: the value's name if there is one, otherwise the number with up to ten digits."""
         return self.text or (str(self.value) if isinstance(self.value, int) else f"{self.value:.10g}")
 
 
 class Decoded(NamedTuple):
-    """The signals of one of our messages, in their order; empty for a wrong length or a value outside its table."""
+    """A message of ours and its signals in order; no signals for a wrong length or a value outside its table."""
 
     spec: MessageSpec
     signals: tuple[SignalValue, ...]
@@ -163,7 +163,7 @@ def encode(name: str, assignments: Sequence[str]) -> tuple[MessageSpec, bytes]:
     for text in assignments:
         signal, equals, value = text.partition("=")
         if signal in PROTECTION:
-            raise BusError(f"{text}: {signal} is filled in by the sender; --counter names the first counter")
+            raise BusError(f"{text}: {signal} is filled in by the sender; --counter sets the first counter")
         if not equals or signal not in known:
             raise BusError(f"{text}: must be SIGNAL=VALUE with one of {', '.join(known)}")
         values[signal] = _value(text, signals[signal], value)

@@ -1,4 +1,4 @@
-"""Statistics of the traffic of a log or a bus, by message: count, rate, losses, results of the end-to-end checks.
+"""The statistics of the traffic in a log or on a bus, by message: count, rate, losses, results of end-to-end checks.
 
 The authentication of a secured message is checked first, as in a node; a frame that this check rejects gets no
 end-to-end check. Without a key only the end-to-end check is made.
@@ -52,7 +52,7 @@ MAC_REFUSED: Final = (Mac.NOT_AUTHENTIC, Mac.NOT_FRESH)
 
 
 class Traffic:
-    """One message with the statistics of its frames so far.
+    """A message with the statistics of its frames so far.
 
     Attributes:
         decoded: content of the newest frame; None for a message that is not ours.
@@ -80,7 +80,7 @@ class Traffic:
         self.verifier = VerifierState()
 
     def add(self, frame: Frame, time_ns: int | None = None) -> None:
-        """Add a frame of the message. `time_ns` is its time in a log (it may be below 0); None for its time stamp."""
+        """Add a frame of the message. `time_ns` is its time in a log, possibly below 0; None for its time stamp."""
         time_ns = frame.timestamp_ns if time_ns is None else time_ns
         self.latest, self.decoded = frame, decode(frame)
         self.first_ns = self.first_ns if self.count else time_ns
@@ -173,8 +173,8 @@ class Summary:
     """The traffic so far.
 
     Attributes:
-        config: settings of the bus, for the load and the rules for counters. A frame without bit-rate switch counts at
-            the nominal rate.
+        config: settings of the bus, for the load and the rules for counters. For the load, a frame without a bit-rate
+            switch has the nominal rate.
         key: key for secured messages; without it their authentication is not checked.
         most: largest number of messages that are listed; frames with further identifiers are only counted, in
             `unlisted`.

@@ -1,1 +1,1 @@
-"""Unified Diagnostic Services (ISO 14229-1) on the ECU's side: state machines with time and requests as inputs."""
+"""The ECU's side of Unified Diagnostic Services (ISO 14229-1): state machines with time and requests as inputs."""

@@ -1,4 +1,4 @@
-"""Calibration of an ECU through UDS: its identifiers, and the values in non-volatile memory.
+"""The calibration of an ECU through UDS: identifiers to read and write, and values in non-volatile memory.
 
 Stored values are used only with the release for which they were stored, and only if the vehicle's settings allow them.
 """
@@ -27,8 +27,8 @@ class CalibrationService:
         kept: returns the values stored for the running release, or None.
         keep: stores values; None deletes the stored values. May raise MediumError, or OutOfOrderError while the slot is
             written.
-        refusal: returns the reason why nothing may be stored now, or None. While jets are enabled, writing a flash
-            memory could take longer than a control period. The values in force may always be changed.
+        refusal: returns the reason why nothing may be stored now, or None. Storing is refused while jets are enabled,
+            because it could take longer than a control period. The values in force may always be changed.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class CalibrationService:
 
 @contextmanager
 def as_refusals() -> Iterator[None]:
-    """Raise Refused, with the code of UDS, for an error of the store."""
+    """Raise Refused, with a UDS code, in place of an error of the store."""
     try:
         yield
     except MediumError as error:

@@ -37,7 +37,7 @@ class EcuServices:
     Args:
         identification: values of the constant identifiers.
         calibration: service for the calibration; None without a release.
-        self_test: runs the release on test windows; raises StillwakeError. None without a release.
+        self_test: runs the release on test windows; raises StillwakeError if the test fails. None without a release.
         refusal: returns the reason why the ECU may not be programmed now, or None.
         log: called with an event's name, its text, and its fields.
 
@@ -72,7 +72,7 @@ class EcuServices:
         """Interrupt a transfer in progress, because the session ended; the transfer can be resumed."""
         self._store.drop()
         if self.is_updating:
-            # Without a reset, after which the old release runs again, the jets would stay shut until the next power-on.
+            # The reset starts the old release. Without the reset, the jets would stay shut until the next power-on.
             self._on_reset()
 
     def read(self, did: Did) -> bytes:
@@ -95,7 +95,7 @@ class EcuServices:
             return
         if value == self._taken_keys:
             return
-        # Verifying a signature takes a large part of a control period, so it needs the conditions for programming.
+        # Verifying a signature takes a large part of a control period, so the conditions for programming must be met.
         self._check_preconditions()
         with as_refusals():
             self._store.take_keys(value)
@@ -138,7 +138,7 @@ class EcuServices:
     def transfer(self, data: bytes) -> Long[None]:
         with as_refusals():
             self._store.append(data)
-        # All data are written already; the operation has as many parts as it would have with a flash memory.
+        # All data are written already. The operation still has as many parts as a write to flash memory would have.
         yield from repeat(None, (len(data) - 1) // WRITTEN)
 
     def failed_attempts(self, level: Level) -> int:

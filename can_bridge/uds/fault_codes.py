@@ -1,4 +1,4 @@
-"""This ECU's diagnostic trouble codes (SAE J2012-DA): one for each reason that is a fault, and their snapshots.
+"""The diagnostic trouble codes of this ECU (SAE J2012-DA), one code for each reason that is a fault, and the snapshots.
 
 The first two bytes of a code are a letter, a 1 (which marks a manufacturer's own code), and the number of the reason.
 The letter is U for faults of the bus, P for faults of the ECU and its sensors. The third byte is the type of failure.
@@ -41,7 +41,7 @@ _LETTERS: Final = "PCBU"
 
 
 class Snapshot(IntEnum):
-    """Identifiers of the values in a snapshot. A snapshot is taken when a fault is found; service 22 cannot read it."""
+    """The identifiers of a snapshot's values. A snapshot is taken when a fault is found; service 22 cannot read it."""
 
     TIME_MS = 0xFD20
     """Time in ms since power-on, 4 bytes."""

@@ -32,7 +32,7 @@ _MOST_NOTED: Final = 64
 
 
 class Status(IntFlag):
-    """Bits of a trouble code's status; bit 7, the warning lamp, is not supported."""
+    """The bits of a trouble code's status; bit 7, the warning lamp, is not supported."""
 
     TEST_FAILED = 0x01
     FAILED_THIS_CYCLE = 0x02
@@ -54,8 +54,8 @@ class KeptFault:
     """The stored state of one code.
 
     Attributes:
-        age: number of operation cycles, counted from the last failure of a confirmed fault, in which the fault's test
-            passed and did not fail.
+        age: number of operation cycles in which the test of a confirmed fault passed and did not fail, since its last
+            failure.
         snapshot: snapshot of the first failure in the latest cycle with a failure; empty without a snapshot.
     """
 
@@ -115,14 +115,14 @@ class FaultMemory:
         self.is_on = True
 
     def note(self, reason: Reason | None, snapshot: bytes = b"") -> None:
-        """Note that the test for this reason failed now or, for None, that all tests passed."""
+        """Note that the test for `reason` failed now. If `reason` is None, note that all tests passed."""
         self._noted.append((reason, snapshot))
 
     def settle(self) -> None:
         """Record the noted results, and store the record if this is allowed now. Raises MediumError if storing fails;
         the next call does not repeat the attempt."""
         while self._noted and (self.is_on or len(self._noted) > 1):
-            # While recording is off, only the latest result stays queued, for when recording resumes.
+            # While recording is off, only the latest result stays queued. It is recorded when recording resumes.
             reason, snapshot = self._noted.popleft()
             if not self.is_on:
                 continue
@@ -176,7 +176,7 @@ _ALL_RECORDS: Final = 0xFF
 
 
 class FaultReport(IntEnum):
-    """Sub-functions of service 0x19."""
+    """A sub-function of service 0x19."""
 
     COUNT = 0x01
     BY_STATUS = 0x02

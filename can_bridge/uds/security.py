@@ -1,4 +1,4 @@
-"""Security access (ISO 14229-1, service 0x27): the shared secret, seeds, keys, wrong attempts and the delay after them.
+"""The security access (ISO 14229-1, service 0x27): shared secret, seeds, keys, wrong attempts and the delay after them.
 
 Each security level has its own key: the AES-CMAC of a label and the level's number, computed with the shared key. The
 answer to a seed is the AES-CMAC of the seed, computed with the level's key.
@@ -56,7 +56,7 @@ class SecurityAccess:
         self._closed_until_ns: dict[Level, int] = {}
 
     def power_on(self, now_ns: int) -> None:
-        """Restart the delay of each level with too many wrong attempts: the time without power is unknown."""
+        """Restart the delay of each level with too many wrong attempts, because the time without power is unknown."""
         for level in Level:
             if self._attempts.failed_attempts(level) >= MAX_ATTEMPTS:
                 self._closed_until_ns[level] = now_ns + DELAY_NS

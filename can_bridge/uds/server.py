@@ -59,7 +59,7 @@ class UdsServer:
 
     Args:
         random_bytes: returns the given number of unpredictable bytes, for seeds.
-        faults: None for a memory whose faults do not survive a reset.
+        faults: fault memory; None for a memory whose faults do not survive a reset.
 
     Attributes:
         is_silent: whether a tester has switched off JetCommand and EcuStatus; only possible while no jet can run.
@@ -109,9 +109,9 @@ class UdsServer:
     def request(
         self, now_ns: int, payload: bytes, *, is_functional: bool = False, is_occupied: bool = False
     ) -> list[bytes]:
-        """Process a complete request and return its answers: none if the answer is suppressed or not ready. With
-        `is_occupied`, a long answer to an earlier request is still being sent, so this request is refused as busy. A
-        functional request addresses every ECU."""
+        """Process a complete request and return its answers: none if the answer is suppressed or not ready. If
+        `is_occupied`, a long answer to an earlier request is not yet sent completely; this request is then refused as
+        busy. A functional request addresses every ECU."""
         now_ns = self._at(now_ns)
         if not payload:
             return []

@@ -52,7 +52,7 @@ class Session(IntEnum):
 
 
 class Nrc(IntEnum):
-    """Negative response codes (ISO 14229-1:2020, table A.1)."""
+    """A negative response code (ISO 14229-1:2020, table A.1)."""
 
     SERVICE_NOT_SUPPORTED = 0x11
     SUB_FUNCTION_NOT_SUPPORTED = 0x12
@@ -88,7 +88,7 @@ UNSENT_TO_ALL: Final = frozenset(
 
 
 class Routine(IntEnum):
-    """RoutineControl identifiers, all started by sub-function 1. Results are in `can_bridge.uds.ecu_services`."""
+    """A RoutineControl identifier. Sub-function 1 starts a routine. For answers see `can_bridge.uds.ecu_services`."""
 
     PRECONDITIONS = 0x0203
     """Check whether the ECU may be programmed now."""
@@ -108,7 +108,7 @@ class Routine(IntEnum):
 
 
 class Did(IntEnum):
-    """Identifiers of the data that UDS reads and writes."""
+    """An identifier of data that UDS reads or writes."""
 
     ACTIVE_SESSION = 0xF186
     SERIAL_NUMBER = 0xF18C
@@ -162,7 +162,7 @@ class Permission:
 _FLASHING: Final = Permission(_PROGRAMMING, Level.PROGRAMMING)
 SERVICES: Final[Mapping[int, Permission]] = {
     Service.SESSION: Permission(),
-    # The session begins only while the jets are shut; `EcuServices.before_reset` checks this condition again.
+    # The programming session begins only while the jets are shut; `EcuServices.before_reset` checks this again.
     Service.RESET: Permission(_PROGRAMMING),
     **dict.fromkeys((Service.CLEAR_FAULTS, Service.REPORT_FAULTS, Service.READ, Service.TESTER_PRESENT), Permission()),
     **dict.fromkeys((Service.SECURITY, Service.COMMUNICATION, Service.FAULT_SETTING), Permission(_BEYOND_DEFAULT)),

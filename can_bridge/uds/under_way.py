@@ -9,7 +9,7 @@ from can_bridge.uds.services import NEGATIVE, P2_EXTENDED_MS, P2_MS, POSITIVE, N
 _MS: Final = 1_000_000
 _FIRST_NS: Final = P2_MS * _MS // 2
 _NEXT_NS: Final = P2_EXTENDED_MS * _MS // 2
-"""Times after which a response-pending is sent: half of the times by which its last bit must be on the bus."""
+"""Times after which a response-pending is sent: half of P2 and half of P2*, so that its last bit is sent in time."""
 
 
 def negative(service: int, code: Nrc) -> bytes:
@@ -17,8 +17,8 @@ def negative(service: int, code: Nrc) -> bytes:
 
 
 class Job:
-    """A request being processed. `work` returns the answer's bytes after the first byte. With `is_quiet` no positive
-    answer is sent. `passed_over` has the negative response codes that are not sent either."""
+    """A request being processed. `work` returns the answer's bytes after the first byte. If `is_quiet`, no positive
+    answer is sent. Negative responses with a code in `passed_over` are not sent."""
 
     def __init__(
         self, now_ns: int, service: int, work: Long[bytes], *, is_quiet: bool, passed_over: Collection[Nrc]
@@ -55,7 +55,7 @@ class Download:
 
     Attributes:
         missing: number of bytes that have not come yet.
-        is_closed: whether the tester has ended the download; only a repeated request to end it is then answered.
+        is_closed: whether the tester has ended the download. Blocks are then refused, but not a repeated end.
     """
 
     def __init__(self, offset: int, length: int) -> None:

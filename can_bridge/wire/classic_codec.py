@@ -2,7 +2,7 @@
 
 The codec works as `can_bridge.wire.codec` does, within the limits of eight bytes:
 
-- A pressure has 12 bits, in whole Pa. It is -2048 if the sensor's own diagnosis failed: there are no validity bits.
+- A pressure has 12 bits of 1 Pa. There are no validity bits; -2048 means that the sensor's diagnosis found a fault.
 - An age is in units of 10 ms, rounded up, so that no frame looks fresher than it is. The largest value (70 ms or more)
   is read as `STALE_NS`, which is too old for any use. The age of a speed is sent as 2.55 s if it is greater.
 - A status has counts up to 63 (bus-off: 15) and two bytes of the bundle hash. It has no error counters, no list of

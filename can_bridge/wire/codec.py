@@ -1,9 +1,9 @@
-"""Conversion of the CAN FD set's messages to data bytes and back, as defined in `contract/stillwake.dbc`.
+"""The conversion of the CAN FD set's messages to data bytes and back, as defined in `contract/stillwake.dbc`.
 
-`emit_*` returns the protected part of a message with an empty E2E header, which `can_bridge.e2e` fills, and raises
-ValueError for a value that is not finite or out of range. `parse_*` reads the values, not the header. It returns None
-for data of another length, or with a value outside the DBC's table for this value; it never raises. Values are rounded
-to the nearest multiple of the resolution; bits without a signal are sent as zero and ignored when received.
+`emit_*` returns the protected part of a message with an empty E2E header; `can_bridge.e2e` fills the header. `emit_*`
+raises ValueError for a value that is not finite or out of range. `parse_*` reads the values, not the header. It returns
+None for data of another length or a value outside the DBC's table, and never raises. Values are rounded to the nearest
+multiple of the resolution. Bits without a signal are sent as zero and ignored when received.
 
 These functions run for every frame, so `emit_*` searches for the invalid value only after packing has failed. The
 tables and conversions without an underscore also serve `can_bridge.wire.classic_codec`.
@@ -46,7 +46,7 @@ _NEXT_PERIOD: Final = 1 << 5
 _STATE_MASK: Final = 0b1111
 
 UNPACKABLE: Final = (ValueError, OverflowError, TypeError, struct.error)
-"""Exceptions of packing or rounding for a value out of range."""
+"""Exceptions that packing or rounding raises for a value out of range."""
 
 made: Final = tuple.__new__
 """A function that builds a named tuple from all of its values in order. Calling the named tuple's own constructor would

@@ -1,4 +1,4 @@
-"""One CAN frame."""
+"""A CAN frame, its priority and its possible lengths."""
 
 from dataclasses import dataclass
 from typing import Final

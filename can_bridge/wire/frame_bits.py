@@ -169,7 +169,7 @@ def worst_case_bits(frame: Frame) -> tuple[int, int]:
 
 
 def worst_case_ns(frame: Frame, *, nominal_bitrate: int, data_bitrate: int) -> int:
-    """Return the longest time in ns for which a frame of this length occupies the bus, as `frame_ns` does."""
+    """Return the longest time in ns for which a frame of this format and length occupies the bus. See `frame_ns`."""
     nominal, data = worst_case_bits(frame)
     return bits_ns(nominal, data, nominal_bitrate=nominal_bitrate, data_bitrate=data_bitrate)
 

@@ -1,7 +1,7 @@
 """The sets of messages that a bus can carry, and the properties of each set that both nodes use.
 
-A bus has one set: `bus.frames` selects CAN FD or classic CAN, `bus.key` selects the authenticated form of the CAN FD
-set. Each set has its own identifiers, so that a node with another set is recognised and its frames are not misread.
+A bus has one set: `bus.frames` selects CAN FD or classic CAN, and `bus.key` selects the authenticated form of the CAN
+FD set. Each set has its own identifiers, so that the frames of a node with another set are recognised, not misread.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Message(Generic[T]):
-    """One message of a set, with its functions `emit_*` and `parse_*` of `codec`."""
+    """A message of a set, with its functions `emit_*` and `parse_*` of the set's codec."""
 
     spec: MessageSpec
     emit: Callable[[T], bytes]

@@ -1,5 +1,5 @@
-"""Identifiers, lengths, protection and resolutions of the messages, as in `contract/stillwake.dbc`. They are repeated
-here because the runtime has no DBC parser; tests compare them with the file."""
+"""The identifiers, lengths, protection and resolutions of the messages, as in `contract/stillwake.dbc`. They are
+repeated here because the runtime has no DBC parser; tests compare them with the file."""
 
 from dataclasses import dataclass, replace
 from typing import Final, Literal
@@ -17,7 +17,7 @@ class MessageSpec:
 
     Attributes:
         protected: number of bytes that the E2E header protects, including the header; zeros and authentication follow.
-        data_id: data ID of the E2E protection. The CRC is computed from it too, but it is never sent.
+        data_id: data ID of the E2E protection. The CRC covers the data ID, but no frame contains it.
         is_secured: whether the message ends in a freshness value and a message authentication code.
     """
 
@@ -74,7 +74,7 @@ SPEED_RESOLUTION_M_PER_S: Final = 0.005
 DENSITY_RESOLUTION_KG_PER_M3: Final = 0.01
 SPEED_UNKNOWN: Final = 0xFFFF
 DENSITY_UNKNOWN: Final = 0
-"""Raw value for an unknown density. All sets have the same resolutions and unknown values of speed and density."""
+"""Raw value for an unknown density. The resolutions of speed and density and these raw values are equal in all sets."""
 
 PRESSURE_RESOLUTION_PA: Final = 0.1
 AGE_RESOLUTION_NS: Final = 10_000

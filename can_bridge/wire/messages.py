@@ -1,6 +1,6 @@
 """The four messages in engineering units. `contract/stillwake.dbc` defines each signal.
 
-A message is a named tuple, because one is built for every frame, and building a frozen dataclass takes far longer.
+Messages are named tuples, because every frame needs a new message, and building a frozen dataclass takes far longer.
 """
 
 from enum import IntEnum
@@ -14,14 +14,14 @@ BUS_OFF_LIMIT: Final = 0xFF
 """Largest values of the event counts and the bus-off count in EcuStatus; larger counts are sent as these values."""
 
 ERROR_LIMIT: Final = 0xFF
-"""Largest value that is sent for an error counter of the CAN controller, also for a count of 256 (bus-off)."""
+"""Largest value that is sent for an error counter of the CAN controller; it is also sent for 256 (bus-off)."""
 
 SET_ASIDE_LIMIT: Final = 0b1111
 """Largest value of `EcuStatus.set_aside`, with the bits of all four pressures."""
 
 
 class Mode(IntEnum):
-    """State of the control loop in EcuStatus, and origin of the command in JetCommand."""
+    """The state of the control loop in EcuStatus, and the origin of the command in JetCommand."""
 
     OFF = 0
     WARMUP = 1
@@ -32,7 +32,7 @@ class Mode(IntEnum):
 
 
 class Reason(IntEnum):
-    """Reasons why the jets do not follow the controller."""
+    """The reasons why the jets do not follow the controller."""
 
     NONE = 0
     STREAM_LOST = 1
@@ -57,7 +57,7 @@ class Reason(IntEnum):
 
 
 class Pressure(NamedTuple):
-    """Wall pressures of one instant.
+    """The wall pressures of one instant.
 
     Attributes:
         pressure_pa: pressures relative to the free stream, in Pa, (4,), in the order of the bundle's sensors.
@@ -76,9 +76,9 @@ class VehicleSpeed(NamedTuple):
     """The vehicle's speed and the density of the air around it.
 
     Attributes:
-        speed_m_per_s: at least 0; None if the vehicle does not know it.
+        speed_m_per_s: speed, at least 0; None if unknown.
         age_ns: time in ns from the measurement of the speed until the frame is passed to the bus.
-        density_kg_per_m3: above 0; None if unknown.
+        density_kg_per_m3: density, above 0; None if unknown.
     """
 
     speed_m_per_s: float | None
@@ -104,7 +104,7 @@ class JetCommand(NamedTuple):
 
 
 class EcuStatus(NamedTuple):
-    """Health of the controller, and numbers of events since power-on.
+    """The health of the controller, and numbers of events since power-on.
 
     Attributes:
         overruns, missed, crc_errors: numbers of events, up to COUNT_LIMIT; the sender limits all counts.

@@ -33,7 +33,7 @@ def load_network(path: Path) -> "Database":
             if len(found[1]) > 9 or int(found[1]) > LONGEST_MESSAGE:
                 stated = shown(found[0].decode())
                 raise ValueError(f"{stated} is the length of a message: must be at most {LONGEST_MESSAGE}")
-        # The file, of any age and encoding, is not checked strictly: its author has better tools to find mistakes.
+        # The check is not strict, so that old files can be read; their authors have better tools to find mistakes.
         database = load_file(path, strict=False)
     except OSError as error:
         raise BusError(f"{path}: {error.strerror or error}") from error

@@ -1,1 +1,1 @@
-"""Additions to python-can's backends that prevent any received data from stopping a backend."""
+"""The additions to python-can's backends, so that no received data can stop a backend."""

@@ -13,7 +13,7 @@ from contract.errors import BusError, install
 from contract.runtime.copies import NeverCopied
 
 QUEUE_SIZE: Final = 1024
-"""Largest number of frames that a virtual bus stores for a reader, and that one call of `receive_all` returns."""
+"""Largest number of frames in the receive queue of a virtual bus, and in the result of one call of `receive_all`."""
 
 SETTLE_S: Final = 2.0
 """Time in s that a serial adapter gets to start: many adapters reset when their port is opened."""
@@ -29,8 +29,8 @@ _OF_EXTRA_BUS: Final = ("udp_multicast", "slcan")
 
 
 def open_backend(config: BusConfig) -> tuple[can.BusABC, str]:
-    """Open the configured bus, and return it with the name of its interface in python-can. Raises BusError, which
-    states interface and channel, if the bus cannot be opened."""
+    """Open the configured bus. Return the bus and the name of its interface in python-can. If the bus cannot be opened,
+    raises a BusError that states the interface and the channel."""
     _check_known(config.interface)
     # Vendors' drivers raise exceptions of any type, for example if the driver's library is missing.
     try:
@@ -101,7 +101,7 @@ def _constructed(interface: str, options: dict[str, Any]) -> can.BusABC:
 GARBAGE_LIMIT: Final = 1000
 """Number of consecutive errors of a backend's parser after which the bus counts as failed. The count restarts when a
 valid frame or no data is received. Without this limit, a dead backend that raises an error on every call would look
-like endless noise. `UnusableReceptionError`, which our own backends raise for rejected data, is not limited."""
+like endless noise. Our own backends raise `UnusableReceptionError` for rejected data; it is not counted."""
 
 _UNREADABLE: Final = (ValueError, IndexError, struct.error)
 """Exceptions that the backends' parsers raise for invalid data."""
@@ -127,7 +127,7 @@ class OpenBus(NeverCopied):
         self.close()
 
     def _send(self, message: can.Message, name: str, timeout_s: float) -> None:
-        """Send a message. Raises BusError with the name if the bus fails or does not accept the message in time."""
+        """Send a message. Raises BusError, with `name`, if the bus fails or does not accept the message in time."""
         try:
             self._bus.send(message, timeout=timeout_s)
         except (can.CanError, OSError, ValueError) as error:
@@ -141,7 +141,7 @@ class OpenBus(NeverCopied):
         except UnusableReceptionError as refused:
             return refused.reason
         except (can.CanError, OSError, *_UNREADABLE) as error:
-            # Backends wrap the original error. If invalid data caused a CanError, its cause is one of these exceptions.
+            # Backends wrap the original error, so the `__cause__` of a CanError shows whether invalid data caused it.
             if not isinstance(error.__cause__ or error, _UNREADABLE):
                 raise BusError(f"CAN bus failed: {one_line(error)}") from error
             self._unreadable_in_a_row += 1

@@ -30,14 +30,14 @@ _CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
 """Error classes of Linux: CAN_ERR_CRTL (data byte 1 has the controller's state), CAN_ERR_BUSOFF, CAN_ERR_RESTARTED
 (from bus-off) and, since kernel 6.0, CAN_ERR_CNT (data bytes 6 and 7 are the transmit and receive error counters)."""
 _RX_OVERFLOW, _PASSIVE, _ACTIVE = 0x01, 0x10 | 0x20, 0x40
-"""Bits CAN_ERR_CRTL_... of data byte 1: received frames were lost; error-passive by RX or TX; error-active again."""
+"""Bits of data byte 1 (CAN_ERR_CRTL_...): the controller lost received frames, is error-passive, is error-active."""
 _LENGTH: Final = 8
 """Length of an error frame's data in bytes (CAN_ERR_DLC)."""
 
 
 def health_after(health: BusHealth, classes: int, data: bytes) -> BusHealth:
     """Return the controller's health after one error frame. `classes` is the error frame's identifier without its
-    flags. An error frame whose data has not eight bytes changes nothing."""
+    flags. An error frame that does not have eight data bytes changes nothing."""
     if len(data) != _LENGTH:
         return health
     controller = data[1] if classes & _CONTROLLER else 0
@@ -98,13 +98,13 @@ class PythonCanBus(OpenBus):
         linux_error_frames: bool = False,
         keep: Callable[[Frame, bool], None] = lambda frame, received: None,
     ) -> None:
-        """Take over an open python-can bus, which is closed together with this object.
+        """Take over an open python-can bus. Closing this object closes the bus.
 
         Args:
-            accept: identifiers to receive (an int is an 11-bit identifier); None for all 11-bit identifiers. With
-                python-can's own filter, a waiting call would end at the first frame that the filter drops.
-            is_classic: whether CAN FD frames are neither sent nor received.
-            linux_error_frames: whether error frames are as in `linux/can/error.h` and report on this node's controller.
+            accept: identifiers to receive (an int has 11 bits); None for all 11-bit identifiers. python-can's own
+                filter is not used, because it ends a waiting call at the first frame that it drops.
+            is_classic: whether to refuse CAN FD frames, sent and received.
+            linux_error_frames: whether error frames have the form of `linux/can/error.h` and report on the controller.
             keep: called with each sent or accepted frame, and with whether the frame was received.
         """
         super().__init__(bus)
@@ -158,8 +158,8 @@ class PythonCanBus(OpenBus):
         return in_kernel + self._overflow_reports
 
     def health(self) -> BusHealth:
-        """Return the CAN controller's health as far as it is known: from SocketCAN's error frames that this object
-        receives, or from the value ERROR (bus-off) of python-can's `state`. Other values differ between drivers."""
+        """Return the CAN controller's health as far as known: from received error frames of SocketCAN, and from the
+        value ERROR (bus-off) of python-can's `state`. The other values of `state` differ between drivers."""
         try:
             is_off = self._bus.state is can.BusState.ERROR
         except (can.CanError, OSError, NotImplementedError):
@@ -268,5 +268,5 @@ class ReceiveThread:
                 frame = self._bus.receive(POLL_S)
                 if frame is not None:
                     self._deliver(frame)
-        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is kept
+        except BaseException as error:  # noqa: BLE001 - an error that ends a thread is lost unless it is stored
             self.fault = error

@@ -1,8 +1,8 @@
-"""Serial CAN adapters (slcan, the Lawicel protocol): python-can's backend with our own code to read and write lines.
+"""A backend for serial CAN adapters (slcan, the Lawicel protocol): python-can's backend, with our own code for lines.
 
 python-can 4.6 never discards a line that it cannot decode, reads truncated and foreign lines as frames, treats the
-acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. Its code that opens an
-adapter and parses a valid line is used unchanged.
+acknowledgement of a sent frame as if nothing had arrived, and reports sent frames as not sent. This module only uses
+python-can's code that opens an adapter and parses a valid line.
 """
 
 import os
@@ -19,7 +19,7 @@ from can_bridge.bus.interface import Rejection, UnusableReceptionError
 from can_bridge.wire.frame import FD_LENGTHS
 
 _LINE: Final = re.compile(rb"(?:([tdbr])[0-7][0-9A-Fa-f]{2}|([TDBRx])[01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
-"""Groups of a received line: type of an 11-bit or a 29-bit frame, length code, data. A CANDapter sends `x` for `T`."""
+"""Groups: type of an 11-bit frame, type of a 29-bit frame (a CANDapter sends `x` for `T`), length code, data."""
 _ANSWER: Final = re.compile(rb"[zZ]?")
 _STAMP_DIGITS: Final = 4
 """Number of digits of the time stamp that an adapter can append to a line; ignored, because it wraps every minute."""
@@ -37,7 +37,7 @@ OPENING_TIMEOUT_S: Final = 2.0
 
 
 def why_refused(line: bytes) -> Rejection | None:
-    """Return why a line, given without its line end, is not a frame; None if the line is a frame. Never raises."""
+    """Return the reason why a line is not a frame; None if it is a frame. `line` has no line end. Never raises."""
     match = _LINE.fullmatch(line)
     if match is None:
         return Rejection.GARBAGE
@@ -49,7 +49,7 @@ def why_refused(line: bytes) -> Rejection | None:
 
 
 class SlcanBus(slcanBus):
-    """A connection to an adapter. For an unusable line, it raises `UnusableReceptionError` and then continues."""
+    """A connection to an adapter. An unusable line raises `UnusableReceptionError`; the connection stays usable."""
 
     _line_cut = False
 

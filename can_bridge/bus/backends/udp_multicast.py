@@ -1,11 +1,11 @@
-"""CAN over UDP multicast: python-can's backend with a parser that checks every value.
+"""A backend for CAN over UDP multicast: python-can's backend with a parser that checks every value.
 
 python-can 4.6 does not check the types of a datagram's values: 20 bytes with `{"data": 2**30}` allocate a gigabyte. The
-C parser of msgpack (1.1.2) leaks up to 4 KB for each truncated map, so msgspec reads the datagrams. The backend
-receives its own frames and, on Linux, frames of groups that other processes joined.
+C parser of msgpack (1.1.2) leaks up to 4 KB for each truncated map, so msgspec reads the datagrams. python-can's
+backend also receives its own frames and, on Linux, frames of groups that other processes joined.
 
-Equal datagrams are not treated as copies of one datagram: some senders send no time, and the sequence numbers of
-ISO-TP repeat every 16 frames. A datagram that stays on this machine arrives only once.
+Two equal datagrams count as two frames: some senders send no time, and the sequence numbers of ISO-TP repeat every 16
+frames, while a datagram that stays on this machine never arrives twice.
 """
 
 import socket
@@ -32,7 +32,7 @@ _ECHOES: Final = 4096
 _SO_RCVBUFFORCE: Final = 33
 _IP_MULTICAST_ALL: Final = 49
 _IPV6_MULTICAST_ALL: Final = 29
-"""Linux: whether a socket receives, as by default, datagrams of groups that only other sockets have joined (ip(7))."""
+"""Linux: whether a socket also receives datagrams of groups that only other sockets joined; on by default (ip(7))."""
 
 
 class _Datagram(msgspec.Struct, forbid_unknown_fields=True):
@@ -55,7 +55,7 @@ _decoded: Final = msgspec.msgpack.Decoder(_Datagram).decode
 
 
 def parse_datagram(datagram: bytes, *, timestamp: float = 0.0) -> can.Message | Rejection:
-    """Return the message in a datagram packed by python-can, or the reason why it has none. Never raises, and
+    """Return the message in a datagram that python-can packed, or the reason to reject the datagram. Never raises, and
     allocates no more than the datagram's size. `timestamp` is the time of reception in s, not the sender's time."""
     try:
         fields = _decoded(datagram)

@@ -66,7 +66,7 @@ class BusFault(Span, ABC, section="fault"):
 
     @abstractmethod
     def acting(self, port: "Injector") -> tuple[Send, Receive]:
-        """Return the port's functions to send and to receive, which count the fault's effects in `port.acted`."""
+        """Return two functions, to send and to receive at this port. They count the fault's effects in `port.acted`."""
 
 
 class Injector(WrappedBus):
@@ -81,9 +81,9 @@ class Injector(WrappedBus):
         self._send, self._receive = fault.acting(self)
 
     def arrived(self, now_ns: int) -> list[tuple[int, Frame]]:
-        """Return the frames that the wrapped bus received since the last call, each with its time of arrival in ns. A
-        frame arrives at its time stamp if the stamp lies between the last two calls, otherwise at the last call. No
-        frame arrives before a frame that was returned earlier."""
+        """Return the frames that the wrapped bus received since the previous call, each with its time of arrival in ns.
+        This time is the frame's time stamp if the stamp lies between the previous call and this call, otherwise the
+        time of this call. No time is earlier than the time of a frame that was returned before."""
         arrived: list[tuple[int, Frame]] = []
         for frame in self.beneath.receive_all():
             stamp_ns = frame.timestamp_ns
@@ -118,7 +118,7 @@ class SidedFault(FrameFault, section="sided_fault"):
 
     @abstractmethod
     def change(self, random: Random) -> Change:
-        """Return a function that takes a frame and returns the frames that replace it. It uses `random` alone."""
+        """Return a function from a frame to the frames that replace it. It takes all random numbers from `random`."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         """Replace the frames of one direction in the span. `acted` counts the frames changed, lost or copied."""
@@ -158,7 +158,7 @@ def wrap(bus: Bus, faults: Sequence[BusFault], clock: NowNs, *, seed: int = 0, f
         clock: returns the present time in ns; the spans of the faults refer to this time.
         seed: random seed; equal faults, frames, times and seeds give equal results. Each fault has a random generator
             of its own, so that its random numbers do not depend on the other faults.
-        first: index of the first fault, if earlier calls applied other faults.
+        first: number of faults that earlier calls applied to this port, so that no random sequence is used twice.
     """
     injectors: list[Injector] = []
     for place, fault in enumerate(faults, first):

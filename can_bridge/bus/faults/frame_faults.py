@@ -1,4 +1,4 @@
-"""Faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
+"""The faults of single frames: lost, duplicated, late, out of order, with changed data, or with wrong bits on the bus.
 
 CAN's own CRC does not detect data that were changed before they reached the sender's CAN controller, or after they left
 the receiver's controller. After wrong bits on the bus, the sender repeats the frame, and the error counters rise.
@@ -67,7 +67,7 @@ class BurstLoss(SidedFault, section="burst_loss"):
 
 @dataclass(frozen=True, kw_only=True)
 class Duplicate(SidedFault, section="duplicate"):
-    """A fault that adds copies directly after a frame, with its time stamp. `acted` counts the copied frames."""
+    """A fault that adds copies directly after a frame, with the same time stamp. `acted` counts the copied frames."""
 
     probability: Probability[float] = 1.0
     copies: AtLeastOne[int] = 1
@@ -86,8 +86,8 @@ class Delay(FrameFault, section="delay"):
     jitter_s: NonNegative[float] = 0.0
     """Largest additional delay in s; the additional delay is distributed uniformly between 0 and this value."""
     restamp: bool = True
-    """Whether the time stamp is late too, because the frame waits before it is stamped, as in a gateway. Otherwise the
-    stamp shows the delay, because the frame waits after it was stamped, in a queue of the receiver."""
+    """Whether the delay also shifts the time stamp, as if the frame waited in a gateway before it was stamped.
+    Otherwise the stamp stays unchanged, as if the frame waited in a queue of the receiver after it was stamped."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
         waiting: list[tuple[int, int, Frame]] = []  # due time, serial number
@@ -164,7 +164,7 @@ class FlipBits(SidedFault, section="flip_bits"):
     stillwake's messages then change. Otherwise the bits change in a driver, a gateway or the receiver's memory."""
 
     def change(self, random: Random) -> Change:
-        """Return the function. With `before_crc`, the function raises BusError for an authenticated frame."""
+        """Return a function that flips bits. With `before_crc`, it raises BusError for an authenticated frame."""
         return lambda frame: [self._flipped(frame, random) if random.random() < self.probability else frame]
 
     def _flipped(self, frame: Frame, random: Random) -> Frame:
@@ -188,7 +188,7 @@ class StuckAt(SidedFault, section="stuck_at"):
     messages then change. Otherwise the whole data stay equal, as in a buffer that is not refilled."""
 
     def change(self, random: Random) -> Change:
-        """Return the function. With `counter_runs`, the function raises BusError for an authenticated frame."""
+        """Return a function that repeats data. With `counter_runs`, it raises BusError for an authenticated frame."""
         first: dict[tuple[bool, int], bytes] = {}
 
         def change(frame: Frame) -> list[Frame]:
@@ -233,13 +233,13 @@ class WireErrors(Span, section="wire_errors"):
 
     bit_error_rate: Probability[float]
     nodes: tuple[str, ...] = ()
-    """Names of the ports at which bits are wrong; empty for all ports. A fault passed as `corrupts` changes frames that
-    these ports send, for all nodes. A fault passed as `mishears` changes frames only where these ports receive them."""
+    """Names of the ports at which bits are wrong; empty for all ports. As `corrupts` of a `SimulatedBus`, the fault
+    changes the frames that these ports send, for all nodes. As `mishears`, it changes frames for these ports alone."""
     frame_ids: tuple[int, ...] = ()
     """See `FrameFault.frame_ids`."""
 
     def hook(self, seed: int) -> Callable[[Frame, str, int], int | None]:
-        """Return a function for one bus, to pass as `corrupts` or `mishears`. Each bus needs a separate function."""
+        """Return a function to pass to a `SimulatedBus` as `corrupts` or `mishears`. Each bus needs a new one."""
         random = Random(f"{seed} {self.section}")
         rate = self.bit_error_rate
 

@@ -1,4 +1,4 @@
-"""Faults of whole nodes: a lost connection, a slow consumer, a clock that drifts, frames sent without end."""
+"""The faults of whole nodes: a lost connection, a slow consumer, a clock that drifts, frames sent without end."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -82,7 +82,7 @@ class ClockDrift(BusFault, section="clock_drift"):
     """A clock that runs fast or slow, or has a constant offset. At the span's end it jumps back to the true time.
 
     On a bus, the fault stamps the frames that the node receives with this clock's time. To simulate a node whose own
-    clock drifts, read the node's time through `local_ns`. Otherwise stamps and time disagree, as with an adapter that
+    clock drifts, also read the node's time through `local_ns`. Otherwise only the stamps drift, as with an adapter that
     has a separate clock. `acted` counts the frames with a changed stamp.
     """
 
@@ -93,7 +93,7 @@ class ClockDrift(BusFault, section="clock_drift"):
     """Time in s by which the clock is ahead of the true time at the start of the span."""
 
     def acting(self, port: Injector) -> tuple[Send, Receive]:
-        """Stamp received frames by the drifting clock; a frame's original stamp counts as the true time."""
+        """Stamp received frames with the drifting clock's time; a frame's original stamp counts as the true time."""
 
         def receive() -> list[Frame]:
             received = port.beneath.receive_all()

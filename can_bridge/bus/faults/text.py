@@ -1,12 +1,12 @@
-"""Conversion between faults and lines of text, for settings and the command line.
+"""The conversion between faults and lines of text, for settings and the command line.
 
     drop:probability=0.1@5..10         a tenth of the frames is lost, from 5 s to 10 s
     flip_bits:bits=2,at=receive@5..    from 5 s on
     drop:probability=1,frame_ids=0x120+0x130
     disconnect
 
-The name of a fault is its section, and the names of its parameters are its fields. If a parameter has the same name as
-its fault, the fault may be left out: reynolds=700.
+The name of a fault is the `section` of its class, and its parameters are the fields of the class. If a parameter has
+the same name as its fault, the name of the fault may be left out: reynolds=700.
 """
 
 from collections.abc import Mapping
@@ -30,8 +30,8 @@ _SPAN: Final = ("start_s", "end_s")
 
 
 def parse_fault(text: str) -> BusFault:
-    """Return the fault that a text describes. Raises ConfigError, with the text and its wrong part, if a part is
-    unknown, missing, of another type or out of its bounds."""
+    """Return the fault that a text describes. If a part of the text is unknown, missing, of another type or out of its
+    bounds, raises a ConfigError with the text and this part."""
     return parse_described(text, BUS_FAULTS, "fault")
 
 
@@ -91,7 +91,7 @@ def _span(text: str, described: str, kind: type[Span]) -> tuple[float, float]:
     except ValueError:
         pass
     wording = "a time" if instant else "START..END"
-    either = "" if instant else ", start or end may be left out"
+    either = "" if instant else "; START or END may be left out"
     raise ConfigError(f"{described}: {text!r} must be {wording} in seconds{either}")
 
 

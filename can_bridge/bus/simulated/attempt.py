@@ -1,8 +1,8 @@
 """The result of one attempt to send a frame (sent, unacknowledged, collided or destroyed), and a CAN controller's fault
 confinement: its two error counters and three states.
 
-From the senders and the wrong bits, `resolve` computes a verdict for each node, and the number of bits that the attempt
-occupies; `counted` applies a verdict to the node's error counters. The source of fault confinement is ISO 11898-1:2015;
+`resolve` takes the senders and the wrong bits, and computes a verdict for each node and the number of bits that the
+attempt occupies. `counted` applies a verdict to a node's error counters. Fault confinement follows ISO 11898-1:2015;
 the rules have the numbers of the Bosch specification (CAN Specification 2.0, part B, chapter 8), which is free to read.
 Rules 4 to 6 (bit errors in a flag, many dominant bits after a flag) are not simulated.
 """
@@ -31,9 +31,9 @@ OFF_FROM: Final = 256
 ERROR_STEP: Final = 8
 
 _RECEIVE_LIMIT: Final = 255
-"""Largest value of the receive error counter: 8 bits; the standard does not state how far it counts above 127."""
+"""Largest value of the receive error counter, here with 8 bits; the standard sets no largest value above 127."""
 _AFTER_PASSIVE: Final = 127
-"""Value of a receive error counter above 127 after a successful reception; the standard allows 119 to 127."""
+"""Value to which a successful reception sets a receive error counter above 127; the standard allows 119 to 127."""
 
 
 class AttemptVerdict(Enum):
@@ -107,7 +107,7 @@ def resolve(
     Args:
         frames: frame of each sender.
         receivers: all other nodes that are not bus-off.
-        misheard: position of the wrong bit for each receiver that sees a wrong bit which no other node sees.
+        misheard: position of the inverted bit, for each receiver that alone sees this bit inverted.
         disturbed: position of the bit that all nodes see inverted. Positions are counted from the start of frame; a
             position after the end of frame means the last bit.
     """
@@ -117,7 +117,7 @@ def resolve(
     frame, bits = frames[senders[0]], sent[senders[0]]
 
     def destroyed(position: int, verdict: AttemptVerdict = AttemptVerdict.TRANSMIT_ERROR) -> AttemptOutcome:
-        """Return the outcome of an error that every node detects sooner or later, with the senders' verdict."""
+        """Return the outcome of an error that every node detects sooner or later; the senders get `verdict`."""
         by_node = dict.fromkeys(receivers, AttemptVerdict.RECEIVE_ERROR) | dict.fromkeys(senders, verdict) | verdicts
         return AttemptOutcome(frame, by_node, bits.through(position), ERROR_FLAGS + DELIMITER + INTERMISSION)
 
@@ -172,7 +172,7 @@ def _collide(
 
 
 def _inverted(frame: Frame, bits: SentBits, position: int) -> AttemptVerdict:
-    """Return the verdict for the sender of a frame whose bit at `position` all nodes see inverted."""
+    """Return the verdict for a frame's sender if all nodes see the bit at `position` inverted."""
     if position < len(bits.stuffed) and bits.stuffed[position] == "1":
         if is_arbitration_stuff_bit(frame, position):
             return AttemptVerdict.ARBITRATION_STUFF

@@ -30,8 +30,8 @@ Corrupts = Callable[[Frame, str, int], int | None]
 returns the index of the inverted bit; None if no bit is inverted."""
 
 SUSPEND: Final = 8
-"""Number of bits for which an error-passive node waits after its own frame before its next frame. If another node
-begins a frame meanwhile, the waiting node may send right after that frame, because the frame outlasts the wait."""
+"""Number of bits for which an error-passive node waits between two frames of its own. If another node begins a frame
+during the wait, the waiting node may send right after that frame, because the frame outlasts the wait."""
 
 
 class Transmission(NamedTuple):
@@ -46,7 +46,7 @@ class Transmission(NamedTuple):
 
 
 class BusActivity(NamedTuple):
-    """Activity on the bus until `now_ns`: sent frames, destroyed attempts, and their total time, with intermissions."""
+    """The activity until `now_ns`: numbers of sent frames and destroyed attempts, and their time on the bus."""
 
     frames: int
     error_frames: int
@@ -104,7 +104,7 @@ class SimulatedBus:
         self.now_ns = 0
 
     def port(self, name: str = "") -> SimulatedPort:
-        """Connect one more node. Error messages, `corrupts` and `mishears` get its name."""
+        """Connect one more node, and return its port. Error messages, `corrupts` and `mishears` get the node's name."""
         port = SimulatedPort(name or f"node {len(self._ports)}", lambda: self.now_ns)
         self._ports.append(port)
         return port

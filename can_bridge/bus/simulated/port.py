@@ -30,7 +30,7 @@ RECESSIVE_BITS: Final = 11
 
 
 class Recovery(NamedTuple):
-    """The recovery from bus-off: `left` sequences of eleven recessive bits are missing, counted from `since_ns`."""
+    """The recovery from bus-off: from `since_ns` on, it needs `left` more sequences of eleven recessive bits."""
 
     left: int
     since_ns: int
